@@ -1,0 +1,37 @@
+# Needs Python >= 3.11 and make; everything else is installed into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.synced
+
+.PHONY: setup demo test lint bench clean
+
+setup: $(STAMP)
+
+$(BIN)/uv:
+	$(PYTHON) -c 'import sys; sys.exit("truepose needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
+
+$(STAMP): $(BIN)/uv pyproject.toml uv.lock
+	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact
+	touch $(STAMP)
+
+demo: setup
+	$(BIN)/truepose demo build/demo
+
+test: setup
+	$(BIN)/pytest -n auto
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup
+	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group bench
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) build

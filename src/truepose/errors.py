@@ -1,0 +1,53 @@
+"""Typed exceptions: what was wrong, what came, what was expected, where, and what to do.
+
+Every error that a user can cause derives from `TrueposeError`. The command line prints its message on one line and exits
+with 1, so a message stands alone: it names the file with its row or line, or the target, and ends with the remedy.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class TrueposeError(ValueError):
+    """Base of all errors that the input, not the program, causes."""
+
+
+class FileError(TrueposeError):
+    """A file that cannot be read, understood or written.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, as the user named it.
+    message : str
+        What is wrong and what to do.
+    line : int, optional
+        Line of the file, counted from 1.
+    """
+
+    def __init__(self, path: str | Path, message: str, *, line: int | None = None) -> None:
+        self.path = Path(path)
+        self.line = line
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: {message}")
+
+
+class DataError(TrueposeError):
+    """Arrays or samples that cannot be right: NaN, wrong shape, wrong unit, duplicates that contradict each other."""
+
+
+class RobotError(TrueposeError):
+    """A robot that is not known or not supported, joints beyond limits, poses out of reach."""
+
+
+class IdentifiabilityError(TrueposeError):
+    """The data cannot tell what was asked of them: rank, condition number, and the names that cannot be told apart."""
+
+
+class KrigingError(TrueposeError):
+    """A variogram or Kriging system that cannot be fitted or solved."""
+
+
+class RefusedError(TrueposeError):
+    """A correction that a guard forbids under the policy in force."""
