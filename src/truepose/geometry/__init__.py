@@ -1,0 +1,14 @@
+"""Rigid geometry: transforms, controllers' angles, registration of tracker readings to the robot base."""
+
+from truepose.geometry.angles import ANGLES, AngleConvention, euler
+from truepose.geometry.transforms import apply_transform, check_transforms, invert_transform, make_transform
+
+__all__ = [
+    "ANGLES",
+    "AngleConvention",
+    "apply_transform",
+    "check_transforms",
+    "euler",
+    "invert_transform",
+    "make_transform",
+]
