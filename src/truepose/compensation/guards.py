@@ -1,0 +1,189 @@
+"""Guards: a wrong correction is worse than none (method.md §4). Each gives its reason in words, on each target."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+FloatArray = NDArray[np.float64]
+Policy = Literal["refuse", "skip", "clip"]
+_LEVERAGE_MARGIN: Final = 1.5
+_SPACING_MARGIN: Final = 1.5
+_STD_SHARE: Final = 0.75
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a correction may be. None: found from the samples, as said at each.
+
+    Attributes
+    ----------
+    max_std : float [mm], optional
+        Largest length of the predicted standard deviation (sx, sy, sz). Default: three quarters of the samples' RMS
+        error; beyond it the correction is hardly better than none.
+    max_correction : float [mm]
+        Largest length of a correction.
+    max_distance : float [mm or rad], optional
+        Largest distance to the nearest sample, in the predictor's coordinates. Default: 1.5 times the largest distance
+        of a sample to its nearest neighbour.
+    max_angle : float [rad]
+        Largest rotation between a target's orientation and that of the sample most alike, for maps that know position only.
+    max_tool : float [mm]
+        Largest distance between the tool point of a target and the measured one, for maps that know position only.
+    """
+
+    max_std: float | None = None
+    max_correction: float = 5.0
+    max_distance: float | None = None
+    max_angle: float = float(np.deg2rad(20.0))
+    max_tool: float = 50.0
+
+
+class Region:
+    """The sampled region: near a sample, and not where a linear trend would have to be extrapolated.
+
+    Parameters
+    ----------
+    x : (n, d) array
+        Samples in the predictor's coordinates: positions [mm] or joints [rad].
+    max_distance : float, optional
+        See `Limits`.
+
+    Notes
+    -----
+    The leverage of x0 is f0ᵀ(FᵀF)⁻¹f0 with the row f = (1, x): the squared Mahalanobis distance of regression, blind to
+    the bounding box. Its limit is 1.5 times the largest leverage among the samples.
+    """
+
+    def __init__(self, x: FloatArray, max_distance: float | None = None) -> None:
+        self._tree = KDTree(x)
+        if max_distance is None:
+            spacing = self._tree.query(x, k=2)[0][:, 1] if len(x) > 1 else np.zeros(1)
+            max_distance = _SPACING_MARGIN * float(spacing.max())
+        self.max_distance = max_distance
+        self._mean = x.mean(axis=0)
+        # directions that the samples do not span carry no trend; the distance guards them
+        _, scale, self._axes = np.linalg.svd(x - self._mean, full_matrices=False)
+        spanned = scale > scale.max(initial=0.0) * 1e-6
+        self._axes, self._scale = self._axes[spanned], scale[spanned]
+        self._n = len(x)
+        self.max_leverage = _LEVERAGE_MARGIN * float(self.leverage(x).max())
+
+    def leverage(self, x: FloatArray) -> FloatArray:
+        """Return the leverage of (m, d) points in a linear trend through the samples, (m,)."""
+        scores = (x - self._mean) @ self._axes.T / self._scale
+        leverage: FloatArray = 1.0 / self._n + np.einsum("ij,ij->i", scores, scores)
+        return leverage
+
+    def distance(self, x: FloatArray) -> FloatArray:
+        """Return the distance of (m, d) points to the nearest sample, (m,)."""
+        distance: FloatArray = self._tree.query(x)[0]
+        return distance
+
+    def reasons(self, x: FloatArray, unit: str) -> list[str]:
+        """Return for each of (m, d) points why it lies outside, or an empty string; `unit` is that of x."""
+        distance, leverage = self.distance(x), self.leverage(x)
+        reasons = [""] * len(x)
+        for i in np.flatnonzero(leverage > self.max_leverage):
+            reasons[i] = f"outside the sampled region: leverage {leverage[i]:.2g}, limit {self.max_leverage:.2g}"
+        for i in np.flatnonzero(distance > self.max_distance):
+            reasons[i] = (
+                f"outside the sampled region: nearest sample {distance[i]:.4g} {unit} away, limit {self.max_distance:.4g} {unit}"
+            )
+        return reasons
+
+
+def default_max_std(e: FloatArray) -> float:
+    """Return the limit of the predicted standard deviation that `Limits` promises, from the samples' errors (n, 3) [mm]."""
+    return _STD_SHARE * float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Commands for targets, each with its verdict.
+
+    Attributes
+    ----------
+    p_target, p_command : (n, 3) arrays [mm], base frame
+        What is wanted, and what to command; equal where the verdict is skip or refuse.
+    p_mirror : (n, 3) array [mm], base frame
+        The one-step command (15), for comparison.
+    e, std : (n, 3) arrays [mm], base frame
+        Predicted error at the command and its standard deviation; NaN where nothing was predicted.
+    verdict : (n,) array of str
+        ``correct``, ``clip``, ``skip`` or ``refuse``.
+    reason : list of str
+        Why not ``correct``; empty where it is.
+    """
+
+    p_target: FloatArray
+    p_command: FloatArray
+    p_mirror: FloatArray
+    e: FloatArray
+    std: FloatArray
+    verdict: NDArray[np.str_]
+    reason: list[str]
+
+    @property
+    def correction(self) -> FloatArray:
+        """What is added to each target, (n, 3) [mm], base frame."""
+        return self.p_command - self.p_target
+
+    def to_rows(self) -> list[dict[str, Any]]:
+        """Return one record per target, units in the names."""
+        return [
+            {
+                **{f"{axis}_target_mm": self.p_target[i, k] for k, axis in enumerate("xyz")},
+                **{f"{axis}_command_mm": self.p_command[i, k] for k, axis in enumerate("xyz")},
+                "correction_mm": float(np.linalg.norm(self.correction[i])),
+                "std_mm": float(np.linalg.norm(self.std[i])),
+                "verdict": str(self.verdict[i]),
+                "reason": self.reason[i],
+            }
+            for i in range(len(self.p_target))
+        ]
+
+
+def apply_policy(
+    p_target: FloatArray,
+    p_command: FloatArray,
+    reasons: Sequence[str],
+    max_correction: float,
+    policy: Policy,
+) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
+    """Turn the guards' reasons into commands and verdicts.
+
+    Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip`` a
+    correction that is only too long is shortened to the limit; any other reason skips its target.
+
+    Parameters
+    ----------
+    p_target, p_command : (n, 3) arrays [mm]
+    reasons : sequence of n str
+        From the guards; empty where nothing is wrong. The length of the correction is judged here.
+    max_correction : float [mm]
+    policy : {"refuse", "skip", "clip"}
+
+    Returns
+    -------
+    p_command, verdict, reason
+    """
+    correction = p_command - p_target
+    length = np.linalg.norm(correction, axis=1)
+    too_long = length > max_correction
+    reason = list(reasons)
+    for i in np.flatnonzero(too_long):
+        reason[i] = reason[i] or f"correction of {length[i]:.3f} mm is larger than the limit of {max_correction:g} mm"
+    guarded = np.array([bool(r) for r in reason], dtype=bool)
+    verdict = np.where(guarded, "skip" if policy == "clip" else policy, "correct").astype("<U7")
+    command = np.where(guarded[:, None], p_target, p_command)
+    if policy == "clip":
+        clipped = too_long & ~np.array([bool(r) for r in reasons], dtype=bool)
+        command[clipped] = p_target[clipped] + correction[clipped] * (max_correction / length[clipped])[:, None]
+        verdict[clipped] = "clip"
+    return command, verdict, reason
