@@ -1,0 +1,347 @@
+"""Serial arms of revolute joints: nominal parameters and forward kinematics on arrays, method.md (1) and (2).
+
+One engine lies underneath every convention: fixed transforms between rotations about z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError, RobotError
+from truepose.geometry.arrays import as_floats, check_finite, name_rows
+from truepose.geometry.transforms import check_transforms, make_transform
+
+FloatArray = NDArray[np.float64]
+
+Convention = Literal["mdh", "dh"]
+CONVENTIONS: tuple[Convention, ...] = ("mdh", "dh")
+
+_CHUNK = 2048  # poses worked on at once: their transforms stay in the cache
+_LIMIT_ROUNDING = 1e-9  # rad
+
+
+def _not_given() -> FloatArray:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A serial arm of revolute joints with its nominal parameters.
+
+    Joint i turns by theta_i = sign_i q_i + offset_i about its z axis and contributes, by convention,
+
+    - "mdh", Craig's modified D-H with Hayati's beta, method.md (1):
+      A_i = Rx(alpha_i) Tx(a_i) Rz(theta_i) Tz(d_i) Ry(beta_i), where alpha_i and a_i are those of Craig's link i-1;
+    - "dh", standard D-H: A_i = Rz(theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
+
+    The flange is at tf_base_first A_1 … A_n tf_last_flange, method.md (2).
+
+    Parameters
+    ----------
+    name : str
+        Library name, maker-model in lower case.
+    alpha, offset : (dof,) array [rad]
+    a, d : (dof,) array [mm]
+    beta : (dof,) array [rad], optional
+        Zero when not given; only with "mdh".
+    sign : (dof,) array of -1 or +1, optional
+        All +1 when not given.
+    limits : (dof, 2) array [rad], optional
+        Lower and upper limit of each joint; infinite where there is none.
+    convention : {"mdh", "dh"}
+    tf_base_first, tf_last_flange : (4, 4) array [mm], optional
+        Fixed transforms before the first and after the last A_i; identity when not given.
+    maker, model, source : str
+        For people: who makes it, its name on the plate, where the numbers came from.
+
+    Raises
+    ------
+    RobotError
+        If the parameters do not make a chain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> arm = Robot("two-links", alpha=[0, 0], a=[0, 300], d=[0, 0], offset=[0, 0])
+    >>> arm.forward(np.deg2rad([[0, 90], [90, 0]]), tool=[200, 0, 0])[:, :3, 3].round(6) + 0.0
+    array([[300., 200.,   0.],
+           [  0., 500.,   0.]])
+    """
+
+    name: str
+    alpha: FloatArray
+    a: FloatArray
+    d: FloatArray
+    offset: FloatArray
+    beta: FloatArray = field(default_factory=_not_given)
+    sign: FloatArray = field(default_factory=_not_given)
+    limits: FloatArray = field(default_factory=_not_given)
+    convention: Convention = "mdh"
+    tf_base_first: FloatArray = field(default_factory=_not_given)
+    tf_last_flange: FloatArray = field(default_factory=_not_given)
+    maker: str = ""
+    model: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        dof = np.size(self.alpha)
+        absent = {
+            "beta": np.zeros(dof),
+            "sign": np.ones(dof),
+            "limits": np.tile([-np.inf, np.inf], (dof, 1)),
+            "tf_base_first": np.eye(4),
+            "tf_last_flange": np.eye(4),
+        }
+        for key in ("alpha", "a", "d", "offset", *absent):
+            given = np.array(getattr(self, key), dtype=np.float64)
+            array = given if given.size else absent.get(key, given)
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+        self._check(dof)
+
+    def _check(self, dof: int) -> None:
+        if dof < 1:
+            raise RobotError(f"{self.name}: no joints; a chain needs at least one")
+        if self.convention not in CONVENTIONS:
+            known = " or ".join(CONVENTIONS)
+            raise RobotError(f'{self.name}: unknown convention "{self.convention}"; expected {known}')
+        for key in ("alpha", "a", "d", "offset", "beta", "sign"):
+            array = getattr(self, key)
+            if array.shape != (dof,) or not np.isfinite(array).all():
+                raise RobotError(f"{self.name}: {key} must be {dof} finite numbers, one for each joint; got {array}")
+        if not np.isin(self.sign, (-1.0, 1.0)).all():
+            raise RobotError(f"{self.name}: sign must be -1 or +1 for each joint; got {self.sign}")
+        if self.convention == "dh" and self.beta.any():
+            raise RobotError(f'{self.name}: beta belongs to the convention "mdh"; standard D-H has none')
+        if self.limits.shape != (dof, 2) or not (self.limits[:, 0] < self.limits[:, 1]).all():
+            raise RobotError(f"{self.name}: limits must be {dof} pairs, lower below upper; got {self.limits.tolist()}")
+        for key in ("tf_base_first", "tf_last_flange"):
+            try:
+                check_transforms(key, getattr(self, key)[None])
+            except DataError as error:
+                raise RobotError(f"{self.name}: {error}") from None
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, dof={self.dof}, convention={self.convention!r})"
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.alpha)
+
+    @cached_property
+    def link_before(self) -> FloatArray:
+        """The part of each A_i before its rotation by theta_i: (dof, 4, 4) [mm]."""
+        if self.convention == "dh":
+            return np.tile(np.eye(4), (self.dof, 1, 1))
+        return _rotation_x(self.alpha) @ _translation(0, self.a)
+
+    @cached_property
+    def link_after(self) -> FloatArray:
+        """The part of each A_i after its rotation by theta_i: (dof, 4, 4) [mm]."""
+        if self.convention == "dh":
+            return _translation(2, self.d) @ _translation(0, self.a) @ _rotation_x(self.alpha)
+        return _translation(2, self.d) @ _rotation_y(self.beta)
+
+    @cached_property
+    def fixed(self) -> FloatArray:
+        """Between the joints, (dof + 1, 4, 4) [mm]: T = fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n."""
+        before = np.concatenate([self.link_before, self.tf_last_flange[None]])
+        after = np.concatenate([self.tf_base_first[None], self.link_after])
+        return np.asarray(after @ before)
+
+    def theta(self, q: FloatArray) -> FloatArray:
+        """Return the angles of method.md (1), sign · q + offset: (…, dof) [rad]."""
+        return self.sign * q + self.offset
+
+    def forward(self, q: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
+        """Return the pose of the flange, or of the TCP, in the robot base frame, method.md (2).
+
+        Parameters
+        ----------
+        q : (dof,) or (n, dof) array [rad]
+            Joint vectors, in the robot's own order and sign. More leading axes are kept.
+        tool : (4, 4) array or (3,) array [mm], optional
+            tf_flange_tool, or the TCP's position in the flange frame.
+
+        Returns
+        -------
+        (4, 4) or (n, 4, 4) array [mm], base frame
+
+        Raises
+        ------
+        DataError
+            If the shape is wrong, joints are NaN, or look like degrees.
+        """
+        joints = self.check_joints(q)
+        fixed = self.fixed.copy()
+        fixed[-1] = fixed[-1] @ tool_transform(tool)
+        theta = self.theta(joints.reshape(-1, self.dof))
+        tf = np.zeros((len(theta), 4, 4))
+        tf[:, 3, 3] = 1.0
+        for start in range(0, len(theta), _CHUNK):
+            *_, (axes, p) = walk(theta[start : start + _CHUNK], fixed)
+            tf[start : start + _CHUNK, :3, :3] = axes.transpose(2, 1, 0)
+            tf[start : start + _CHUNK, :3, 3] = p.T
+        return tf.reshape(*joints.shape[:-1], 4, 4)
+
+    def frames(self, q: ArrayLike) -> FloatArray:
+        """Return the cumulative transforms tf_base_first A_1 … A_i in the robot's own convention.
+
+        With "mdh" they carry all that an error Jacobian needs, method.md (3): the x axis of frame i-1 (a, alpha), the
+        z axis of frame i turned back by beta (theta, d), the y axis of frame i (beta).
+
+        Parameters
+        ----------
+        q : (dof,) or (n, dof) array [rad]
+
+        Returns
+        -------
+        (dof + 1, 4, 4) or (n, dof + 1, 4, 4) array [mm], base frame
+            Frame 0 is tf_base_first; the flange is `frames[..., -1] @ tf_last_flange`.
+
+        Raises
+        ------
+        DataError
+            As `forward`.
+        """
+        joints = self.check_joints(q)
+        theta = self.theta(joints.reshape(-1, self.dof))
+        turned = np.zeros((len(theta), self.dof, 4, 4))
+        turned[..., 3, 3] = 1.0
+        for i, (axes, p) in zip(range(self.dof), walk(theta, self.fixed), strict=False):
+            turned[:, i, :3, :3] = axes.transpose(2, 1, 0)
+            turned[:, i, :3, 3] = p.T
+        first = np.broadcast_to(self.tf_base_first, (len(theta), 1, 4, 4))
+        return np.concatenate([first, turned @ self.link_after], axis=1).reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
+
+    def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
+        """Return all branches of the inverse kinematics in closed form; see `truepose.robots.inverse.inverse`."""
+        from truepose.robots.inverse import inverse
+
+        return inverse(self, poses, tool)
+
+    def within_limits(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether each joint lies within its limits: bool, shape of `q`; False where `q` is NaN."""
+        joints = as_floats("joints", q)
+        lower, upper = self.limits.T
+        return np.asarray((joints >= lower - _LIMIT_ROUNDING) & (joints <= upper + _LIMIT_ROUNDING))
+
+    def check_limits(self, q: ArrayLike) -> None:
+        """Raise `RobotError` that names rows, joints, values and limits [deg] of joints beyond their limits.
+
+        Parameters
+        ----------
+        q : (dof,) or (n, dof) array [rad]
+
+        Raises
+        ------
+        RobotError
+            If a joint is beyond its limits.
+        DataError
+            If the shape is wrong, joints are NaN, or look like degrees.
+        """
+        joints = np.atleast_2d(self.check_joints(q))
+        beyond = np.argwhere(~self.within_limits(joints))
+        if len(beyond):
+            told = "; ".join(
+                f"row {row} joint {j + 1} at {np.rad2deg(joints[row, j]):.3f} deg, limits "
+                f"{np.rad2deg(self.limits[j, 0]):.6g} to {np.rad2deg(self.limits[j, 1]):.6g}"
+                for row, j in beyond[:3]
+            )
+            more = f" and {len(beyond) - 3} more" if len(beyond) > 3 else ""
+            raise RobotError(f"{self.name}: joints beyond their limits: {told}{more}; check joint order, sign and unit")
+
+    def check_joints(self, q: ArrayLike) -> FloatArray:
+        """Return `q` as a float array (…, dof); raise `DataError` for another shape, NaN, or degrees."""
+        joints = as_floats("joints", q)
+        if joints.ndim < 1 or joints.shape[-1] != self.dof:
+            raise DataError(f"joints have shape {joints.shape}, expected (n, {self.dof}) for {self.name}")
+        if not joints.size:
+            raise DataError("joints are empty, expected at least one joint vector")
+        rows = joints.reshape(-1, self.dof)
+        check_finite("joints", rows)
+        if np.abs(rows).max() > 4 * np.pi:
+            far = (np.abs(rows) > 4 * np.pi) & np.isfinite(self.limits).all(axis=1)
+            if far.any():
+                where = name_rows(np.flatnonzero(far.any(axis=1)))
+                value = rows[far][0]
+                raise DataError(f"joints reach {value:.6g} rad in {where}: looks like degrees; convert with np.deg2rad")
+        return joints
+
+    def to_toml(self) -> str:
+        """Return the robot as the text of a library file, which `load_robot` reads back."""
+        from truepose.robots.library import robot_to_toml
+
+        return robot_to_toml(self)
+
+
+def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Walk along the chain fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n for all poses at once.
+
+    Parameters
+    ----------
+    theta : (n, dof) array [rad]
+    fixed : (dof + 1, 4, 4) array [mm]
+
+    Yields
+    ------
+    axes : (3, 3, n) array
+        Columns x, y, z of the rotation (first axis), after each joint's rotation, and at last after fixed_n.
+    p : (3, n) array [mm]
+    """
+    n = len(theta)
+    cos, sin = np.cos(theta.T), np.sin(theta.T)
+    axes = np.broadcast_to(fixed[0, :3, :3].T[..., None], (3, 3, n))
+    p = np.broadcast_to(fixed[0, :3, 3, None], (3, n))
+    for c, s, link in zip(cos, sin, fixed[1:], strict=True):
+        turned = np.empty((3, 3, n))
+        np.add(c * axes[0], s * axes[1], out=turned[0])
+        np.subtract(c * axes[1], s * axes[0], out=turned[1])
+        turned[2] = axes[2]
+        yield turned, p
+        moved = link[:3].T @ turned.reshape(3, 3 * n)  # three new columns, and the step of the origin
+        axes = moved[:3].reshape(3, 3, n)
+        p = p + moved[3].reshape(3, n)
+    yield axes, p
+
+
+def tool_transform(tool: ArrayLike | None) -> FloatArray:
+    """Return tf_flange_tool (4, 4) [mm] from a transform, a position (3,) in the flange frame, or None (identity)."""
+    if tool is None:
+        return np.eye(4)
+    array = as_floats("tool", tool)
+    if array.shape == (3,):
+        check_finite("tool", array[None])
+        return make_transform(translation=array)
+    if array.shape != (4, 4):
+        raise DataError(f"tool has shape {array.shape}, expected (4, 4), or (3,) for a position in the flange frame")
+    return check_transforms("tool", array)
+
+
+def _translation(axis: int, length: FloatArray) -> FloatArray:
+    p = np.zeros((len(length), 3))
+    p[:, axis] = length
+    return make_transform(translation=p)
+
+
+def _rotation_x(angle: FloatArray) -> FloatArray:
+    return _rotation(angle, 1, 2)
+
+
+def _rotation_y(angle: FloatArray) -> FloatArray:
+    return _rotation(angle, 2, 0)
+
+
+def _rotation(angle: FloatArray, i: int, j: int) -> FloatArray:
+    tf = np.tile(np.eye(4), (len(angle), 1, 1))
+    tf[:, i, i] = tf[:, j, j] = np.cos(angle)
+    tf[:, j, i] = np.sin(angle)
+    tf[:, i, j] = -np.sin(angle)
+    return tf
