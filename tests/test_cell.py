@@ -1,0 +1,180 @@
+"""The cell file: what it means, what it refuses, and that it comes back as it was."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from truepose.cell import Cell, load_cell, template
+from truepose.errors import FileError, RobotError
+
+KUKA = '[robot]\nmodel = "kuka-kr210-r2700-extra"\n'
+ABB = '[robot]\nmodel = "abb-irb120"\n'
+ROBOTS = ["kuka-kr10-r1100-sixx", "abb-irb120", "fanuc-m20ia", "universal-robots-ur10", "staubli-tx2-90"]
+
+
+def cell(text: str) -> Cell:
+    return Cell.from_toml(text)
+
+
+def test_only_the_model_is_needed() -> None:
+    described = cell(KUKA)
+    np.testing.assert_array_equal(described.tf_flange_tool, np.eye(4))
+    assert described.tracker.fit == "pose"
+    assert described.tool.fit == "none"
+    assert described.correction.on_guard == "refuse"
+    assert described.config_dat is None
+
+
+def test_kuka_angles() -> None:
+    tf = cell(KUKA + "[tool]\nx_mm = 110\na_deg = 30.0\nb_deg = -20.0\nc_deg = 170.0").tf_flange_tool
+    np.testing.assert_allclose(
+        tf[:3, :3], Rotation.from_euler("ZYX", [30, -20, 170], degrees=True).as_matrix(), atol=1e-15
+    )
+    np.testing.assert_array_equal(tf[:3, 3], [110, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("model", "angles", "vector"),
+    [
+        ("abb-irb120", "q1 = 0.70710678\nq2 = 0.70710678\nq3 = 0.0\nq4 = 0.0", [np.pi / 2, 0, 0]),
+        ("fanuc-m20ia", "w_deg = 0.0\np_deg = 0.0\nr_deg = 90.0", [0, 0, np.pi / 2]),
+        ("universal-robots-ur10", "ry_rad = 1.5", [0, 1.5, 0]),
+        ("staubli-tx2-90", "rx_deg = 90.0", [np.pi / 2, 0, 0]),
+    ],
+)
+def test_other_makers_angles(model: str, angles: str, vector: list[float]) -> None:
+    tf = cell(f'[robot]\nmodel = "{model}"\n[tool]\n{angles}').tf_flange_tool
+    np.testing.assert_allclose(Rotation.from_matrix(tf[:3, :3]).as_rotvec(), vector, atol=1e-8)
+
+
+def test_base_and_station_are_seen_from_each_other() -> None:
+    described = cell(KUKA + "[base]\nx_mm = 1000\na_deg = 90\n[tracker]\nfit = false\nx_mm = 1000\ny_mm = 500")
+    assert described.tracker.fit == "none"
+    np.testing.assert_allclose(described.tf_base_tracker[:3, 3], [500, 0, 0], atol=1e-12)
+
+
+def test_numbered_frames_and_paths_start_at_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(
+        KUKA + '[frames]\nconfig_dat = "R1/$config.dat"\n[frames.tools.3]\nz_mm = 5\n[frames.bases.12]\nc_deg = 180'
+    )
+    described = load_cell(path)
+    assert described.config_dat == tmp_path / "R1/$config.dat"
+    assert set(described.tools) == {3}
+    np.testing.assert_allclose(np.diag(described.bases[12]), [1, -1, -1, 1], atol=1e-12)
+
+
+def test_robot_file_beside_the_cell_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(cell(KUKA).load_robot().to_toml())
+    (tmp_path / "cell.toml").write_text('[robot]\nmodel = "mine.toml"\n[tool]\na_deg = 90.0')
+    assert load_cell(tmp_path / "cell.toml").load_robot().maker == "KUKA"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        (KUKA + "[tool]\nx_m = 0.1", 4, "[tool] x_m: unknown key; did you mean x_mm? Lengths are mm."),
+        (KUKA + "\n[tols]\nx_mm = 1.0", 4, "[tols]: unknown key; did you mean tool?"),
+        (
+            KUKA + "[tool]\nw_deg = 1.0",
+            4,
+            "[tool] w_deg: is not an angle of a kuka controller; write a_deg, b_deg, c_deg",
+        ),
+        (KUKA + '[tool]\nx_mm = "3"', 4, "[tool] x_mm: should be a valid number, not '3'"),
+        (KUKA + "[tool]\ny_mm = nan", 4, "[tool] y_mm: should be a finite number, not nan"),
+        (KUKA + '[tool]\nfit = "pos"', 4, "[tool] fit: should be 'none', 'position' or 'pose', not 'pos'"),
+        (KUKA + "[tracker]\nrange_um = 5\nstd_mm = 0.1", 5, "stands beside range_um; give one or the other"),
+        (KUKA + "[frames.tools.3]\nx_m = 0.1", 4, "[frames.tools.3] x_m: unknown key; did you mean x_mm?"),
+        (KUKA + "[frames.tools.a]\nx_mm = 0.1", 3, "[frames.tools] a: should be a valid integer"),
+        (KUKA + "[frames.bases.1]\nq1 = 1.0", 4, "[frames.bases.1] q1: is not an angle of a kuka controller"),
+        (KUKA + '[frames]\nconfigdat = "a"', 4, "did you mean config_dat?"),
+        (KUKA + '[correction]\non_guard = "stop"', 4, "should be 'refuse', 'skip' or 'clip', not 'stop'"),
+        (KUKA + "[correction]\nmax_std_mm = 0", 4, "should be greater than 0, not 0"),
+        (ABB + "[tool]\nq1 = 1.0", 4, "a quaternion needs all of q1, q2, q3, q4"),
+        (ABB + "[tool]\nq1 = 1.0\nq2 = 1.0\nq3 = 0.0\nq4 = 0.0", 4, "has length 1.41421"),
+        ('[robot]\nmodel = "kuka-kr210"', 2, "did you mean"),
+        ('[robot]\nmodel = "absent.toml"', 2, "absent.toml: no such file"),
+        ("[tool]\nx_mm = 0", None, "[robot]: is missing; `truepose init`"),
+        ("[robot\nmodel = 3", 1, "is not TOML"),
+    ],
+)
+def test_wrong_files_say_where_and_what(text: str, line: int | None, message: str) -> None:
+    with pytest.raises(FileError, match=re.escape(message)) as caught:
+        cell(text)
+    assert caught.value.line == line
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_maker_takes_one_unambiguous_set(tmp_path: Path) -> None:
+    text = cell(KUKA).load_robot().to_toml().replace('maker = "KUKA"', 'maker = ""')
+    (tmp_path / "mine.toml").write_text(text)
+    own = '[robot]\nmodel = "mine.toml"\n[tool]\n'
+    described = Cell.from_toml(own + "c_deg = 90.0", folder=tmp_path)
+    np.testing.assert_allclose(described.tf_flange_tool[2, 1], 1.0)
+    with pytest.raises(FileError, match="may be yaskawa or staubli"):
+        Cell.from_toml(own + "rx_deg = 90.0", folder=tmp_path)
+    with pytest.raises(FileError, match="mix controllers"):
+        Cell.from_toml(own + "a_deg = 90.0\nw_deg = 1.0", folder=tmp_path)
+
+
+def test_missing_file() -> None:
+    with pytest.raises(FileError, match=r"nowhere\.toml: no such file"):
+        load_cell("nowhere.toml")
+
+
+def test_a_cell_does_not_change() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        cell(KUKA).tool.x_mm = 3.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_template_loads_as_it_is_and_with_its_comments_removed(robot: str) -> None:
+    text = template(robot)
+    described = cell(text)
+    assert described.robot.model == robot
+    assert (described.tool.fit, described.tracker.fit) == ("position", "pose")
+    np.testing.assert_allclose(described.tf_flange_tool, np.eye(4), atol=1e-15)
+    active = re.sub(r"^# (?=\[|\w+ = )", "", text, flags=re.MULTILINE)
+    alternatives = cell(re.sub(r"^std_mm.*$", "", active, flags=re.MULTILINE))
+    assert alternatives.tracker.angle_um == 7.5
+    assert alternatives.bases.keys() == {1}
+
+
+def test_template_of_unknown_robot() -> None:
+    with pytest.raises(RobotError, match="did you mean"):
+        template("kuka-kr11")
+
+
+numbers = st.floats(-5000, 5000)
+
+
+@given(
+    x=numbers, angle=st.floats(-180, 180), fit=st.sampled_from(["none", "position", "pose"]), number=st.integers(1, 64)
+)
+def test_toml_comes_back(x: float, angle: float, fit: str, number: int) -> None:
+    described = cell(
+        KUKA
+        + f'[tool]\nx_mm = {x!r}\nb_deg = {angle!r}\nfit = "{fit}"\n[frames]\nconfig_dat = "Zelle ü/\\"$config.dat"\n'
+        + f"[frames.tools.{number}]\na_deg = {angle!r}\n[payload]\nmass_kg = 12.5\n[tracker]\nrobust = false"
+    )
+    again = cell(described.to_toml())
+    assert again == described
+    np.testing.assert_array_equal(again.tools[number], described.tools[number])
+
+
+def test_reading_std_along_and_across_the_beam() -> None:
+    noise = cell(KUKA + "[tracker]\nrange_um = 5\nrange_um_per_m = 0.5\nangle_um = 7.5\nangle_um_per_m = 3").tracker
+    std = noise.reading_std(np.array([[4000.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert std is not None
+    np.testing.assert_allclose(std, [[7e-3, 19.5e-3, 19.5e-3], [7.5e-3, 7.5e-3, 7.5e-3]])
+    assert cell(KUKA).tracker.reading_std(np.zeros((2, 3))) is None
+    constant = cell(KUKA + "[tracker]\nstd_mm = 0.02").tracker.reading_std(np.zeros((2, 3)))
+    np.testing.assert_array_equal(constant, np.full((2, 3), 0.02))
