@@ -1,0 +1,24 @@
+"""Is there structure in the errors? Semivariograms, their models, and the test against chance (method.md §2)."""
+
+from __future__ import annotations
+
+from truepose.similarity.envelope import Envelope, permutation_envelope, verdict
+from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
+from truepose.similarity.fitting import VariogramFit, fit_variogram
+from truepose.similarity.models import FAMILIES, VariogramModel
+from truepose.similarity.plot import draw_variogram, plot_variogram
+
+__all__ = [
+    "FAMILIES",
+    "Direction",
+    "Envelope",
+    "ExperimentalVariogram",
+    "VariogramFit",
+    "VariogramModel",
+    "draw_variogram",
+    "experimental_variogram",
+    "fit_variogram",
+    "permutation_envelope",
+    "plot_variogram",
+    "verdict",
+]

@@ -1,0 +1,161 @@
+"""Is there similarity at all? A permutation envelope of the semivariogram, and the answer in words.
+
+When the errors are shuffled among the points, nothing is left of their dependence on the distance. At the lags at which
+the semivariance is below nearly all shuffled ones, near points are more alike than chance makes them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError
+from truepose.similarity.experimental import ExperimentalVariogram, check_points, experimental_variogram
+from truepose.similarity.models import VariogramModel
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """Pointwise band of the semivariance under shuffling; k bins, c components.
+
+    Attributes
+    ----------
+    variogram : ExperimentalVariogram
+        Of the errors as they are.
+    lower, upper : (k, c) arrays [mm²]
+        Band of each component.
+    vector_lower, vector_upper : (k,) arrays [mm²]
+        Band of the vector.
+    p_value : float
+        Share of all arrangements in which near points are at least as alike, judged at once over the shortest quarter
+        of the lags: the test of "is there similarity at all".
+    level : float
+        Share of the shuffles inside the band at one lag.
+    permutations : int
+    """
+
+    variogram: ExperimentalVariogram
+    lower: FloatArray
+    upper: FloatArray
+    vector_lower: FloatArray
+    vector_upper: FloatArray
+    p_value: float
+    level: float
+    permutations: int
+
+    @property
+    def structured(self) -> NDArray[np.bool_]:
+        """Lags at which the vector semivariance is below the band, (k,)."""
+        below: NDArray[np.bool_] = self.variogram.vector < self.vector_lower
+        return below
+
+    @property
+    def structured_components(self) -> NDArray[np.bool_]:
+        """The same for each component, (k, c)."""
+        below: NDArray[np.bool_] = self.variogram.semivariance < self.lower
+        return below
+
+
+def permutation_envelope(
+    x: ArrayLike,
+    e: ArrayLike,
+    bins: int | ArrayLike = 20,
+    max_lag: float | None = None,
+    *,
+    permutations: int = 199,
+    level: float = 0.95,
+    weights: ArrayLike | None = None,
+    rng: np.random.Generator | int = 0,
+) -> Envelope:
+    """Return the pointwise band of the semivariance when e is shuffled among the points.
+
+    The rows of e are shuffled whole, so that the components keep their dependence. All shuffles are summed in one visit
+    of each pair; its distance is computed once.
+
+    Parameters
+    ----------
+    x, e, bins, max_lag, weights
+        As in `experimental_variogram`.
+    permutations : int
+        Number of shuffles, at least 2/(1 − level) − 1.
+    level : float
+        0.95 gives the 2.5 and 97.5 % quantiles.
+    rng : Generator or int
+        Source, or seed, of the shuffles.
+
+    Raises
+    ------
+    DataError
+        If arrays or bins cannot be right, or there are too few permutations for the level.
+
+    Examples
+    --------
+    >>> x = np.linspace(0, 1000, 100)[:, None]
+    >>> bool(permutation_envelope(x, np.sin(x / 200)).structured[0])
+    True
+    """
+    from truepose.similarity.pairs import pair_sums
+
+    if not 0 < level < 1:
+        raise DataError(f"level is {level}; expected a share between 0 and 1")
+    if permutations < round(2 / (1 - level)) - 1:
+        raise DataError(
+            f"{permutations} permutations cannot give a band of {level:g}; use at least {round(2 / (1 - level)) - 1}"
+        )
+    points, errors = check_points(x, e, weights)
+    variogram = experimental_variogram(points, errors, bins, max_lag)
+    n, c = errors.shape
+    order = np.random.default_rng(rng).permuted(np.tile(np.arange(n), (permutations, 1)), axis=1)
+    shuffled = errors[order.T].reshape(n, permutations * c)
+    _, _, squares = pair_sums(points, shuffled, variogram.edges, np.empty(0), 0.0, 0.0)
+    with np.errstate(invalid="ignore"):
+        semivariance = squares[1:].reshape(-1, permutations, c) / (2 * variogram.pairs[:, None, None])
+    tails = [(1 - level) / 2, (1 + level) / 2]
+    lower, upper = np.quantile(semivariance, tails, axis=1)
+    vector_lower, vector_upper = np.quantile(semivariance.sum(axis=2), tails, axis=1)
+    short = np.flatnonzero(variogram.pairs)[: max(1, len(variogram.pairs) // 4)] + 1
+    alike = squares[short].reshape(-1, permutations, c).sum(axis=(0, 2))
+    observed = 2 * variogram.pairs[short - 1] @ variogram.vector[short - 1]
+    p_value = (1 + np.count_nonzero(alike <= observed)) / (permutations + 1)
+    return Envelope(variogram, lower, upper, vector_lower, vector_upper, p_value, level, permutations)
+
+
+def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm") -> str:
+    """Return one sentence: is there similarity, how far it reaches, how much is noise.
+
+    Parameters
+    ----------
+    model : VariogramModel
+        Fitted to `envelope.variogram`.
+    envelope : Envelope
+    unit : str
+        Unit of the distances, for the text.
+
+    Examples
+    --------
+    >>> from truepose.similarity import fit_variogram
+    >>> x = np.linspace(0, 1000, 100)[:, None]
+    >>> band = permutation_envelope(x, np.sin(x / 200))
+    >>> verdict(fit_variogram(band.variogram, "gaussian"), band).split(" (")[0]
+    'Yes, near points have similar errors'
+    """
+    lag = envelope.variogram.lag
+    filled = np.flatnonzero(envelope.variogram.pairs > 0)
+    below = envelope.structured[filled]
+    count = f"{int(below.sum())} of {filled.size} lags lie below the {100 * envelope.level:g} % band of shuffled data"
+    if envelope.p_value > 1 - envelope.level or model.sill == 0:
+        return f"No similarity can be told from chance (p = {envelope.p_value:.2g}): {count}."
+    first_above = int(np.argmin(below)) if not below.all() else filled.size
+    reach = f"out to {lag[filled[max(first_above - 1, 0)]]:.4g} {unit}" if first_above else "at some short lags"
+    if model.fit is not None and model.fit.bounds_hit.get("range") == "upper":
+        extent = "the semivariance has no sill within the lags (a trend)"
+    else:
+        extent = f"similarity fades out at {model.practical_range:.4g} {unit} (95 % of the sill)"
+    return (
+        f"Yes, near points have similar errors (p = {envelope.p_value:.2g}): {count} ({reach}), {extent}, "
+        f"and {100 * model.structural_ratio:.0f} % of the variance is structure, the rest nugget."
+    )

@@ -1,0 +1,216 @@
+"""The experimental semivariogram, equation (4): half the mean squared difference of errors a distance h apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError, KrigingError
+
+FloatArray = NDArray[np.float64]
+
+WEAK_PAIRS: Final = 30
+"""A bin with fewer pairs than this is reported as weak (Journel & Huijbregts 1978)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A direction along which pairs are counted.
+
+    Parameters
+    ----------
+    axis : (d,) array_like
+        The direction; its length and sign do not matter.
+    tolerance : float [rad]
+        Largest angle between a pair and the axis.
+    bandwidth : float
+        Largest distance of one point from the axis through the other, in the unit of the coordinates.
+    """
+
+    axis: ArrayLike
+    tolerance: float = np.pi / 8
+    bandwidth: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class ExperimentalVariogram:
+    """What `experimental_variogram` found; k bins, c components.
+
+    Attributes
+    ----------
+    lag : (k,) array
+        Mean distance of the pairs of each bin, in the unit of the coordinates; NaN in an empty bin.
+    semivariance : (k, c) array [mm²]
+        Equation (4) for each component; NaN in an empty bin.
+    vector : (k,) array [mm²]
+        Equation (4) with the squared norm of the vector difference: the sum over the components.
+    pairs : (k,) array of int
+        Number of pairs N(h).
+    edges : (k + 1,) array
+        Bin b holds edges[b] < h <= edges[b + 1].
+    repeats : int
+        Pairs at or below edges[0], which no bin holds: with the default bins, repeats of one point.
+    repeat_semivariance : (c,) array [mm²]
+        Their semivariance: the variance of the noise alone; NaN without repeats.
+    dimensions : int
+        Number of coordinates d of the points.
+    estimator : str
+    """
+
+    lag: FloatArray
+    semivariance: FloatArray
+    vector: FloatArray
+    pairs: NDArray[np.int64]
+    edges: FloatArray
+    repeats: int
+    repeat_semivariance: FloatArray
+    dimensions: int
+    estimator: str = "matheron"
+
+    @property
+    def weak(self) -> NDArray[np.bool_]:
+        """Bins with fewer than 30 pairs, (k,)."""
+        return self.pairs < WEAK_PAIRS
+
+
+def experimental_variogram(
+    x: ArrayLike,
+    e: ArrayLike,
+    bins: int | ArrayLike = 20,
+    max_lag: float | None = None,
+    estimator: str = "matheron",
+    direction: Direction | ArrayLike | None = None,
+    *,
+    weights: ArrayLike | None = None,
+) -> ExperimentalVariogram:
+    """Return the semivariogram of e over the distances of x, equation (4).
+
+    Parameters
+    ----------
+    x : (n, d) array_like
+        Positions (n, 3) [mm] or joints (n, dof) [rad].
+    e : (n, c) or (n,) array_like [mm]
+        Errors at x.
+    bins : int or (k + 1,) array_like
+        Number of equal bins between 0 and `max_lag`, or the increasing edges of the bins. A bin is closed on the right.
+    max_lag : float, optional
+        Largest distance, in the unit of x; half the largest distance between two points when not given.
+    estimator : {"matheron"}
+    direction : Direction or (d,) array_like, optional
+        Count only pairs along this axis.
+    weights : (d,) array_like, optional
+        w of the joint-space distance sqrt(Σ w_k (x_k - x'_k)²), not negative.
+
+    Raises
+    ------
+    DataError
+        If arrays, bins or direction cannot be right.
+    KrigingError
+        If all points are the same.
+
+    Examples
+    --------
+    >>> ev = experimental_variogram([[0.0], [1.0], [2.0]], [0.0, 2.0, 2.0], bins=[0.0, 1.0, 2.0])
+    >>> ev.lag, ev.semivariance[:, 0], ev.pairs
+    (array([1., 2.]), array([1., 2.]), array([2, 1]))
+    """
+    from truepose.similarity.pairs import pair_sums
+
+    if estimator != "matheron":
+        raise DataError(f"variogram estimator {estimator!r} is not known; use 'matheron'")
+    points, errors = check_points(x, e, weights)
+    edges = bin_edges(points, bins, max_lag)
+    pairs, distance, squares = pair_sums(points, errors, edges, *_cone(direction, weights, points.shape[1]))
+    with np.errstate(invalid="ignore"):
+        semivariance = squares / (2 * pairs[:, None])
+        lag = distance[1:] / pairs[1:]
+    return ExperimentalVariogram(
+        lag=lag,
+        semivariance=semivariance[1:],
+        vector=semivariance[1:].sum(axis=1),
+        pairs=pairs[1:],
+        edges=edges,
+        repeats=int(pairs[0]),
+        repeat_semivariance=semivariance[0],
+        dimensions=points.shape[1],
+        estimator=estimator,
+    )
+
+
+def check_points(x: ArrayLike, e: ArrayLike, weights: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return x as (n, d), scaled by the weights, and e as (n, c); raise DataError where they cannot be right."""
+    points, errors = np.asarray(x, dtype=np.float64), np.asarray(e, dtype=np.float64)
+    if errors.ndim == 1:
+        errors = errors[:, None]
+    if points.ndim != 2 or errors.ndim != 2 or 0 in points.shape or errors.shape[1] == 0:
+        raise DataError(
+            f"x has shape {points.shape} and e {errors.shape}; a variogram needs x (n, d) and e (n, c) or (n,)"
+        )
+    if len(points) != len(errors):
+        raise DataError(f"x has {len(points)} rows and e has {len(errors)}; give one error for each point")
+    if len(points) < 2:
+        raise DataError("a variogram needs pairs of points, but there is one point; measure more")
+    for name, array in (("x", points), ("e", errors)):
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if bad.size:
+            raise DataError(f"{name} has NaN or infinity in row {bad[0]} ({bad.size} rows in all); remove these rows")
+    if weights is not None:
+        w = np.asarray(weights, dtype=np.float64)
+        if w.shape != (points.shape[1],) or not (np.isfinite(w).all() and (w >= 0).all() and w.any()):
+            raise DataError(
+                f"weights {w} cannot be right; give one number >= 0 for each of the {points.shape[1]} coordinates of x"
+            )
+        points = points * np.sqrt(w)
+    return points, errors
+
+
+def bin_edges(points: FloatArray, bins: int | ArrayLike, max_lag: float | None) -> FloatArray:
+    """Return the bin edges (k + 1,): as given, or equal bins up to `max_lag`."""
+    from truepose.similarity.pairs import largest_distance
+
+    if np.ndim(bins) > 0:
+        edges = np.asarray(bins, dtype=np.float64)
+        if (
+            edges.ndim != 1
+            or len(edges) < 2
+            or not np.isfinite(edges).all()
+            or edges[0] < 0
+            or (np.diff(edges) <= 0).any()
+        ):
+            raise DataError("bin edges must be two or more increasing finite distances, the first not negative")
+        if max_lag is not None:
+            raise DataError("bins gives the edges already; leave max_lag out, or give the number of bins")
+        return edges
+    count = float(np.asarray(bins, dtype=np.float64))
+    if not (count >= 1 and count.is_integer()):
+        raise DataError(f"bins is {count:g}; give a number of bins of at least 1, or an array of edges")
+    if max_lag is None:
+        max_lag = largest_distance(points) / 2
+        if max_lag == 0:
+            raise KrigingError(f"all {len(points)} points are the same; a variogram needs points that are apart")
+    if not (np.isfinite(max_lag) and max_lag > 0):
+        raise DataError(f"max_lag is {max_lag}; give a distance above 0 in the unit of x")
+    return np.linspace(0, max_lag, int(count) + 1)
+
+
+def _cone(
+    direction: Direction | ArrayLike | None, weights: ArrayLike | None, d: int
+) -> tuple[FloatArray, float, float]:
+    if direction is None:
+        return np.empty(0), 0.0, 0.0
+    cone = direction if isinstance(direction, Direction) else Direction(direction)
+    axis = np.asarray(cone.axis, dtype=np.float64)
+    if axis.shape == (d,) and weights is not None:
+        axis = axis * np.sqrt(np.asarray(weights, dtype=np.float64))
+    length = np.linalg.norm(axis)
+    if axis.shape != (d,) or not np.isfinite(length) or length == 0:
+        raise DataError(f"direction has the axis {axis}; give a vector of {d} numbers that is not zero")
+    if not 0 < cone.tolerance <= np.pi / 2 or not cone.bandwidth > 0:
+        raise DataError(
+            f"direction has tolerance {cone.tolerance} rad and bandwidth {cone.bandwidth}; "
+            "expected a tolerance above 0 and up to pi/2, and a bandwidth above 0"
+        )
+    return axis / length, cone.tolerance, cone.bandwidth

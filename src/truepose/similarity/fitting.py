@@ -1,0 +1,263 @@
+"""Fit of a variogram model by weighted least squares.
+
+N. Cressie, "Fitting variogram models by weighted least squares", Mathematical Geology 17 (1985): weights N(h)/γ(h)²
+with the fitted γ, iterated until it moves no more. Nugget and sill enter linearly, so that they are solved in closed
+form for each range, and the search is over the range alone: a grid of starts over its whole interval, then the best one
+refined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from truepose.errors import DataError, KrigingError
+from truepose.similarity.experimental import ExperimentalVariogram
+from truepose.similarity.models import FAMILIES, VariogramModel
+
+FloatArray = NDArray[np.float64]
+
+STARTS: Final = 48
+ITERATIONS: Final = 100
+LONGEST: Final = 5.0
+"""Longest practical range looked for, in units of the largest lag: beyond it no sill can be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class VariogramFit:
+    """How a model was fitted.
+
+    Attributes
+    ----------
+    objective : float
+        Σ N (γ/γ_model − 1)² / Σ N, the mean squared relative deviation: the criterion by which families are compared.
+    standard_error : dict of str to float
+        Of nugget [mm²], sill [mm²] and range, from the weighted Jacobian. NaN for a parameter held at a bound, and for
+        all where there are no more bins than parameters. Bins share points, so these are lower than the truth.
+    bounds_hit : dict of str to {"lower", "upper"}
+        Parameters that ended at a bound.
+    bins : int
+        Bins used.
+    converged : bool
+        Whether the weights settled.
+    candidates : dict of str to float
+        The objective of every family tried.
+    """
+
+    objective: float
+    standard_error: dict[str, float]
+    bounds_hit: dict[str, Literal["lower", "upper"]]
+    bins: int
+    converged: bool
+    candidates: dict[str, float]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the bounds mean, in words."""
+        meaning = {
+            ("nugget", "lower"): "no nugget can be told: the semivariance starts at zero",
+            ("sill", "lower"): "the semivariogram is flat: no similarity within these lags",
+            ("range", "lower"): "the range is shorter than the shortest lag: use narrower bins or nearer points",
+            ("range", "upper"): "the semivariance keeps rising without a sill: a trend; remove a drift first",
+        }
+        settled = () if self.converged else (f"the weights did not settle in {ITERATIONS} iterations",)
+        return tuple(meaning[item] for item in self.bounds_hit.items()) + settled
+
+
+def fit_variogram(
+    ev: ExperimentalVariogram, family: str | Sequence[str] = "spherical", *, component: int | None = None
+) -> VariogramModel:
+    """Return the model that fits an experimental variogram best.
+
+    Parameters
+    ----------
+    ev : ExperimentalVariogram
+    family : str or sequence of str
+        A name of `VariogramModel`; several names, or "best" for all with a sill that are valid in the points'
+        dimension: the smallest `VariogramFit.objective` wins.
+    component : int, optional
+        Column of the errors; the vector (sum over the components) when not given.
+
+    Returns
+    -------
+    VariogramModel
+        With its `fit` record.
+
+    Raises
+    ------
+    KrigingError
+        If fewer bins than parameters hold pairs, if the errors do not vary, or if the family is not known.
+
+    Examples
+    --------
+    >>> from truepose.similarity import experimental_variogram
+    >>> x = np.linspace(0, 1000, 200)[:, None]
+    >>> vm = fit_variogram(experimental_variogram(x, np.sin(x / 100)), "gaussian")
+    >>> vm.structural_ratio > 0.99
+    True
+    """
+    gamma = ev.vector if component is None else _column(ev, component)
+    used = (ev.pairs > 0) & (ev.lag > 0)
+    h, gamma, pairs = ev.lag[used], gamma[used], ev.pairs[used].astype(np.float64)
+    names = _families(family, ev.dimensions)
+    parameters = min(2 if name == "linear" else 3 for name in names)
+    if len(h) < parameters:
+        raise KrigingError(
+            f"{len(h)} bins hold pairs, but a variogram model has {parameters} parameters; "
+            "use more bins or a larger max_lag, or measure more points"
+        )
+    if not gamma.max() > 0:
+        raise KrigingError("the errors do not vary, so no variogram can be fitted; check the column of e")
+    fits = {name: _fit_family(name, h, gamma, pairs) for name in names}
+    candidates = {name: _objective(model, h, gamma, pairs) for name, (model, _) in fits.items()}
+    best = min(candidates, key=candidates.__getitem__)
+    model, converged = fits[best]
+    hit = _bounds_hit(model, h)
+    record = VariogramFit(
+        objective=candidates[best],
+        standard_error=_standard_errors(model, hit, h, gamma, pairs),
+        bounds_hit=hit,
+        bins=len(h),
+        converged=converged,
+        candidates=candidates,
+    )
+    return replace(model, fit=record)
+
+
+def _column(ev: ExperimentalVariogram, component: int) -> FloatArray:
+    if not 0 <= component < ev.semivariance.shape[1]:
+        raise DataError(
+            f"component is {component}, but the variogram has the components 0 to {ev.semivariance.shape[1] - 1}"
+        )
+    return ev.semivariance[:, component]
+
+
+def _families(family: str | Sequence[str], dimensions: int) -> list[str]:
+    if family == "best":
+        return [name for name, kind in FAMILIES.items() if kind.bounded and kind.dimensions >= dimensions]
+    names = [family] if isinstance(family, str) else list(family)
+    unknown = [name for name in names if name not in FAMILIES]
+    if unknown or not names:
+        raise KrigingError(f"variogram family {unknown} is not known; use one of {', '.join(FAMILIES)}, or 'best'")
+    return names
+
+
+def _range_bounds(name: str, h: FloatArray) -> tuple[float, float]:
+    """Return the interval of a: practical ranges from half the shortest lag to five times the longest."""
+    if name == "linear":  # only sill/range matters
+        return float(h.max()), float(h.max())
+    practical = FAMILIES[name].practical
+    return h.min() / 2 / practical, LONGEST * h.max() / practical
+
+
+def _fit_family(name: str, h: FloatArray, gamma: FloatArray, pairs: FloatArray) -> tuple[VariogramModel, bool]:
+    """Return the model after Cressie's iteration, and whether it settled."""
+    lower, upper = _range_bounds(name, h)
+    ranges = np.geomspace(lower, upper, STARTS) if upper > lower else np.array([lower])
+    floor = 1e-6 * gamma.max()
+    weights, fitted = pairs, np.zeros_like(h)
+    for _ in range(ITERATIONS):
+        model = _best_range(name, ranges, h, gamma, weights)
+        previous, fitted = fitted, model.semivariance(h)
+        if np.allclose(fitted, previous, rtol=1e-8, atol=0):
+            return model, True
+        weights = pairs / np.maximum(fitted, floor) ** 2
+    return model, False
+
+
+def _best_range(name: str, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray) -> VariogramModel:
+    _, _, loss = _linear_part(name, ranges, h, gamma, weights)
+    i = int(np.argmin(loss))
+    best = float(ranges[i])
+    if len(ranges) > 1:
+        interval = math.log(ranges[max(i - 1, 0)]), math.log(ranges[min(i + 1, len(ranges) - 1)])
+
+        def loss_at(log_range: float) -> float:
+            return float(_linear_part(name, np.array([math.exp(log_range)]), h, gamma, weights)[2][0])
+
+        refined = minimize_scalar(loss_at, bounds=interval, method="bounded", options={"xatol": 1e-10})
+        if refined.fun < loss[i]:
+            best = math.exp(refined.x)
+    nugget, sill, _ = _linear_part(name, np.array([best]), h, gamma, weights)
+    return VariogramModel(name, nugget=float(nugget[0]), sill=float(sill[0]), range=best)
+
+
+def _linear_part(
+    name: str, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return nugget, sill >= 0 and the weighted squares that they leave, for each range."""
+    shape = np.stack([VariogramModel(name, sill=1.0, range=float(a)).semivariance(h) for a in ranges])
+    w0, w1, w2 = weights.sum(), shape @ weights, shape**2 @ weights
+    y0, y1 = gamma @ weights, shape @ (gamma * weights)
+    determinant = w0 * w2 - w1**2
+    regular = determinant > 1e-12 * w0 * w2
+    safe = np.where(regular, determinant, 1.0)
+    nugget, sill = (w2 * y0 - w1 * y1) / safe, (w0 * y1 - w1 * y0) / safe
+    inside = regular & (nugget >= 0) & (sill >= 0)
+    only_nugget = np.stack([np.full(len(ranges), y0 / w0), np.zeros(len(ranges))])
+    only_sill = np.stack([np.zeros(len(ranges)), y1 / w2])
+    options = np.stack([np.stack([nugget, sill]), only_nugget, only_sill])
+    residual = gamma - options[:, 0, :, None] - options[:, 1, :, None] * shape
+    loss = residual**2 @ weights
+    loss[0, ~inside] = np.inf
+    choice = np.argmin(loss, axis=0), np.arange(len(ranges))
+    return options[choice[0], 0, choice[1]], options[choice[0], 1, choice[1]], loss[choice]
+
+
+def _objective(model: VariogramModel, h: FloatArray, gamma: FloatArray, pairs: FloatArray) -> float:
+    fitted = np.maximum(model.semivariance(h), 1e-6 * gamma.max())
+    return float(pairs @ (gamma / fitted - 1) ** 2 / pairs.sum())
+
+
+def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, Literal["lower", "upper"]]:
+    hit: dict[str, Literal["lower", "upper"]] = {}
+    if model.nugget <= 1e-9 * model.sill:
+        hit["nugget"] = "lower"
+    if model.sill <= 1e-9 * model.nugget:
+        hit["sill"] = "lower"
+    elif model.kind.bounded:
+        lower, upper = _range_bounds(model.family, h)
+        if model.range <= lower * 1.001:
+            hit["range"] = "lower"
+        elif model.range >= upper * 0.999:
+            hit["range"] = "upper"
+    return hit
+
+
+def _standard_errors(
+    model: VariogramModel,
+    hit: dict[str, Literal["lower", "upper"]],
+    h: FloatArray,
+    gamma: FloatArray,
+    pairs: FloatArray,
+) -> dict[str, float]:
+    """Return sqrt diag s² (JᵀWJ)⁻¹ over the free parameters, s² the weighted mean square left."""
+    from truepose.similarity.covariance import slope_over_distance
+
+    r = h / model.range
+    columns = {
+        "nugget": np.ones_like(h),
+        "sill": 1 - model._correlation(h),
+        "range": model.sill * slope_over_distance(model.kind.code, r) * r * r / model.range,
+    }
+    fixed = set(hit) | ({"range"} if "sill" in hit or model.family == "linear" else set())
+    free = [name for name in columns if name not in fixed]
+    errors = dict.fromkeys(columns, math.nan)
+    if len(h) <= len(free):
+        return errors
+    fitted = model.semivariance(h)
+    scale = np.sqrt(pairs) / np.maximum(fitted, 1e-6 * gamma.max())
+    jacobian = scale[:, None] * np.column_stack([columns[name] for name in free])
+    size = np.linalg.norm(jacobian, axis=0)
+    s2 = float(((scale * (gamma - fitted)) ** 2).sum()) / (len(h) - len(free))
+    _, singular, right = np.linalg.svd(jacobian / size, full_matrices=False)
+    if singular[-1] > 1e-10 * singular[0]:
+        variance = s2 * ((right / singular[:, None]) ** 2).sum(axis=0) / size**2
+        errors.update(zip(free, np.sqrt(variance).tolist(), strict=True))
+    return errors

@@ -1,0 +1,119 @@
+"""A picture of the semivariogram: points, fitted model, permutation band, practical range."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.similarity.envelope import Envelope
+from truepose.similarity.experimental import ExperimentalVariogram
+from truepose.similarity.models import VariogramModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+POINT: Final = "#1f4e79"
+WEAK: Final = "#9db4c9"
+MODEL: Final = "#c8442b"
+BAND: Final = "#dcdcdc"
+QUIET: Final = "#6b6b6b"
+
+
+def plot_variogram(
+    ev: ExperimentalVariogram,
+    model: VariogramModel | None = None,
+    envelope: Envelope | None = None,
+    *,
+    component: int | None = None,
+    unit: str = "mm",
+    title: str = "",
+) -> Figure:
+    """Return a figure of an experimental variogram, with its model and its permutation band where given.
+
+    Parameters
+    ----------
+    ev : ExperimentalVariogram
+    model : VariogramModel, optional
+    envelope : Envelope, optional
+        On the same bins as `ev`.
+    component : int, optional
+        Column of the errors; the vector when not given.
+    unit : str
+        Unit of the distances.
+    title : str
+
+    Examples
+    --------
+    >>> from truepose.similarity import experimental_variogram
+    >>> figure = plot_variogram(experimental_variogram([[0.0], [1.0], [2.0]], [0.0, 1.0, 0.5], bins=2))
+    >>> figure.axes[0].get_xlabel()
+    'distance h [mm]'
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
+    axes = figure.add_subplot()
+    draw_variogram(axes, ev, model, envelope, component=component, unit=unit)
+    axes.set_title(title)
+    return figure
+
+
+def draw_variogram(
+    axes: Axes,
+    ev: ExperimentalVariogram,
+    model: VariogramModel | None = None,
+    envelope: Envelope | None = None,
+    *,
+    component: int | None = None,
+    unit: str = "mm",
+) -> None:
+    """Draw what `plot_variogram` shows on axes that the caller has."""
+    gamma = ev.vector if component is None else ev.semivariance[:, component]
+    if envelope is not None:
+        _draw_band(axes, ev, envelope, component)
+    _draw_points(axes, ev, gamma)
+    if model is not None:
+        _draw_model(axes, model, ev.edges[-1], unit)
+    axes.set(xlabel=f"distance h [{unit}]", ylabel="semivariance γ(h) [mm²]", xlim=(0, ev.edges[-1]))
+    axes.set_ylim(bottom=0)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8, loc="best")
+
+
+def _draw_band(axes: Axes, ev: ExperimentalVariogram, envelope: Envelope, component: int | None) -> None:
+    if component is None:
+        lower, upper = envelope.vector_lower, envelope.vector_upper
+    else:
+        lower, upper = envelope.lower[:, component], envelope.upper[:, component]
+    axes.fill_between(ev.lag, lower, upper, color=BAND, lw=0, label=f"shuffled, {100 * envelope.level:g} %")
+
+
+def _draw_points(axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray) -> None:
+    filled = ev.pairs > 0
+    area = 12 + 70 * ev.pairs / max(ev.pairs.max(), 1)
+    for mask, colour, label in (
+        (filled & ~ev.weak, POINT, "measured (area: pairs)"),
+        (filled & ev.weak, WEAK, "fewer than 30 pairs"),
+    ):
+        if mask.any():
+            axes.scatter(ev.lag[mask], gamma[mask], s=area[mask], color=colour, lw=0, zorder=3, label=label)
+
+
+def _draw_model(axes: Axes, model: VariogramModel, longest: float, unit: str) -> None:
+    h = np.linspace(0, longest, 400)[1:]
+    axes.plot(h, model.semivariance(h), color=MODEL, lw=1.8, zorder=4, label=model.family)
+    if model.practical_range <= longest and model.sill > 0:
+        axes.axvline(model.practical_range, color=QUIET, lw=0.9, ls=(0, (4, 3)), zorder=1)
+        style: dict[str, Any] = {"color": QUIET, "fontsize": 8, "rotation": 90, "va": "bottom"}
+        text = f"practical range {model.practical_range:.3g} {unit}"
+        anchor: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "xytext": (4, 0),
+            "textcoords": "offset points",
+        }
+        axes.annotate(text, (model.practical_range, 0.03), **anchor, **style)
