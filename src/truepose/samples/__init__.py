@@ -1,0 +1,17 @@
+"""The one table that everything passes on, its file (the tidy table) and the checks that a reader runs on it."""
+
+from truepose.samples.checks import check, check_against, looks_like_metres
+from truepose.samples.table import Poses, Samples
+from truepose.samples.tidy import append_columns, read_poses, read_samples, write_samples
+
+__all__ = [
+    "Poses",
+    "Samples",
+    "append_columns",
+    "check",
+    "check_against",
+    "looks_like_metres",
+    "read_poses",
+    "read_samples",
+    "write_samples",
+]

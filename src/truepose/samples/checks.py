@@ -1,0 +1,194 @@
+"""Checks of what a table says against what a robot and a tracker can do. All in one place, each names the rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import IdentifiabilityError, TrueposeError
+from truepose.samples.table import Poses, Samples
+
+if TYPE_CHECKING:
+    from truepose.robots import Robot
+
+FloatArray = NDArray[np.float64]
+
+_METRES_SPREAD: Final = (0.2, 10.0)  # a work region in metres
+_METRES_NORM: Final = 60.0  # no tracker or robot works this near to its own origin, if it is mm
+_MOST_RAD: Final = 13.0  # two turns: no revolute joint goes further
+_REPEAT_MM: Final = 2.0  # repeats of one pose lie within a tenth of this, also on a bad robot
+_SAME: Final = 1e-6
+_UNIT_FACTORS: Final = {1000.0: "metres", 25.4: "inches", 10.0: "centimetres"}
+_DEG: Final = np.pi / 180.0
+_FEWEST: Final = 8  # rows for a comparison of joints with commanded positions
+_REMEDIES: Final = (
+    (_DEG, 1.0, "the joints are degrees; name the columns q1_deg …"),
+    (1 / _DEG, 1.0, "the joints are radians; name the columns q1_rad …"),
+    (1.0, 1e3, "the commanded positions are metres; name the columns x_cmd_m …"),
+    (1 / _DEG, 1e3, "the joints are radians and the positions metres; name the columns q1_rad …, x_cmd_m …"),
+)
+
+
+def check(poses: Poses) -> None:
+    """Raise where a table cannot be right; the readers call it.
+
+    Found are: no rows, all-zero readings, metres or inches under mm, degrees under rad, readings that do not move,
+    one configuration with contradicting readings, negative standard deviations, approach signs other than -1, 0, +1.
+
+    Raises
+    ------
+    DataError
+        With the rows, and what to do.
+    """
+    if not len(poses):
+        raise poses.error("has no rows; at least one pose is needed")
+    _check_commands(poses)
+    if isinstance(poses, Samples):
+        _check_readings(poses)
+        _check_scale(poses)
+        _check_repeats(poses)
+
+
+def _check_commands(poses: Poses) -> None:
+    if poses.q is not None and np.abs(poses.q).max() > _MOST_RAD:
+        worst = np.abs(poses.q).max()
+        raise poses.error(
+            f"joints up to {worst:.4g} rad; degrees in columns q1_rad …? Name them q1_deg …",
+            np.abs(poses.q).max(axis=1) > _MOST_RAD,
+        )
+    if poses.p_cmd is not None:
+        _refuse_metres(poses, poses.p_cmd, "commanded", "x_cmd_m …")
+    if poses.approach is not None and not (sign := np.isin(poses.approach, (-1.0, 0.0, 1.0))).all():
+        raise poses.error(
+            "approach must be -1, 0 or +1, the sign of each joint's last motion", np.asarray(~sign.all(axis=1))
+        )
+
+
+def _check_readings(samples: Samples) -> None:
+    zero = (samples.p_meas == 0.0).all(axis=1)
+    if zero.any():
+        raise samples.error("all-zero reading: the tracker saw nothing; measure again or remove", zero)
+    if _moves(samples):
+        _refuse_metres(samples, samples.p_meas, "measured", "x_meas_m …")
+    for name in ("p_std", "rotation_std"):
+        std = getattr(samples, name)
+        if std is not None and (bad := (std < 0).any(axis=1)).any():
+            raise samples.error(f"negative standard deviation in {name}; expected 0 or more", bad)
+
+
+def _refuse_metres(poses: Poses, p: FloatArray, what: str, column: str) -> None:
+    if looks_like_metres(p):
+        spread = np.linalg.norm(np.ptp(p, axis=0))
+        remedy = f"metres? Multiply by 1000 or name the columns {column}"
+        raise poses.error(f"the {what} positions spread over {spread:.2f} mm; {remedy}")
+
+
+def looks_like_metres(p: FloatArray) -> bool:
+    """Return whether positions (n, 3) called mm are a work region in metres: 0.2–10 wide, near the origin."""
+    spread = float(np.linalg.norm(np.ptp(p, axis=0))) if len(p) else 0.0
+    return _METRES_SPREAD[0] <= spread <= _METRES_SPREAD[1] and bool(np.abs(p).max() < _METRES_NORM)
+
+
+def _moves(poses: Poses) -> bool:
+    return any(bool((np.ptp(x, axis=0) > _SAME).any()) for x in (poses.q, poses.p_cmd) if x is not None)
+
+
+def _radius(p: FloatArray) -> float:
+    """Return the RMS distance from the centroid: rigid motions do not change it."""
+    return float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _check_scale(samples: Samples) -> None:
+    if samples.p_cmd is None or (commanded := _radius(samples.p_cmd)) < 1.0:
+        return
+    ratio = _radius(samples.p_meas) / commanded
+    if ratio < _SAME:
+        raise samples.error("all measured positions are the same, the commanded ones are not; was one reading copied?")
+    for factor, unit in _UNIT_FACTORS.items():
+        for of, value in (("measured", ratio), ("commanded", 1.0 / ratio)):
+            if abs(value * factor - 1.0) < 0.2:
+                message = f"the {of} positions spread {factor:g} times less than the others: they are {unit}, not mm"
+                raise samples.error(f"{message}; say so in the columns' names")
+
+
+def _check_repeats(samples: Samples) -> None:
+    """Refuse readings of one configuration (with its load and approach) further apart than any repeatability."""
+    rotation = None if samples.rotation_cmd is None else samples.rotation_cmd.as_matrix().reshape(len(samples), 9)
+    configuration = (samples.q,) if samples.q is not None else (samples.p_cmd, rotation)
+    keys = [x for x in (*configuration, samples.approach, samples.load) if x is not None]
+    key = np.round(np.column_stack(keys) / _SAME).astype(np.int64)
+    _, group, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    if count.max() == 1:
+        return
+    low, high = np.full((len(count), 3), np.inf), np.full((len(count), 3), -np.inf)
+    np.minimum.at(low, group, samples.p_meas)
+    np.maximum.at(high, group, samples.p_meas)
+    spread = np.linalg.norm(high - low, axis=1)
+    worst = int(spread.argmax())
+    if spread[worst] > _REPEAT_MM:
+        message = (
+            f"one commanded configuration, readings {spread[worst]:.3g} mm apart; repeats lie within {_REPEAT_MM:g} mm"
+        )
+        remedy = "measure again, or separate the series if the tracker was moved"
+        raise samples.error(f"{message}; {remedy}", group == worst)
+
+
+def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> FloatArray:
+    """Compare joints with commanded positions: the robot's nominal model must take the ones to the others.
+
+    The frame of the commanded positions and the tool in them need not be known: both are fitted (a rigid motion and an
+    offset from the flange), so what remains is neither's doing.
+
+    Parameters
+    ----------
+    poses : Poses
+        With `q` and `p_cmd`; otherwise there is nothing to compare.
+    robot : Robot
+    tolerance_mm : float [mm]
+        What a rounded or factory-calibrated controller may differ from its nominal model.
+
+    Returns
+    -------
+    (n,) array [mm]
+        What is left at each row; empty if there is nothing to compare or too few rows to fit.
+
+    Raises
+    ------
+    DataError
+        With the rows that disagree, or the unit that explains it.
+    """
+    if poses.q is None or poses.p_cmd is None or len(poses) < _FEWEST or not _moves(poses):
+        return np.empty(0)
+    if poses.q.shape[1] != robot.dof:
+        raise poses.error(f"has {poses.q.shape[1]} joints, {robot.name} has {robot.dof}")
+    left = _disagreement(poses.q, poses.p_cmd, robot)
+    median = float(np.median(left))
+    if median <= tolerance_mm:
+        if (bad := left > tolerance_mm).any():
+            message = f"joints and commanded positions disagree by up to {left[bad].max():.4g} mm"
+            raise poses.error(f"{message}; rows swapped, or a typing error?", bad)
+        return left
+    by = f" by {median:.4g} mm (median)" if np.isfinite(median) else ""
+    message = f"joints and commanded positions disagree{by} on {robot.name}"
+    for q_factor, p_factor, why in _REMEDIES:
+        if np.median(_disagreement(poses.q * q_factor, poses.p_cmd * p_factor, robot, robust=False)) <= tolerance_mm:
+            raise poses.error(f"{message}: {why}")
+    raise poses.error(f"{message}; is it this robot, and are the joints in its own order and sign?")
+
+
+def _disagreement(q: FloatArray, p_cmd: FloatArray, robot: Robot, robust: bool = True) -> FloatArray:
+    """Return the distance between model and commanded positions after the best frame and tool, (n,) [mm]."""
+    from truepose.geometry.registration import register, register_with_tool
+
+    try:
+        tf_base_flange = robot.forward(q)
+        try:
+            residuals = register_with_tool(tf_base_flange, p_cmd, robust=robust).residuals
+        except IdentifiabilityError:  # one orientation: the tool is part of the frame
+            residuals = register(tf_base_flange[:, :3, 3], p_cmd, robust=robust).residuals
+    except TrueposeError:  # joints that no arm can have, or positions that no frame and tool explain
+        return np.full(len(q), np.inf)
+    return np.asarray(np.linalg.norm(residuals, axis=1))

@@ -1,0 +1,176 @@
+"""Column names of the tidy table: a quantity and its unit, such as ``q1_deg``, ``x_meas_mm``, ``temp_C``.
+
+A name that is nearly one of these is an error that shows the nearest; a name that is clearly something else (a comment,
+an operator) is left alone.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import FileError
+from truepose.samples.delimited import TextTable
+from truepose.units import MM_PER
+
+FloatArray = NDArray[np.float64]
+
+_UNITS: Final[dict[str, dict[str, float]]] = {
+    "length": {**MM_PER, "um": 1e-3},
+    "angle": {"deg": float(np.pi / 180.0), "rad": 1.0, "mrad": 1e-3},
+    "time": {"s": 1.0},
+    "temperature": {"c": 1.0},
+    "load": {"kg": 1.0},
+}
+_DEFAULT_UNIT: Final = {"length": "mm", "angle": "deg", "time": "s", "temperature": "C", "load": "kg", "": ""}
+_MOST_JOINTS: Final = 16
+_NEAR: Final = 0.8
+_OURS: Final = {
+    *(f"{axis}_pred{std}_mm" for axis in "xyz" for std in ("", "_std")),
+    "std_mm",
+}  # added by `truepose predict`
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a column's name says: the array it belongs to, where in it, and the kind of its unit."""
+
+    array: str
+    index: int
+    kind: str
+
+
+def _triple(array: str, stems: tuple[str, str, str], kind: str) -> dict[str, Quantity]:
+    return {stem: Quantity(array, index, kind) for index, stem in enumerate(stems)}
+
+
+QUANTITIES: Final[dict[str, Quantity]] = {
+    "row": Quantity("row", 0, ""),
+    "name": Quantity("name", 0, ""),
+    **{f"q{i + 1}": Quantity("q", i, "angle") for i in range(_MOST_JOINTS)},
+    **_triple("p_cmd", ("x_cmd", "y_cmd", "z_cmd"), "length"),
+    **_triple("rpy_cmd", ("roll_cmd", "pitch_cmd", "yaw_cmd"), "angle"),
+    **_triple("p_meas", ("x_meas", "y_meas", "z_meas"), "length"),
+    **_triple("rxyz_meas", ("rx_meas", "ry_meas", "rz_meas"), "angle"),
+    **_triple("p_std", ("x_std", "y_std", "z_std"), "length"),
+    **_triple("rotation_std", ("rx_std", "ry_std", "rz_std"), "angle"),
+    **{f"approach{i + 1}": Quantity("approach", i, "") for i in range(_MOST_JOINTS)},
+    "time": Quantity("time", 0, "time"),
+    "temp": Quantity("temperature", 0, "temperature"),
+    "load": Quantity("load", 0, "load"),
+}
+"""Every quantity of the tidy table, by the part of a column's name before the unit, in the order of writing."""
+
+
+def full_name(stem: str) -> str:
+    """Return the column name in the unit that we write, such as ``q1_deg``."""
+    unit = _DEFAULT_UNIT[QUANTITIES[stem].kind]
+    return f"{stem}_{unit}" if unit else stem
+
+
+def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) -> dict[str, NDArray[np.generic]]:
+    """Return the arrays of a table by name, in mm and rad: (n, k), or (n,) for single columns and ``name``.
+
+    Parameters
+    ----------
+    table : TextTable
+    wanted : collection of str
+        Arrays to read (``Quantity.array``); columns of others are not looked into.
+    finite : bool
+        Whether a value that is not finite is an error.
+
+    Raises
+    ------
+    FileError
+        If a column is nearly one of ours, comes twice, lacks its unit or its neighbours, or a field is wrong.
+    """
+    found: dict[str, dict[int, tuple[int, float]]] = {}
+    for column, name in enumerate(table.header):
+        known = _recognise(name, table)
+        if known is not None and known[0].array in wanted:
+            quantity, factor = known
+            places = found.setdefault(quantity.array, {})
+            if quantity.index in places:
+                other = table.header[places[quantity.index][0]]
+                raise FileError(
+                    table.path, f"columns {other} and {name} are the same quantity; keep one", line=table.header_line
+                )
+            places[quantity.index] = (column, factor)
+    return {array: _values(table, array, places, finite) for array, places in found.items()}
+
+
+def require(table: TextTable, arrays: Collection[str], *stems: str) -> None:
+    """Raise a FileError that names the columns needed, if none of the arrays they belong to was found."""
+    if not {QUANTITIES[stem].array for stem in stems} & set(arrays):
+        needed = " or ".join(f"{full_name(stem)} …" for stem in stems)
+        has = ", ".join(table.header[:8]) + (" …" if len(table.header) > 8 else "")
+        raise FileError(table.path, f"needs columns {needed}; it has {has}", line=table.header_line)
+
+
+def _recognise(name: str, table: TextTable) -> tuple[Quantity, float] | None:
+    lower = name.lower()
+    stem, _, unit = lower.rpartition("_")
+    if (quantity := QUANTITIES.get(lower)) is not None:
+        if quantity.kind:
+            units = " or ".join(f"{lower}_{unit}" for unit in _shown_units(quantity.kind))
+            raise FileError(table.path, f"column {name} has no unit; name it {units}", line=table.header_line)
+        return quantity, 1.0
+    if (quantity := QUANTITIES.get(stem)) is not None and quantity.kind:
+        factor = _UNITS[quantity.kind].get(unit)
+        if factor is None:
+            units = ", ".join(_shown_units(quantity.kind))
+            raise FileError(
+                table.path, f"column {name} has the unknown unit {unit!r}; known are {units}", line=table.header_line
+            )
+        return quantity, factor
+    if lower in _OURS:
+        return None
+    near = difflib.get_close_matches(lower, map(full_name, QUANTITIES), n=1, cutoff=_NEAR)
+    if re.match(r"r[xyz]_cmd", lower):
+        message = f"unknown column {name}; commanded orientations are roll_cmd_deg, pitch_cmd_deg, yaw_cmd_deg"
+        raise FileError(table.path, f"{message}: Rz(yaw) Ry(pitch) Rx(roll)", line=table.header_line)
+    if near:
+        raise FileError(table.path, f"unknown column {name}; did you mean {near[0]}?", line=table.header_line)
+    if re.search(r"_(cmd|meas|std)(_[a-z]+)?$", lower):
+        known = "x_cmd_mm …, roll_cmd_deg …, x_meas_mm …, rx_meas_deg …, x_std_mm …, rx_std_deg …"
+        raise FileError(table.path, f"unknown column {name}; known are {known}", line=table.header_line)
+    return None
+
+
+def _shown_units(kind: str) -> list[str]:
+    return ["C"] if kind == "temperature" else list(_UNITS[kind])
+
+
+def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], finite: bool) -> NDArray[np.generic]:
+    stems = [stem for stem, quantity in QUANTITIES.items() if quantity.array == array]
+    size = len(stems) if array not in ("q", "approach") else max(places) + 1
+    missing = [full_name(stems[index]) for index in range(size) if index not in places]
+    if missing:
+        there = ", ".join(table.header[column] for column, _ in places.values())
+        raise FileError(table.path, f"has {there} but not {', '.join(missing)}", line=table.header_line)
+    columns = [places[index][0] for index in range(size)]
+    if array == "name":
+        return table.fields[:, columns[0]]
+    values = table.numbers(columns)
+    if finite and not np.isfinite(values).all():
+        row, index = np.argwhere(~np.isfinite(values))[0]
+        what = f"{table.header[columns[index]]} is {table.fields[row, columns[index]]}; measure again or remove the row"
+        raise FileError(table.path, what, line=int(table.line[row]))
+    if array == "row":
+        return _whole(table, values[:, 0], columns[0])
+    scaled: FloatArray = values * np.array([places[index][1] for index in range(size)])
+    return scaled[:, 0] if size == 1 and array not in ("q", "approach") else scaled
+
+
+def _whole(table: TextTable, values: FloatArray, column: int) -> NDArray[np.int64]:
+    bad = np.flatnonzero(values != np.round(values))
+    if len(bad):
+        field = table.fields[bad[0], column]
+        raise FileError(table.path, f"row is {field}, which is not a whole number", line=int(table.line[bad[0]]))
+    return values.astype(np.int64)

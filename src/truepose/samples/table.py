@@ -1,0 +1,147 @@
+"""Commanded configurations, and what a tracker read at them (method.md §0).
+
+Positions are mm, angles rad. Commanded quantities are in the robot base frame, measured ones in the tracker frame: they
+become comparable by a registration (`truepose.geometry`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+_VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
+_NAMED_ROWS: Final = 6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Poses:
+    """Commanded configurations: a plan to measure, or poses to predict at.
+
+    Parameters
+    ----------
+    q : (n, dof) array [rad], optional
+        Joint vectors, in the robot's own order and sign.
+    p_cmd : (n, 3) array [mm], base frame, optional
+        Commanded positions of the tool centre point.
+    rotation_cmd : Rotation of length n, optional
+        Commanded orientations of the tool, base frame.
+    approach : (n, dof) array of -1, 0, +1, optional
+        Sign of the last motion of each joint.
+    temperature : (n,) array [°C], optional
+    load : (n,) array [kg], optional
+    name : (n,) array of str, optional
+        Names of the poses.
+    row : (n,) array of int, optional
+        The row's name in messages; counted from 0 when not given.
+    source : str
+        Where the table came from, for messages.
+
+    Raises
+    ------
+    DataError
+        If shapes disagree, a value is not finite, or neither joints nor commanded positions are there.
+    """
+
+    q: FloatArray | None = None
+    p_cmd: FloatArray | None = None
+    rotation_cmd: Rotation | None = None
+    approach: FloatArray | None = None
+    temperature: FloatArray | None = None
+    load: FloatArray | None = None
+    name: NDArray[np.str_] | None = None
+    row: NDArray[np.int64] | None = None
+    source: str = "samples"
+
+    def __post_init__(self) -> None:
+        if self.q is None and self.p_cmd is None:
+            raise DataError(f"{self.source}: neither joints (q1_deg …) nor commanded positions (x_cmd_mm …) are given")
+        for name in self.columns():
+            value = getattr(self, name)
+            if not isinstance(value, Rotation):
+                value = np.asarray(value, dtype={"name": np.str_, "row": np.int64}.get(name, np.float64))
+                object.__setattr__(self, name, value)
+            self._validate(name, value)
+        if self.row is None:
+            object.__setattr__(self, "row", np.arange(len(self)))
+
+    def _validate(self, name: str, value: Any) -> None:
+        first = self.columns()[0]
+        n = len(getattr(self, first))
+        if len(value) != n:
+            raise DataError(f"{self.source}: {name} has {len(value)} rows, {first} has {n}")
+        if isinstance(value, Rotation) or name in ("name", "row"):
+            return
+        expected = (n, 3) if name in _VECTORS else (n, value.shape[-1]) if name in ("q", "approach") else (n,)
+        if value.shape != expected:
+            raise DataError(f"{self.source}: {name} has shape {value.shape}; expected {expected}")
+        bad = ~np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
+        if bad.any():
+            raise DataError(
+                f"{self.source}: {self.rows(bad)}: {name} is not finite; measure again or leave these rows out"
+            )
+
+    def __len__(self) -> int:
+        return len(getattr(self, self.columns()[0]))
+
+    def __getitem__(self, index: NDArray[Any] | slice) -> Self:
+        """Return the rows that a mask, an index array or a slice selects."""
+        return replace(self, **{name: getattr(self, name)[index] for name in self.columns()})
+
+    def columns(self) -> list[str]:
+        """Return the names of the quantities that this table holds."""
+        return [f.name for f in fields(self) if f.name != "source" and getattr(self, f.name) is not None]
+
+    def error(self, message: str, which: NDArray[Any] | None = None) -> DataError:
+        """Return an error that names this table, and rows of it (a mask, or indices)."""
+        return DataError(
+            f"{self.source}: {message}" if which is None else f"{self.source}: {self.rows(which)}: {message}"
+        )
+
+    def rows(self, which: NDArray[Any]) -> str:
+        """Return the names of rows (a mask, or indices) for a message: "row 3", "rows 3, 7, 9 and 12 more"."""
+        which = np.asarray(which)
+        index = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        names = (np.arange(len(self)) if self.row is None else self.row)[index]
+        more = f" and {len(names) - _NAMED_ROWS} more" if len(names) > _NAMED_ROWS else ""
+        return f"row{'s' if len(names) != 1 else ''} {', '.join(map(str, names[:_NAMED_ROWS]))}{more}"
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Poses):
+    """Commanded configurations and what the tracker read at each.
+
+    Parameters
+    ----------
+    p_meas : (n, 3) array [mm], tracker frame
+        Measured positions of the reflector.
+    rotation_meas : Rotation of length n, optional
+        Measured orientations, tracker frame.
+    p_std : (n, 3) array [mm], tracker frame, optional
+        Standard deviation of each reading.
+    rotation_std : (n, 3) array [rad], optional
+        Standard deviation of the measured orientation.
+    time : (n,) array [s], optional
+        Time of each reading.
+    **commanded
+        See `Poses`; all but `p_meas` by keyword.
+
+    Examples
+    --------
+    >>> samples = Samples(np.array([[0.0, 0.0, 1.0], [5.0, 0.0, 1.0]]), q=np.zeros((2, 6)))
+    >>> len(samples), samples.columns()
+    (2, ['q', 'row', 'p_meas'])
+    """
+
+    p_meas: FloatArray
+    rotation_meas: Rotation | None = None
+    p_std: FloatArray | None = None
+    rotation_std: FloatArray | None = None
+    time: FloatArray | None = None

@@ -1,0 +1,166 @@
+"""The tidy table (layout 11 of the tracker files): one row per pose, the unit in each column's name.
+
+==========================================  =========================================================================
+columns                                     meaning
+==========================================  =========================================================================
+row, name                                   what messages call the row; counted from 0 if absent
+q1_deg …                                    joints, in the robot's own order and sign
+x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz(yaw) Ry(pitch) Rx(roll)
+x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)
+x_std_mm …, rx_std_deg …                    standard deviations of the reading
+approach1 …                                 sign of the last motion of each joint: -1, 0, +1
+time_s, temp_C, load_kg                     time of the reading, air temperature, payload
+==========================================  =========================================================================
+
+Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter a comma, semicolon or tab.
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import DataError, FileError
+from truepose.files import read_text, write_atomic
+from truepose.samples.checks import check
+from truepose.samples.columns import QUANTITIES, full_name, gather, require
+from truepose.samples.delimited import parse
+from truepose.samples.table import Poses, Samples
+
+FloatArray = NDArray[np.float64]
+
+_COMMANDED: Final = {"row", "name", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
+_MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}
+
+
+def read_samples(path: str | Path) -> Samples:
+    """Read a tidy table of commanded configurations and their measurements, and check it.
+
+    Parameters
+    ----------
+    path : str or Path
+        A CSV file with x_meas_mm … and q1_deg … or x_cmd_mm … (or both).
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    FileError
+        If the file is not such a table; with the line.
+    DataError
+        If its values cannot be right (`check`); with the rows.
+    """
+    table = parse(read_text(path), path)
+    arrays = gather(table, _COMMANDED | _MEASURED)
+    require(table, arrays, "x_meas")
+    require(table, arrays, "q1", "x_cmd")
+    samples = Samples(**_rotations(arrays), source=str(path))
+    check(samples)
+    return samples
+
+
+def read_poses(path: str | Path) -> Poses:
+    """Read commanded configurations without measurements: poses to predict at, or a plan (``plan.csv``).
+
+    Columns of measurements may be there and are not looked into.
+
+    Raises
+    ------
+    FileError, DataError
+        As `read_samples`.
+    """
+    table = parse(read_text(path), path)
+    arrays = gather(table, _COMMANDED)
+    require(table, arrays, "q1", "x_cmd")
+    poses = Poses(**_rotations(arrays), source=str(path))
+    check(poses)
+    return poses
+
+
+def write_samples(path: str | Path, samples: Poses) -> None:
+    """Write a tidy table, of samples or of a plan, in mm and degrees to 12 significant digits.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written; nothing is changed then.
+    """
+    arrays = {name: getattr(samples, name) for name in samples.columns()}
+    if (rotation := arrays.pop("rotation_cmd", None)) is not None:
+        arrays["rpy_cmd"] = _angles(rotation, "ZYX")[:, ::-1]
+    if (rotation := arrays.pop("rotation_meas", None)) is not None:
+        arrays["rxyz_meas"] = _angles(rotation, "XYZ")
+    header, columns = [], []
+    for stem, quantity in QUANTITIES.items():
+        values = arrays.get(quantity.array)
+        if values is None or (values.ndim == 2 and quantity.index >= values.shape[1]):
+            continue
+        header.append(full_name(stem))
+        columns.append(_text(path, values[:, quantity.index] if values.ndim == 2 else values, quantity.kind))
+    rows = [",".join(row) for row in zip(*columns, strict=True)]
+    write_atomic(path, "\n".join([",".join(header), *rows]) + "\n")
+
+
+def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:
+    """Write a table again with columns added at its end; those of the same name are replaced, the others left as text.
+
+    Parameters
+    ----------
+    path, out : str or Path
+        The table, and the file to write.
+    columns : mapping of str to (n,) array
+        By the column's full name, in the unit that it says.
+
+    Raises
+    ------
+    FileError
+        If the table cannot be read or the file not be written.
+    DataError
+        If a column has another number of rows than the table.
+    """
+    table = parse(read_text(path), path)
+    for name, values in columns.items():
+        if len(values) != len(table.fields):
+            raise DataError(f"{path}: has {len(table.fields)} rows, the column {name} {len(values)}")
+    kept = [index for index, name in enumerate(table.header) if name not in columns]
+    added = [[f"{value:.12g}" for value in values] for values in columns.values()]
+    text = StringIO()
+    writer = csv.writer(text, delimiter=table.delimiter, lineterminator="\n")
+    writer.writerow([*(table.header[index] for index in kept), *columns])
+    writer.writerows([*row, *new] for row, *new in zip(table.fields[:, kept].tolist(), *added, strict=True))
+    write_atomic(out, text.getvalue())
+
+
+def _rotations(arrays: dict[str, Any]) -> dict[str, Any]:
+    if (rpy := arrays.pop("rpy_cmd", None)) is not None:
+        arrays["rotation_cmd"] = Rotation.from_euler("ZYX", rpy[:, ::-1])
+    if (rxyz := arrays.pop("rxyz_meas", None)) is not None:
+        arrays["rotation_meas"] = Rotation.from_euler("XYZ", rxyz)
+    return arrays
+
+
+def _angles(rotation: Rotation, order: Literal["ZYX", "XYZ"]) -> FloatArray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock any of the equal triples will do
+        return np.asarray(rotation.as_euler(order))
+
+
+def _text(path: str | Path, values: NDArray[Any], kind: str) -> list[str]:
+    if values.dtype.kind == "U":
+        bad = [name for name in values if any(letter in name for letter in ',;"\t\n\r')]
+        if bad:
+            raise FileError(path, f"the pose name {bad[0]!r} holds a delimiter or quotation mark; rename the pose")
+        return [str(name) for name in values]
+    if values.dtype.kind == "i":
+        return [str(value) for value in values]
+    return [f"{value:.12g}" for value in (np.degrees(values) if kind == "angle" else values)]
