@@ -1,0 +1,243 @@
+"""Registration of tracker readings to the robot base frame, rigid or with the tool offset fitted together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError
+from truepose.geometry.arrays import as_floats, as_rows, check_finite
+from truepose.geometry.plausibility import check_units, explain_misfit, find_swapped, spread, write_hint
+from truepose.geometry.robust import OUTLIER_LIMIT, robust_scale, tukey_weights
+from truepose.geometry.station import (
+    MINIMAL,
+    MINIMAL_LINEAR,
+    Poses,
+    Station,
+    check_identifiable,
+    covariance,
+    refine,
+    start,
+    weak_hint,
+)
+from truepose.geometry.transforms import apply_transform, check_transforms, invert_transform, make_transform
+
+FloatArray = NDArray[np.float64]
+
+_ROUNDING: Final = 1e-12  # of coordinates, relative
+_REWEIGHTINGS: Final = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Where the tracker stands, how well that is known, and what is left.
+
+    Attributes
+    ----------
+    tf_base_tracker : (4, 4) array [mm]
+        Maps tracker coordinates to the robot base frame.
+    residuals : (n, 3) array [mm], base frame
+        Measured minus commanded positions after registration: the positional error e of method.md §0.
+    outliers : (n,) bool array
+        Readings that took no part in the fit.
+    covariance : (6, 6) or (9, 9) array
+        Of translation [mm], rotation vector [rad] and, when fitted, tool offset [mm]. The true transform is
+        (exp(δω) R, t + δt).
+    noise_std : float [mm]
+        Standard deviation of one axis of the residuals without outliers.
+    p_flange_tool : (3,) array [mm], flange frame, or None
+        The fitted tool offset.
+    swapped : (k, 2) int array
+        Among the outliers: row of a command, and row of the reading that fits it.
+    hint : str
+        What to look at when rows seem swapped, many readings are gross, or tool and station are told apart badly; else
+        empty.
+    """
+
+    tf_base_tracker: FloatArray
+    residuals: FloatArray
+    outliers: NDArray[np.bool_]
+    covariance: FloatArray
+    noise_std: float
+    p_flange_tool: FloatArray | None
+    swapped: NDArray[np.intp]
+    hint: str = ""
+
+    @property
+    def tf_tracker_base(self) -> FloatArray:
+        """Maps base coordinates to the tracker frame: (4, 4) [mm]."""
+        return invert_transform(self.tf_base_tracker)
+
+    def apply(self, p_tracker: ArrayLike) -> FloatArray:
+        """Return points (n, 3) [mm] of the tracker frame in the base frame."""
+        return apply_transform(self.tf_base_tracker, as_rows("points", p_tracker, 3))
+
+    def outlier_rows(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the rows of the outliers, counted from 0, and the size of each residual [mm], largest first."""
+        rows = np.flatnonzero(self.outliers)
+        size = np.linalg.norm(self.residuals[rows], axis=1)
+        order = np.argsort(-size, kind="stable")
+        return rows[order], size[order]
+
+
+def register(p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True, random_state: int = 0) -> Registration:
+    """Fit the tracker's station: the rigid transform that takes measured positions to commanded ones.
+
+    Least squares (Kabsch, Umeyama 1991); with `robust`, on the readings that are no outliers: a start from random
+    subsets (least quantile of squares), reweighting with Tukey's biweight, and at last least squares on all readings
+    within `OUTLIER_LIMIT` robust standard deviations.
+
+    Parameters
+    ----------
+    p_commanded : (n, 3) array [mm], base frame
+        Commanded positions of the TCP, n >= 3.
+    p_measured : (n, 3) array [mm], tracker frame
+    robust : bool
+        Find outliers (up to nearly half of the readings) and leave them out.
+    random_state : int
+        Seed of the subsets.
+
+    Returns
+    -------
+    Registration
+        With a covariance of (6, 6).
+
+    Raises
+    ------
+    DataError
+        For wrong shapes, NaN, fewer than 3 points, positions in another unit, a mirrored axis, rows that do not belong
+        together.
+    IdentifiabilityError
+        If the points lie on a line.
+
+    Notes
+    -----
+    Errors of the tool in `p_commanded` are seen as residuals when the orientation changes: use `register_with_tool`
+    then.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> p_commanded = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100.0]])
+    >>> register(p_commanded, p_commanded + [10, 20, 30]).tf_base_tracker[:3, 3].round(6)
+    array([-10., -20., -30.])
+    """
+    commanded = as_rows("p_commanded", p_commanded, 3)
+    measured = as_rows("p_measured", p_measured, 3)
+    _check_count(len(commanded), len(measured), MINIMAL)
+    check_units(commanded, measured, ("m", "cm", "in"), tolerance=1.25)
+    return _register(Poses(commanded, measured), None, robust, random_state)
+
+
+def register_with_tool(
+    tf_base_flange: ArrayLike,
+    p_measured: ArrayLike,
+    p_flange_tool: ArrayLike | None = None,
+    robust: bool = True,
+    random_state: int = 0,
+) -> Registration:
+    """Fit the tracker's station and the reflector's position in the flange frame together.
+
+    Parameters
+    ----------
+    tf_base_flange : (n, 4, 4) array [mm]
+        Commanded flange poses, n >= 5; the flange must turn about at least two axes among them.
+    p_measured : (n, 3) array [mm], tracker frame
+    p_flange_tool : (3,) array [mm], flange frame, optional
+        A guess of the tool offset. It adds a start; the result does not depend on it.
+    robust : bool
+        As in `register`.
+    random_state : int
+        Seed of the subsets.
+
+    Returns
+    -------
+    Registration
+        With the tool in `p_flange_tool` and a covariance of (9, 9).
+
+    Raises
+    ------
+    DataError
+        As `register`, and for transforms that are none.
+    IdentifiabilityError
+        If the poses cannot separate station and tool; the directions are named.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.spatial.transform import Rotation
+    >>> rng = np.random.default_rng(0)
+    >>> flange = make_transform(Rotation.random(10, rng=rng), rng.uniform(-500, 500, (10, 3)))
+    >>> reading = apply_transform(flange, np.array([10.0, 20.0, 150.0])) - [1000, 0, 0]
+    >>> register_with_tool(flange, reading).p_flange_tool.round(6)
+    array([ 10.,  20., 150.])
+    """
+    flange = check_transforms("tf_base_flange", tf_base_flange, single=False)
+    measured = as_rows("p_measured", p_measured, 3)
+    _check_count(len(flange), len(measured), MINIMAL_LINEAR)
+    check_units(flange[:, :3, 3], measured, ("m",), tolerance=5.0)  # the tool makes the one larger
+    guess = None
+    if p_flange_tool is not None:
+        guess = as_floats("p_flange_tool", p_flange_tool)
+        if guess.shape != (3,):
+            raise DataError(f"p_flange_tool has shape {guess.shape}, expected (3,)")
+        check_finite("p_flange_tool", guess[None])
+    return _register(Poses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, random_state)
+
+
+def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
+    if n_commanded != n_measured:
+        raise DataError(f"{n_commanded} commanded and {n_measured} measured positions; expected one reading for each")
+    if n_commanded < least:
+        raise DataError(f"{n_commanded} readings are too few to register, expected at least {least}, better 20 or more")
+
+
+def _register(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, random_state: int) -> Registration:
+    floor = _ROUNDING * max(np.abs(poses.p_commanded).max(), np.abs(poses.p_measured).max(), np.finfo(float).tiny)
+    station, outliers = _fit(poses, p_flange_tool, robust, floor, random_state)
+    inliers = poses[~outliers]
+    check_identifiable(inliers, station)
+
+    def refit(other: Poses) -> float:
+        return float(np.median(_fit(other, p_flange_tool, robust, floor, random_state)[0].norms(other)))
+
+    norms = station.norms(poses)
+    explain_misfit(poses, float(np.median(norms)), refit)
+    n_parameters = 6 if poses.rotations is None else 9
+    freedom = 3 * len(inliers.p_measured) - n_parameters
+    noise_std = float(np.sqrt((norms[~outliers] ** 2).sum() / freedom)) if freedom else 0.0
+    limit = OUTLIER_LIMIT * max(noise_std, floor)
+    check_identifiable(inliers, station, noise_std, limit=spread(poses.p_measured))
+    swapped = find_swapped(station.tcp(poses), station.measured(poses), outliers, limit)
+    return Registration(
+        tf_base_tracker=make_transform(station.rotation, station.translation),
+        residuals=station.residuals(poses),
+        outliers=outliers,
+        covariance=covariance(inliers, station, noise_std),
+        noise_std=noise_std,
+        p_flange_tool=None if poses.rotations is None else station.p_flange_tool,
+        swapped=swapped,
+        hint="; ".join(filter(None, (write_hint(outliers, swapped), weak_hint(inliers, station, noise_std)))),
+    )
+
+
+def _fit(
+    poses: Poses, p_flange_tool: FloatArray | None, robust: bool, floor: float, random_state: int
+) -> tuple[Station, NDArray[np.bool_]]:
+    """Return the least-squares station and the outliers left out of it (MM-estimation, Yohai 1987, for the latter)."""
+    n = len(poses.p_measured)
+    station = start(poses, p_flange_tool, robust, np.random.default_rng(random_state))
+    outliers = np.zeros(n, dtype=np.bool_)
+    if robust:
+        norms = station.norms(poses)
+        for _ in range(_REWEIGHTINGS):
+            scale = robust_scale(norms, MINIMAL, floor)
+            station = refine(poses, tukey_weights(norms, scale), station, steps=2)
+            before, norms = norms, station.norms(poses)
+            if np.abs(norms - before).max() <= 1e-6 * scale:
+                break
+        outliers = norms > OUTLIER_LIMIT * robust_scale(norms, MINIMAL, floor)
+    return refine(poses, np.where(outliers, 0.0, 1.0), station), outliers
