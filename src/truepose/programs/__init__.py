@@ -1,0 +1,16 @@
+"""Robot programs: read as targets, corrected in place, byte-exact."""
+
+from truepose.programs.correct import CorrectedProgram, Corrector, Outcome, correct_program, read_program
+from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
+
+__all__ = [
+    "CorrectedProgram",
+    "Corrector",
+    "FrameTable",
+    "Outcome",
+    "Program",
+    "ReadOptions",
+    "Target",
+    "correct_program",
+    "read_program",
+]

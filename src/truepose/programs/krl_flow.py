@@ -1,0 +1,286 @@
+"""Which tool and base may be in force at a motion: the program's ways through, followed for constants.
+
+Nodes are pieces of program between two changes; an edge is a way that control may take. Each node has the set of values
+that may have reached it for $TOOL, $BASE, $IPO_MODE and FDAT_ACT. One value in the set: it is in force. Two: it depends
+on the way through the program, and nothing is guessed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
+
+
+class InForce(NamedTuple):
+    """A tool or base that may be in force.
+
+    Attributes
+    ----------
+    kind : {"number", "literal", "unset", "call", "unknown"}
+    text : str
+        As the program says it, or why it is not known.
+    number : int, optional
+        Of TOOL_DATA or BASE_DATA.
+    pose : tuple of 6 float, optional
+        X, Y, Z [mm], A, B, C [deg] of a literal.
+    """
+
+    kind: Literal["number", "literal", "unset", "call", "unknown"]
+    text: str
+    number: int | None = None
+    pose: tuple[float, ...] | None = None
+
+
+class Frames(NamedTuple):
+    """What an FDAT names: tool, base, and who carries the workpiece ("BASE", "TCP", or a reason why not known)."""
+
+    tool: InForce
+    base: InForce
+    ipo: str
+
+
+class State(NamedTuple):
+    """All that may be in force at a node."""
+
+    tool: frozenset[InForce]
+    base: frozenset[InForce]
+    ipo: frozenset[str]
+    fdat: frozenset[Frames]
+
+    def join(self, other: State) -> State:
+        """Return what may be in force where two ways meet."""
+        return State(self.tool | other.tool, self.base | other.base, self.ipo | other.ipo, self.fdat | other.fdat)
+
+
+UNSET: Final = InForce("unset", "the program sets none")
+NO_FDAT: Final = Frames(InForce("unknown", "FDAT_ACT is not set"), InForce("unknown", "FDAT_ACT is not set"), "BASE")
+NOWHERE: Final = State(frozenset(), frozenset(), frozenset(), frozenset())
+START: Final = State(frozenset([UNSET]), frozenset([UNSET]), frozenset(["BASE"]), frozenset([NO_FDAT]))
+
+
+@dataclass(slots=True)
+class _Node:
+    changes: dict[str, frozenset[object]] = field(default_factory=dict)
+    applies_fdat: bool = False
+    followers: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Block:
+    kind: str
+    line: int
+    entry: int
+    exits: list[int] = field(default_factory=list)
+    complete: bool = False
+
+
+class Structure(Exception):  # noqa: N818 - becomes a FileError where file and line are known
+    """A block that is closed but not open, or left open."""
+
+
+class Flow:
+    """The graph of one module; built statement by statement, then solved.
+
+    The methods are called in the order of the text. `node` is where control is now.
+    """
+
+    def __init__(self) -> None:
+        self.node = 0
+        self._nodes: list[_Node] = []
+        self._blocks: list[_Block] = []
+        self._routines: dict[str, tuple[int, list[int]]] = {}
+        self._last: dict[str, int] = {}
+        self._calls: list[tuple[str, int, int, str]] = []
+        self._labels: dict[str, int] = {}
+        self._gotos: list[tuple[str, int]] = []
+        self._open: set[int] = set()
+        self._exits: list[int] = []
+        self._routine = ""
+        self.handlers: list[str] = []
+        self.states: list[State] = []
+        self._new()
+        self._open.add(0)
+
+    def _new(self, *before: int) -> int:
+        self._nodes.append(_Node())
+        self.node = len(self._nodes) - 1
+        for node in before:
+            self._nodes[node].followers.append(self.node)
+        return self.node
+
+    def _advance(self) -> int:
+        """Start a node behind the present one."""
+        return self._new(self.node)
+
+    def begin_routine(self, name: str, *, outside: bool) -> None:
+        """Enter DEF; `outside` if other modules may call it."""
+        if name in self._routines:
+            raise Structure(f"{name} is defined twice; give one another name")
+        entry = self._new()
+        self._routine, self._exits = name, []
+        self._routines[name] = (entry, self._exits)
+        self._labels, self._gotos = {}, []
+        if outside:
+            self._open.add(entry)
+        self._advance()
+
+    def end_routine(self) -> None:
+        """Leave at END."""
+        if self._blocks:
+            block = self._blocks[-1]
+            raise Structure(f"{block.kind} of line {block.line} is not closed")
+        self._exits.append(self.node)
+        for label, node in self._gotos:
+            if label not in self._labels:
+                raise Structure(f"GOTO {label}: there is no such label in {self._routine or 'this program'}")
+            self._nodes[node].followers.append(self._labels[label])
+        self._gotos = []
+        self._last[self._routine] = self.node
+        self._new()
+
+    def change(self, **values: object) -> None:
+        """Set tool, base, ipo or fdat to one value from here on."""
+        self._advance()
+        self._nodes[self.node].changes = {name: frozenset([value]) for name, value in values.items()}
+
+    def apply_fdat(self) -> None:
+        """Take tool, base and ipo from FDAT_ACT."""
+        self._advance()
+        self._nodes[self.node].applies_fdat = True
+
+    def call(self, name: str, text: str) -> None:
+        """Call a subprogram; whether it is in this file turns out at the end. `text` says so where it is not."""
+        before = self.node
+        after = self._new()
+        self._calls.append((name, before, after, text))
+
+    def begin(self, kind: str, line: int) -> None:
+        """Open IF, SWITCH or a loop."""
+        before = self.node
+        entry = self._advance()
+        self._blocks.append(_Block(kind, line, before if kind in ("IF", "SWITCH") else entry))
+
+    def branch(self, kind: str, *, last: bool) -> None:
+        """Begin ELSE (last), CASE, or DEFAULT (last)."""
+        block = self._top(kind, "IF" if kind == "ELSE" else "SWITCH")
+        block.exits.append(self.node)
+        block.complete = block.complete or last
+        self._new(block.entry)
+
+    def end(self, kind: str, opener: str) -> None:
+        """Close a block."""
+        block = self._top(kind, opener)
+        self._blocks.pop()
+        last = self.node
+        if opener in ("IF", "SWITCH"):
+            self._new(last, *block.exits, *([] if block.complete else [block.entry]))
+        else:
+            self._nodes[last].followers.append(block.entry)
+            # FOR and WHILE may run not at all; LOOP ends by EXIT only, yet what follows it is reached by text
+            self._new(last, block.entry, *block.exits)
+
+    def _top(self, kind: str, opener: str) -> _Block:
+        if not self._blocks or self._blocks[-1].kind != opener:
+            raise Structure(f"{kind} without {opener}")
+        return self._blocks[-1]
+
+    def exit(self) -> None:
+        """Leave the innermost loop."""
+        for block in reversed(self._blocks):
+            if block.kind not in ("IF", "SWITCH"):
+                block.exits.append(self.node)
+                self._new()
+                break
+
+    def leave(self) -> None:
+        """RETURN or RESUME."""
+        self._exits.append(self.node)
+        self._new()
+
+    def label(self, name: str) -> None:
+        """Note a target of GOTO."""
+        self._labels[name] = self._advance()
+
+    def goto(self, name: str) -> None:
+        """Jump within the routine."""
+        self._gotos.append((name, self.node))
+        self._new()
+
+    def solve(self) -> State:
+        """Follow all ways until nothing new arrives; return what interrupt handlers may set, which holds everywhere."""
+        called, changing = set(), self._changing()
+        for name, before, after, text in self._calls:
+            if name in self._routines:
+                entry, exits = self._routines[name]
+                called.add(entry)
+                self._nodes[before].followers.append(entry)
+                # one that changes nothing hands back to each caller what that caller had
+                for node in exits if name in changing else [before]:
+                    self._nodes[node].followers.append(after)
+            else:
+                self._nodes[before].followers.append(after)
+                if text:
+                    unknown = InForce("call", text)
+                    frames = Frames(unknown, unknown, "BASE")
+                    self._nodes[after].changes = {
+                        "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
+                    }  # fmt: skip
+        entries = {entry for entry, _ in self._routines.values()}
+        self.states = [NOWHERE] * len(self._nodes)
+        before_node = [NOWHERE] * len(self._nodes)
+        waiting = [(node, START) for node in (self._open | entries - called)]
+        while waiting:
+            node, state = waiting.pop()
+            joined = before_node[node].join(state)
+            if joined == before_node[node]:
+                continue
+            before_node[node] = joined
+            self.states[node] = out = self._transfer(node, joined)
+            waiting += [(follower, out) for follower in self._nodes[node].followers]
+        return self._ambient()
+
+    def _changing(self) -> set[str]:
+        """Return the routines of this file that may change what is in force, by themselves or by what they call."""
+        ranges = {name: (entry, self._last.get(name, len(self._nodes))) for name, (entry, _) in self._routines.items()}
+        changing = {
+            name
+            for name, (first, last) in ranges.items()
+            if any(node.changes or node.applies_fdat for node in self._nodes[first : last + 1])
+        }
+        owners = [
+            (name, called, bool(text) and called not in self._routines)
+            for called, before, _, text in self._calls
+            for name, (first, last) in ranges.items()
+            if first <= before <= last
+        ]
+        changing |= {name for name, _, unknown in owners if unknown}
+        size = -1
+        while size != len(changing):
+            size = len(changing)
+            changing |= {name for name, called, _ in owners if called in changing}
+        return changing
+
+    def _transfer(self, node: int, state: State) -> State:
+        piece = self._nodes[node]
+        if piece.applies_fdat:
+            return State(
+                frozenset(f.tool for f in state.fdat),
+                frozenset(f.base for f in state.fdat),
+                frozenset(f.ipo for f in state.fdat),
+                state.fdat,
+            )
+        return state._replace(**piece.changes) if piece.changes else state  # type: ignore[arg-type]
+
+    def _ambient(self) -> State:
+        tool: set[InForce] = set()
+        base: set[InForce] = set()
+        for name in self.handlers:
+            if name not in self._routines:
+                unknown = InForce("call", f"the interrupt program {name}() is not in this file")
+                tool.add(unknown)
+                base.add(unknown)
+                continue
+            for node in self._routines[name][1]:
+                tool |= self.states[node].tool - {UNSET}
+                base |= self.states[node].base - {UNSET}
+        return State(frozenset(tool), frozenset(base), frozenset(), frozenset())

@@ -1,0 +1,48 @@
+"""KRL's vocabulary, as far as it matters for targets."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+MOTIONS: Final = _words("PTP LIN CIRC SPTP SLIN SCIRC SPL")
+CIRCLES: Final = _words("CIRC SCIRC")
+RELATIVE: Final = frozenset(word + "_REL" for word in MOTIONS)
+JOINT_MOTIONS: Final = _words("ASYPTP")
+DECLARE: Final = _words("DECL GLOBAL CONST IMPORT")
+TYPES: Final = _words("INT REAL BOOL CHAR POS E6POS FRAME AXIS E6AXIS FDAT LDAT PDAT LOAD")
+"""Types that may be declared without DECL."""
+WITHOUT_USE: Final = _words("SIGNAL ENUM STRUC EXT EXTFCT CHANNEL")
+"""Statements that declare names and use none."""
+OTHER_STATEMENTS: Final = _words(
+    """WAIT INTERRUPT TRIGGER PULSE HALT CONTINUE BRAKE ANIN ANOUT TIME_BLOCK CONST_VEL STOP ERR_RAISE ON_ERROR_PROCEED
+    ASYSTOP ASYCONT ASYCANCEL CONFIRM SYNC NOT"""
+)
+"""Statements whose word is followed by an operand and that are no motion."""
+KEEPS_FRAMES: Final = _words(
+    """IF THEN ELSE WHILE UNTIL FOR TO STEP AND OR NOT EXOR B_AND B_OR B_EXOR B_NOT SWITCH CASE RETURN WAIT SEC DO WHEN
+    PRIO ABS SIN COS TAN ACOS ASIN ATAN ATAN2 SQRT INV_POS FORWARD INVERSE COPEN CCLOSE CREAD CWRITE CIOCTL SREAD SWRITE
+    CAST_TO CAST_FROM EOF PULSE STRADD STRCLEAR STRCOMP STRCOPY STRDECLLEN STRFIND STRLEN STRTOBOOL STRTOINT STRTOREAL
+    STRTOFRAME STRTOPOS STRTOAXIS STRTOE6POS STRTOE6AXIS VARSTATE VARTYPE FRAND TIMER EXISTS_KRLMSG EXISTS_KRLDLG
+    SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG MSGNOTIFY MSGQUIT MSGSTATE MSGDIALOG MSGLOG IR_STOPM"""
+)
+"""Words before a parenthesis after which tool and base are what they were: the language's own, common messages."""
+
+IDENTIFIER: Final = re.compile(
+    rb"\"[^\"]*+\"|'[^'\r\n]*+'|#[ \t]*+\w+|\.[ \t]*+[A-Za-z_]\w*+"
+    rb"|(?<!\w)([A-Za-z_$][\w$]*+)[ \t]*+(\(|\[[ \t]*+[\d, \t]+\]|\[)?+"
+)
+"""A name, and what follows it; texts, enumerations and components are passed over."""
+STRAY_MOTION: Final = re.compile(
+    rb"\"[^\"]*+\"|(?<![\w$#.'])(S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL(?:_REL)?)(?=[ \t]*\{|[ \t]+[A-Za-z_$])", re.I
+)
+"""A motion word before an operand."""
+FRAME_CHANGE: Final = re.compile(rb"\$(?:TOOL|BASE)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
+"""$TOOL or $BASE set inside another statement."""
+APPROACH: Final = re.compile(rb"(?:[ \t]++C_(?:PTP|DIS|VEL|ORI|SPL)\b)+[ \t]*\Z", re.I)
+"""How a motion ends."""

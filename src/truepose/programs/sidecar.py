@@ -1,0 +1,155 @@
+"""The record that stands beside a corrected program: what was done to each target, and the hashes of both versions.
+
+By the hashes a program that is corrected already is known again, and refused: errors would be corrected twice.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import hashlib
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from truepose import files
+from truepose.errors import FileError, RefusedError
+
+if TYPE_CHECKING:
+    from truepose.programs.correct import CorrectedProgram, Outcome
+    from truepose.programs.targets import FloatArray, Program
+
+FORMAT: Final = "truepose corrections"
+SCHEMA: Final = 1
+_SUFFIX: Final = ".corrections.json"
+_COLUMNS: Final = (
+    "file line name motion frame tool status turn x_mm y_mm z_mm x_after_mm y_after_mm z_after_mm "
+    "ex_mm ey_mm ez_mm sx_mm sy_mm sz_mm verdict reason"
+)
+
+
+def record(corrected: CorrectedProgram) -> dict[str, Any]:
+    """Return the record of a correction, for JSON: None stands where there is no number.
+
+    Positions and corrections are in each target's own frame, predicted errors and deviations in the base frame.
+    """
+    return {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "program": str(corrected.program.path),
+        "files": [
+            {
+                "file": str(source.path),
+                "sha256_before": source.sha256,
+                "sha256_after": hashlib.sha256(corrected.files[source.path]).hexdigest(),
+            }
+            for source in corrected.program.sources
+        ],
+        "map_sha256": corrected.map_hash,
+        "on_guard": corrected.on_guard,
+        "resolution_mm": corrected.resolution,
+        "summary": corrected.summary(),
+        "targets": [_target(outcome) for outcome in corrected.targets],
+    }
+
+
+def to_csv(corrected: CorrectedProgram) -> str:
+    """Return one line per target."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_COLUMNS.split())
+    for outcome in corrected.targets:
+        row = _target(outcome)
+        numbers = [*row["before_mm"], *row["after_mm"], *row["e_mm"], *row["std_xyz_mm"]]
+        head = [row[key] for key in ("file", "line", "name", "motion", "frame", "tool", "status", "turn")]
+        writer.writerow([*head, *numbers, row["verdict"], row["reason"]])
+    return out.getvalue()
+
+
+def write(corrected: CorrectedProgram, out_dir: Path) -> list[Path]:
+    """Write the program's files and the record; see `CorrectedProgram.write`."""
+    stem = corrected.program.path.stem
+    contents: dict[Path, bytes | str] = {out_dir / path.name: data for path, data in corrected.files.items()}
+    contents[out_dir / f"{stem}{_SUFFIX}"] = json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n"
+    contents[out_dir / f"{stem}.corrections.csv"] = to_csv(corrected)
+    new: list[Path] = []
+    try:
+        for path in contents:
+            if path.exists() and any(path.samefile(s.path) for s in corrected.program.sources):
+                raise FileError(path, "is the program itself; choose another output folder")
+        for path, data in contents.items():
+            if not path.exists():
+                new.append(path)
+            files.write_atomic(path, data)
+    except OSError as error:
+        raise FileError(
+            out_dir, f"cannot be written: {error.strerror or error}; choose another output folder"
+        ) from None
+    except FileError:
+        for path in new:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+        raise
+    return list(contents)
+
+
+def check_not_corrected(program: Program) -> None:
+    """Refuse a program that a record beside it names as a result.
+
+    Raises
+    ------
+    RefusedError
+        If a file of it is what a correction changed.
+    FileError
+        If a record cannot be read: nobody knows then.
+    """
+    hashes = {source.sha256: source.path for source in program.sources}
+    for folder in {source.path.parent for source in program.sources}:
+        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+            for before, after in _hashes(path):
+                if before != after and after in hashes:
+                    raise RefusedError(
+                        f"{hashes[after]}: was corrected already, says {path.name}; its errors would be corrected twice: "
+                        "correct the original"
+                    )
+
+
+def _hashes(path: Path) -> list[tuple[str, str]]:
+    try:
+        entries = json.loads(files.read_text(path))["files"]
+        return [(entry["sha256_before"], entry["sha256_after"]) for entry in entries]
+    except FileError:
+        raise
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise FileError(path, "is no readable record of corrections; move it away if it is not one") from None
+
+
+def _target(outcome: Outcome) -> dict[str, Any]:
+    target = outcome.target
+    uses = ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in target.uses.items())
+    known = bool(np.isfinite(outcome.std).all())
+    return {
+        "file": str(target.path),
+        "line": target.line,
+        "name": target.name,
+        "motion": uses,
+        "frame": target.frame,
+        "tool": target.tool,
+        "status": target.status,
+        "turn": target.turn,
+        "before_mm": _numbers(outcome.p_before),
+        "after_mm": _numbers(outcome.p_after),
+        "correction_mm": _numbers(outcome.correction),
+        "e_mm": _numbers(outcome.e),
+        "std_xyz_mm": _numbers(outcome.std),
+        "std_mm": round(float(np.linalg.norm(outcome.std)), 6) if known else None,
+        "verdict": outcome.verdict,
+        "reason": outcome.reason,
+    }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [round(float(value), 6) if np.isfinite(value) else None for value in values]

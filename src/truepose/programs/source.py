@@ -1,0 +1,257 @@
+"""Programs as bytes: positions and lines, patches in place, and the proof that nothing else changed.
+
+A dialect gives its lexer: a compiled pattern over bytes, without groups, that matches at every byte of any file and
+never across a line end. So the tokens joined are the file again, and two versions compare token by token.
+"""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from itertools import accumulate
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+from truepose import files
+from truepose.errors import FileError, RefusedError
+
+Span = tuple[int, int]
+NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+(?![\w.])"
+"""Pattern of a number that nothing adheres to: `1.2.3` is none."""
+LARGEST: Final = 1e6
+"""A coordinate [mm] or an angle [deg] beyond this is a mistake."""
+
+_NUMBER = re.compile(NUMBER)
+_LONGEST = 40  # digits of a number; 17 say everything about a double
+_LINE_END = re.compile(rb"\r\n|\n|\r")
+_CHUNK = 1 << 20
+_CONTEXT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    r"""One file of a program, as it is on disk.
+
+    Parameters
+    ----------
+    path : Path
+        As the user named it.
+    data : bytes
+
+    Examples
+    --------
+    >>> Source(Path("a.src"), b"DEF a()\r\nLIN P1\rEND").line(16)
+    3
+    """
+
+    path: Path
+    data: bytes
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read a file; see `truepose.files.read_bytes` for the errors."""
+        return cls(Path(path), files.read_bytes(path))
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the file's bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @cached_property
+    def _line_starts(self) -> list[int]:
+        return [0, *(m.end() for m in _LINE_END.finditer(self.data))]
+
+    def line(self, offset: int) -> int:
+        """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
+        return bisect.bisect_right(self._line_starts, offset)
+
+    def error(self, line: int, message: str) -> FileError:
+        """Return an error that names the file and a line."""
+        return FileError(self.path, message, line=line)
+
+
+class Patch(NamedTuple):
+    """The bytes from `start` to `end` become `replacement`."""
+
+    start: int
+    end: int
+    replacement: bytes
+
+
+def parse_number(token: bytes) -> float:
+    """Return the value of a number token.
+
+    Raises
+    ------
+    ValueError
+        With a message, if it is broken, longer than any real number, or not finite and below `LARGEST`.
+    """
+    shown = token[:20].decode("latin-1") + ("…" if len(token) > 20 else "")
+    if len(token) > _LONGEST:
+        raise ValueError(f"number {shown} has {len(token)} characters, at most {_LONGEST} were expected")
+    if not _NUMBER.fullmatch(token):
+        raise ValueError(f"{shown} is not a number")
+    value = float(token)
+    if not abs(value) <= LARGEST:
+        raise ValueError(f"number {shown} is beyond {LARGEST:g}: no position or angle")
+    return value
+
+
+def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes:
+    """Return a number token moved by `delta`, in the style of the original.
+
+    Decimals are kept, and gained where the correction needs them at the resolution. A token keeps an explicit plus and
+    a missing leading zero; leading blanks, where the caller takes them as part of the column, take up the change of
+    width. An exponent becomes plain decimals. The token itself comes back when the change is none at the resolution.
+
+    Parameters
+    ----------
+    token : bytes
+        The number, with blanks in front where a column is to be kept.
+    delta : float
+        In the token's unit.
+    resolution : float
+        Step that a correction is rounded to, unless the token is finer.
+
+    Examples
+    --------
+    >>> format_number(b"300", 0.25), format_number(b"-0.0", 0.0), format_number(b"-40.250000", 0.1234567)
+    (b'300.25', b'-0.0', b'-40.126543')
+    """
+    if round(delta / resolution) == 0:
+        return token
+    number = token.lstrip()
+    digits, _, exponent = number.lower().partition(b"e")
+    kept = 0 if exponent else len(digits.partition(b".")[2])
+    coarse = Decimal(repr(resolution))
+    step = min(Decimal(1).scaleb(-kept), coarse)
+    value = (Decimal(number.decode()) + Decimal(repr(delta))) / step
+    value = value.to_integral_value() * step
+    if value == 0:
+        value = abs(value)
+    text = f"{value:f}"
+    whole, _, fraction = text.partition(".")
+    fraction = fraction.rstrip("0").ljust(kept, "0")
+    if re.match(rb"[+-]?\.", digits) and whole in ("0", "-0"):
+        whole = whole[:-1]
+    sign = "+" if number.startswith(b"+") and value >= 0 else ""
+    written = f"{sign}{whole}.{fraction}" if fraction else f"{sign}{whole}"
+    blanks = len(token) - len(number)
+    return written.encode().rjust(len(token)) if len(written) < len(token) else b" " * min(blanks, 1) + written.encode()
+
+
+def apply_patches(data: bytes, patches: Sequence[Patch]) -> bytes:
+    """Return the bytes with the patches in place, by position.
+
+    Raises
+    ------
+    ValueError
+        If patches overlap or lie outside.
+    """
+    parts, done = [], 0
+    for start, end, replacement in sorted(patches):
+        if not done <= start <= end <= len(data):
+            raise ValueError(f"patch of bytes {start} to {end} overlaps another or lies outside")
+        parts += [data[done:start], replacement]
+        done = end
+    return b"".join([*parts, data[done:]])
+
+
+def prove(original: Source, patched: bytes, patches: Sequence[Patch], lexer: re.Pattern[bytes]) -> None:
+    """Read the patched program again and require every token outside the patches to be as it was.
+
+    Parameters
+    ----------
+    original : Source
+    patched : bytes
+    patches : sequence of Patch
+    lexer : pattern
+        Of the dialect; see the module.
+
+    Raises
+    ------
+    RefusedError
+        If a token changed that is not a corrected number, or tokens were joined or split.
+    """
+    patches = sorted(patches)
+    k = 0
+    for start, old, new in _chunks(original.data, patched, patches):
+        before, after = lexer.findall(old), lexer.findall(new)
+        if before == after:
+            continue
+        changed = [i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]
+        starts = list(accumulate(map(len, before), initial=start))
+        if len(before) != len(after):
+            raise _unproven(original, starts[changed[0]] if changed else start, "the number of words changed")
+        for i in changed:
+            while k < len(patches) and patches[k].end <= starts[i]:
+                k += 1
+            inside = k < len(patches) and patches[k].start <= starts[i] and starts[i + 1] <= patches[k].end
+            if not inside or not (_both(_NUMBER, before[i], after[i]) or not (before[i] + after[i]).strip(b" \t")):
+                raise _unproven(original, starts[i], f"{before[i]!r} became {after[i]!r}")
+
+
+def _chunks(original: bytes, patched: bytes, patches: Sequence[Patch]) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield the two versions in pieces that end at a line end, each with its start in the original."""
+    start = shift = k = 0
+    while start < len(original) or start + shift < len(patched):
+        found = _LINE_END.search(original, start + _CHUNK)
+        end, begin = (found.end() if found else len(original)), start + shift
+        while k < len(patches) and patches[k].start < end:
+            shift += len(patches[k].replacement) - (patches[k].end - patches[k].start)
+            k += 1
+        yield start, original[start:end], patched[begin : end + shift if found else len(patched)]
+        start = end
+        if not found:
+            return
+
+
+def _both(pattern: re.Pattern[bytes], a: bytes, b: bytes) -> bool:
+    return pattern.fullmatch(a) is not None and pattern.fullmatch(b) is not None
+
+
+def _unproven(source: Source, offset: int, what: str) -> RefusedError:
+    return RefusedError(
+        f"{source.path}:{source.line(offset)}: the proof failed that only corrected numbers change ({what}); "
+        "nothing was written; please report this program"
+    )
+
+
+def unified_diff(path: Path, original: bytes, patched: bytes) -> str:
+    """Return a unified diff of two versions that have the same lines one by one, decoded as latin-1; empty if equal."""
+    old, new = original.splitlines(keepends=True), patched.splitlines(keepends=True)
+    changed = [i for i, (a, b) in enumerate(zip(old, new, strict=True)) if a != b]
+    if not changed:
+        return ""
+    hunks: list[list[int]] = []
+    for i in changed:
+        first, last = max(0, i - _CONTEXT), min(len(old), i + _CONTEXT + 1)
+        if hunks and first <= hunks[-1][1]:
+            hunks[-1][1] = last
+        else:
+            hunks.append([first, last])
+    lines = [f"--- {path}\n", f"+++ {path} (corrected)\n"]
+    for first, last in hunks:
+        lines.append(f"@@ -{first + 1},{last - first} +{first + 1},{last - first} @@\n")
+        i = first
+        while i < last:
+            run = i
+            while run < last and old[run] != new[run]:
+                run += 1
+            lines += [_diff_line("-", line) for line in old[i:run]] + [_diff_line("+", line) for line in new[i:run]]
+            if run < last:
+                lines.append(_diff_line(" ", old[run]))
+            i = run + 1
+    return "".join(lines)
+
+
+def _diff_line(mark: str, line: bytes) -> str:
+    text = line.decode("latin-1")
+    return mark + (
+        text.rstrip("\r\n") + "\n" if text.endswith(("\r", "\n")) else text + "\n\\ No newline at end of file\n"
+    )
