@@ -1,6 +1,21 @@
 """Robots: chains, the library of nominal robots, URDF, inverse kinematics, KUKA's Status and Turn."""
 
 from truepose.robots.chain import Robot
+from truepose.robots.convert import to_mdh
+from truepose.robots.inverse import nearest_branch
+from truepose.robots.kuka import joints_of_pose, select, status_turn
 from truepose.robots.library import list_robots, load_robot, parse_robot
+from truepose.robots.urdf import load_urdf
 
-__all__ = ["Robot", "list_robots", "load_robot", "parse_robot"]
+__all__ = [
+    "Robot",
+    "joints_of_pose",
+    "list_robots",
+    "load_robot",
+    "load_urdf",
+    "nearest_branch",
+    "parse_robot",
+    "select",
+    "status_turn",
+    "to_mdh",
+]
