@@ -1,0 +1,267 @@
+"""Readings and plan joined into samples: missing, doubled, swapped and gross readings are found and named."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import DataError
+from truepose.geometry.transforms import apply_transform
+from truepose.samples import Poses, Samples, check
+from truepose.trackers.assignment import Assignment, assign
+from truepose.trackers.readings import Readings
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_REPEAT_MM: Final = 1.0
+_FEWEST_REPEATS: Final = 5  # for a standard deviation that may be called one
+_UNITS: Final = {1e-3: "metres", 1 / 25.4: "inches", 0.1: "centimetres"}
+
+
+@dataclass(frozen=True)
+class ImportSummary:
+    """What an import understood, for people and for ``--json``.
+
+    Attributes
+    ----------
+    layout, unit, frame, source : str
+        What the file was recognised as and says of itself.
+    readings, plan, samples : int
+        Counts: readings in the file, rows of the plan, samples made of them.
+    averaged : int
+        Readings that were a repeat of another and went into its mean.
+    missing, reordered, outliers : tuple of int
+        Rows of the plan without a reading; read in another order; with a residual outside the gate (kept, but named).
+    scatter_mm : float, optional
+        Standard deviation of repeats, per axis, pooled.
+    median_mm, max_mm : float [mm]
+        Residuals after a rigid registration. The tool is not fitted here, so its error is part of them.
+    """
+
+    layout: str
+    unit: str
+    frame: str
+    source: str
+    readings: int
+    plan: int
+    samples: int
+    averaged: int
+    missing: tuple[int, ...]
+    reordered: tuple[int, ...]
+    outliers: tuple[int, ...]
+    scatter_mm: float | None
+    median_mm: float
+    max_mm: float
+
+    def sentences(self) -> list[str]:
+        """Return the summary as sentences, the most important first."""
+        frame = f", frame {self.frame}" if self.frame else ""
+        lines = [
+            f"{self.source}: {self.layout}, lengths in {self.unit}{frame}.",
+            f"{self.readings} readings for {self.plan} rows of the plan gave {self.samples} samples.",
+        ]
+        if self.averaged:
+            scatter = (
+                ""
+                if self.scatter_mm is None
+                else f"; they scatter by {self.scatter_mm:.3g} mm (standard deviation per axis)"
+            )
+            lines.append(f"{self.averaged} readings repeat another and were averaged with it{scatter}.")
+        for rows, what in (
+            (self.missing, "have no reading and were left out"),
+            (self.reordered, "were read in another order and put back"),
+            (self.outliers, "lie far from where the others put them; look at them"),
+        ):
+            if rows:
+                lines.append(f"Rows {', '.join(map(str, rows))} {what}.")
+        residuals = f"median {self.median_mm:.3g} mm, at most {self.max_mm:.3g} mm"
+        lines.append(f"Residuals after rigid registration, tool not fitted: {residuals}.")
+        return lines
+
+
+def match(
+    readings: Readings, plan: Poses, *, reorder: bool = False, missing: bool = False, repeat_mm: float = _REPEAT_MM
+) -> tuple[Samples, ImportSummary]:
+    """Join readings with the plan that they were taken after.
+
+    Parameters
+    ----------
+    readings : Readings
+    plan : Poses
+        With commanded positions.
+    reorder : bool
+        Accept rows that were read in another order than planned.
+    missing : bool
+        Accept rows without a reading, and leave them out.
+    repeat_mm : float [mm]
+        Readings nearer than this to another of the same row are repeats: averaged, and their scatter kept as `p_std`
+        where the file has none.
+
+    Returns
+    -------
+    samples : Samples
+        In the order of the plan.
+    summary : ImportSummary
+        What was understood on the way.
+
+    Raises
+    ------
+    DataError
+        If readings are missing or swapped and that was not allowed, if some fit no row, or if the file does not fit the
+        plan at all; with the rows or lines.
+    """
+    if plan.p_cmd is None:
+        raise plan.error("has no commanded positions (x_cmd_mm …); compute them from the joints and the robot first")
+    p_read = np.where(readings.missing[:, None], np.nan, readings.p)
+    count = f"{int((~readings.missing).sum())} readings for {len(plan)} rows of the plan"
+    if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
+        raise DataError(f"{readings.source}: {count}; at least 3 are needed to match them by distances")
+    _refuse_other_units(readings, plan.p_cmd)
+    try:
+        found = assign(plan.p_cmd, p_read, repeat_mm)
+    except DataError as error:
+        raise _stranger(readings, plan, str(error)) from None
+    fitting = (found.reading >= 0) & ~found.outlier
+    spread = float(np.sqrt(plan.p_cmd.var(axis=0).sum()))
+    if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
+        raise _stranger(readings, plan, f"only {int(fitting.sum())} fit a row under any one registration")
+    owner = found.owner
+    absent = found.reading < 0
+    moved = _moved(found)
+    extra = (owner < 0) & ~readings.missing
+    if extra.any():
+        strangers = f"{readings.lines(extra)} fit{'s' if extra.sum() == 1 else ''} no row"
+        raise DataError(f"{readings.source}: {count}; {strangers}; remove, or complete the plan")
+    if absent.any() and not missing:
+        remedy = "measure again, or allow missing rows"
+        raise DataError(f"{readings.source}: {count}; without a reading: {plan.rows(absent)}; {remedy}")
+    if moved.any() and not reorder:
+        described = _describe_moved(found, readings, plan, moved)
+        raise DataError(f"{readings.source}: {described}; correct the file, or allow reordering")
+    samples, scatter, averaged = _join(readings, plan[~absent], owner, np.flatnonzero(~absent))
+    check(samples)
+    rows = np.asarray(plan.row)
+    summary = ImportSummary(
+        layout=readings.layout,
+        unit=readings.unit,
+        frame=readings.frame,
+        source=readings.source,
+        readings=len(readings),
+        plan=len(plan),
+        samples=len(samples),
+        averaged=averaged,
+        missing=tuple(rows[absent].tolist()),
+        reordered=tuple(rows[moved].tolist()),
+        outliers=tuple(rows[found.outlier].tolist()),
+        scatter_mm=scatter,
+        median_mm=float(np.nanmedian(found.residual)),
+        max_mm=float(np.nanmax(found.residual)),
+    )
+    return samples, summary
+
+
+def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:
+    """Refuse readings whose distances among each other are those of the plan in another unit."""
+    p = readings.p[~readings.missing]
+    commanded, measured = (float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1))) for x in (p_cmd, p))
+    for factor, unit in _UNITS.items():
+        if commanded > 0 and abs(measured / commanded / factor - 1.0) < 0.2:
+            message = f"the readings spread {1 / factor:g} times less than the plan; {unit}? Export them in mm"
+            raise DataError(f"{readings.source}: {message}")
+
+
+def _stranger(readings: Readings, plan: Poses, why: str) -> DataError:
+    """Return the error for readings that do not fit the plan."""
+    count = int((~readings.missing).sum())
+    if count >= 2 * len(plan) and count % len(plan) == 0:
+        why = f"{count // len(plan)} for each row, and no repeats; several reflectors per pose? Keep one of them"
+    else:
+        why += "; is it this plan, in this order, and did the tracker stand still?"
+    return DataError(f"{readings.source}: {count} readings for {len(plan)} rows of the plan: {why}")
+
+
+def _moved(found: Assignment) -> NDArray[np.bool_]:
+    """Return the rows read out of order: the fewest without which the rest is in order, and those swapped with them."""
+    moved = np.zeros(len(found.reading), dtype=np.bool_)
+    rows = np.flatnonzero((found.reading >= 0) & ~found.outlier)
+    rank = np.argsort(np.argsort(found.reading[rows]))
+    out = np.setdiff1d(np.flatnonzero(rank != np.arange(len(rows))), _longest_increasing(rank))
+    partner = rank[out]
+    moved[rows[out]] = True
+    moved[rows[partner[rank[partner] == out]]] = True  # of two swapped neighbours only one is out of order
+    return moved
+
+
+def _longest_increasing(rank: IntArray) -> list[int]:
+    """Return the places of a longest increasing subsequence (Fredman 1975, Discrete Math. 11: patience sorting)."""
+    tops: list[int] = []  # the smallest value that ends a subsequence of each length, and its place
+    places: list[int] = []
+    before = [-1] * len(rank)
+    for place, value in enumerate(rank.tolist()):
+        length = bisect_left(tops, value)
+        before[place] = places[length - 1] if length else -1
+        tops[length : length + 1], places[length : length + 1] = [value], [place]
+    chain = [places[-1]] if places else []
+    while chain and before[chain[-1]] >= 0:
+        chain.append(before[chain[-1]])
+    return chain[::-1]
+
+
+def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: NDArray[np.bool_]) -> str:
+    """Say which rows were read out of order, on which lines; for two swapped, the residuals as read and exchanged."""
+    assert plan.p_cmd is not None
+    rows = np.flatnonzero(moved)
+    lines = readings.lines(found.reading[rows])
+    if len(rows) != 2:
+        return f"{plan.rows(rows)} {'was' if len(rows) == 1 else 'were'} read out of order ({lines})"
+    p_base = apply_transform(found.tf_base_tracker, readings.p[found.reading[rows[::-1]]])
+    as_read = np.linalg.norm(p_base - plan.p_cmd[rows], axis=1).max()
+    exchanged = found.residual[rows].max()
+    return f"{plan.rows(rows)} are swapped ({lines}; residual {as_read:.4g} mm as read, {exchanged:.3g} mm exchanged)"
+
+
+def _join(readings: Readings, plan: Poses, owner: IntArray, rows: IntArray) -> tuple[Samples, float | None, int]:
+    """Average the readings of each plan row; return the samples, the pooled scatter and how many were repeats."""
+    used = np.flatnonzero(owner >= 0)
+    group = np.searchsorted(rows, owner[used])
+    count = np.bincount(group, minlength=len(plan))
+    averaged = int((count - 1).sum())
+    p = _mean(readings.p[used], group, count)
+    variance = ((readings.p[used] - p[group]) ** 2).sum(axis=0) / averaged if averaged else np.zeros(3)
+    p_std = None
+    if readings.p_std is not None:
+        p_std = np.sqrt(_mean(readings.p_std[used] ** 2, group, count) / count[:, None])
+    elif averaged >= _FEWEST_REPEATS:
+        p_std = np.sqrt(variance / count[:, None])
+    optional: dict[str, Any] = {}
+    if readings.rotation is not None:
+        optional["rotation_meas"] = _mean_rotation(readings.rotation[used], group, count)
+    if readings.rotation_std is not None:
+        optional["rotation_std"] = np.sqrt(_mean(readings.rotation_std[used] ** 2, group, count) / count[:, None])
+    if readings.time is not None:
+        optional["time"] = _mean(readings.time[used, None], group, count)[:, 0]
+    commanded = {name: getattr(plan, name) for name in plan.columns()}
+    scatter = float(np.sqrt(variance.mean())) if averaged else None
+    return Samples(p_meas=p, p_std=p_std, source=readings.source, **commanded, **optional), scatter, averaged
+
+
+def _mean(values: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
+    total = np.zeros((len(count), values.shape[1]))
+    np.add.at(total, group, values)
+    mean: FloatArray = total / count[:, None]
+    return mean
+
+
+def _mean_rotation(rotation: Rotation, group: IntArray, count: IntArray) -> Rotation:
+    """Average quaternions of one sign: exact to second order in the scatter, which is far below a degree."""
+    quaternion = rotation.as_quat()
+    first = np.zeros((len(count), 4))
+    first[group[::-1]] = quaternion[::-1]
+    sign = np.where(np.einsum("ni,ni->n", quaternion, first[group]) < 0, -1.0, 1.0)
+    return Rotation.from_quat(_mean(sign[:, None] * quaternion, group, count))

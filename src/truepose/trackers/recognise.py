@@ -1,0 +1,64 @@
+"""Which layout a measurement file has; where none fits, what it looks like."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from truepose.errors import FileError
+from truepose.files import read_bytes
+from truepose.trackers import spatial_analyzer, tidy
+from truepose.trackers.readings import Layout, Readings, decode
+
+LAYOUTS: Final[tuple[Layout, ...]] = (spatial_analyzer.WITH_HEADER, tidy.LAYOUT, spatial_analyzer.BARE)
+"""The layouts, in the order in which they are tried."""
+
+_DELIMITERS: Final = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+
+def read_readings(path: str | Path) -> Readings:
+    """Read a measurement file of any known layout.
+
+    Returns
+    -------
+    Readings
+        Positions [mm] in the tracker frame.
+
+    Raises
+    ------
+    FileError
+        If the layout is not known (what was seen and what is known is said), or a line cannot be read.
+
+    Examples
+    --------
+    >>> read_readings("tracker.txt").p  # doctest: +SKIP
+    """
+    data = read_bytes(path)
+    return recognise(data, path).read(data, path)
+
+
+def recognise(data: bytes, path: str | Path) -> Layout:
+    """Return the layout of a file's content; see `read_readings`."""
+    text = decode(data, path)
+    for layout in LAYOUTS:
+        if layout.matches(text):
+            return layout
+    known = "; ".join(layout.name for layout in LAYOUTS)
+    raise FileError(path, f"unknown layout: {_describe(text)}. Known are: {known}", line=_first_data_line(text)[0])
+
+
+def _describe(text: str) -> str:
+    """Say what a text looks like: its delimiter, the number of columns, its first line with numbers."""
+    _, line = _first_data_line(text)
+    delimiter = max(_DELIMITERS, key=line.count)
+    if line.count(delimiter):
+        return f"{line.count(delimiter) + 1} columns between {_DELIMITERS[delimiter]}, as in {line[:60]!r}"
+    return f"{len(line.split())} columns between blanks, as in {line[:60]!r}"
+
+
+def _first_data_line(text: str) -> tuple[int, str]:
+    """Return the first line with three numbers, else the first that is not blank; with its number from 1."""
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    with_numbers = (item for item in lines if len(re.findall(r"(?<![\w.])[+-]?\d*\.?\d+", item[1])) >= 3)
+    return next(with_numbers, lines[0])
