@@ -89,7 +89,7 @@ def _read(path: str | Path) -> tuple[list[_Joint], set[str], str]:
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise FileError(path, f"is not XML: {error.msg}", line=error.position[0]) from None
+        raise FileError(path, f"is not XML: {error.msg.split(':')[0]}", line=error.position[0]) from None
     except ValueError as error:
         raise FileError(path, f"is not XML: {error}") from None
     if root.tag != "robot":
