@@ -213,13 +213,17 @@ class Robot:
         """
         joints = self.check_joints(q)
         theta = self.theta(joints.reshape(-1, self.dof))
-        turned = np.zeros((len(theta), self.dof, 4, 4))
-        turned[..., 3, 3] = 1.0
-        for i, (axes, p) in zip(range(self.dof), walk(theta, self.fixed), strict=False):
-            turned[:, i, :3, :3] = axes.transpose(2, 1, 0)
-            turned[:, i, :3, 3] = p.T
-        first = np.broadcast_to(self.tf_base_first, (len(theta), 1, 4, 4))
-        return np.concatenate([first, turned @ self.link_after], axis=1).reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
+        tf = np.zeros((len(theta), self.dof + 1, 4, 4))
+        tf[..., 3, 3] = 1.0
+        tf[:, 0] = self.tf_base_first
+        for start in range(0, len(theta), _CHUNK):
+            part = tf[start : start + _CHUNK]
+            steps = walk(theta[start : start + _CHUNK], self.fixed)
+            for i, (after, (axes, p)) in enumerate(zip(self.link_after, steps, strict=False), start=1):
+                axes, p = _moved(axes, p, after)
+                part[:, i, :3, :3] = axes.transpose(2, 1, 0)
+                part[:, i, :3, 3] = p.T
+        return tf.reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
 
     def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
         """Return all branches of the inverse kinematics in closed form; see `truepose.robots.inverse.inverse`."""
@@ -306,10 +310,15 @@ def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, Flo
         np.subtract(c * axes[1], s * axes[0], out=turned[1])
         turned[2] = axes[2]
         yield turned, p
-        moved = link[:3].T @ turned.reshape(3, 3 * n)  # three new columns, and the step of the origin
-        axes = moved[:3].reshape(3, 3, n)
-        p = p + moved[3].reshape(3, n)
+        axes, p = _moved(turned, p, link)
     yield axes, p
+
+
+def _moved(axes: FloatArray, p: FloatArray, link: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Append one fixed transform (4, 4) to transforms (3, 3, n) and (3, n): one product for axes and origin."""
+    n = p.shape[1]
+    moved = link[:3].T @ axes.reshape(3, 3 * n)
+    return moved[:3].reshape(3, 3, n), p + moved[3].reshape(3, n)
 
 
 def tool_transform(tool: ArrayLike | None) -> FloatArray:
