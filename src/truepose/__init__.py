@@ -1,1 +1,97 @@
-"""truepose."""
+"""truepose makes industrial robots go where they were told.
+
+Positions are mm, angles rad, errors are measured − commanded in the robot base frame. The names here are the public
+face; each is imported when it is first used, so that ``import truepose`` is light.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from truepose._version import __version__
+
+if TYPE_CHECKING:
+    from truepose.cell import Cell, load_cell
+    from truepose.error_map import ErrorMap, fit_cell, load_map
+    from truepose.errors import TrueposeError
+    from truepose.geometry import euler, register, register_with_tool
+    from truepose.predictors import InverseDistance, OrdinaryKriging
+    from truepose.programs import correct_program, read_program
+    from truepose.robots import Robot, list_robots, load_robot
+    from truepose.samples import Samples, read_samples, write_samples
+    from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
+    from truepose.simulation import VirtualCell
+    from truepose.trackers import read_readings
+    from truepose.verification import accuracy
+
+_HOME = {
+    "Cell": "cell",
+    "ErrorMap": "error_map",
+    "InverseDistance": "predictors",
+    "OrdinaryKriging": "predictors",
+    "Robot": "robots",
+    "Samples": "samples",
+    "TrueposeError": "errors",
+    "VariogramModel": "similarity",
+    "VirtualCell": "simulation",
+    "accuracy": "verification",
+    "correct_program": "programs",
+    "euler": "geometry",
+    "experimental_variogram": "similarity",
+    "fit_cell": "error_map",
+    "fit_variogram": "similarity",
+    "list_robots": "robots",
+    "load_cell": "cell",
+    "load_map": "error_map",
+    "load_robot": "robots",
+    "permutation_envelope": "similarity",
+    "read_program": "programs",
+    "read_readings": "trackers",
+    "read_samples": "samples",
+    "register": "geometry",
+    "register_with_tool": "geometry",
+    "write_samples": "samples",
+}
+
+__all__ = [
+    "Cell",
+    "ErrorMap",
+    "InverseDistance",
+    "OrdinaryKriging",
+    "Robot",
+    "Samples",
+    "TrueposeError",
+    "VariogramModel",
+    "VirtualCell",
+    "__version__",
+    "accuracy",
+    "correct_program",
+    "euler",
+    "experimental_variogram",
+    "fit_cell",
+    "fit_variogram",
+    "list_robots",
+    "load_cell",
+    "load_map",
+    "load_robot",
+    "permutation_envelope",
+    "read_program",
+    "read_readings",
+    "read_samples",
+    "register",
+    "register_with_tool",
+    "write_samples",
+]
+
+
+def __getattr__(name: str) -> Any:
+    try:
+        module = importlib.import_module(f"truepose.{_HOME[name]}")
+    except KeyError:
+        raise AttributeError(f"module 'truepose' has no attribute {name!r}") from None
+    return getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    return __all__

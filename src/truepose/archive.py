@@ -1,4 +1,4 @@
-"""The container of a map file: a zip of JSON and .npy with a schema version and hashes. Loading never executes anything.
+"""The container of a map file: a zip of JSON and .npy with schema version and hashes. Loading never executes anything.
 
 Layout: ``manifest.json`` names the format, the schema version and the SHA-256 of each other member; ``content.json``
 holds everything that is not an array; ``arrays/NAME.npy`` the arrays. The same content always gives the same bytes.
@@ -80,8 +80,8 @@ def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDA
     if manifest.get("schema") != SCHEMA:
         raise FileError(
             path,
-            f"has map schema {manifest.get('schema')!r} (written by {manifest.get('written_by', 'an unknown version')}), this version reads "
-            f"schema {SCHEMA}; use the version that wrote it, or fit the map again",
+            f"has map schema {manifest.get('schema')!r}, this version reads schema {SCHEMA}; "
+            f"use the version that wrote it ({manifest.get('written_by', 'unknown')}), or fit the map again",
         )
     hashes = manifest.get("sha256")
     found = {name: hashlib.sha256(member).hexdigest() for name, member in members.items()}

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
 _STD_SHARE: Final = 0.75
+ARM_BRANCH: Final = 0b111
+"""Bits 0–2 of KUKA's Status name the branch; the others are not about it (conventions.md)."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class Limits:
         Largest distance to the nearest sample, in the predictor's coordinates. Default: 1.5 times the largest distance
         of a sample to its nearest neighbour.
     max_angle : float [rad]
-        Largest rotation between a target's orientation and that of the sample most alike, for maps that know position only.
+        Largest rotation between a target's orientation and that of the sample most alike; a map of positions knows no
+        other.
     max_tool : float [mm]
         Largest distance between the tool point of a target and the measured one, for maps that know position only.
     """
@@ -63,7 +68,7 @@ class Region:
     def __init__(self, x: FloatArray, max_distance: float | None = None) -> None:
         self._tree = KDTree(x)
         if max_distance is None:
-            spacing = self._tree.query(x, k=2)[0][:, 1] if len(x) > 1 else np.zeros(1)
+            spacing = _nearest(self._tree, x, k=2)[:, 1] if len(x) > 1 else np.zeros(1)
             max_distance = _SPACING_MARGIN * float(spacing.max())
         self.max_distance = max_distance
         self._mean = x.mean(axis=0)
@@ -82,8 +87,7 @@ class Region:
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Return the distance of (m, d) points to the nearest sample, (m,)."""
-        distance: FloatArray = self._tree.query(x)[0]
-        return distance
+        return _nearest(self._tree, x)[:, 0]
 
     def reasons(self, x: FloatArray, unit: str) -> list[str]:
         """Return for each of (m, d) points why it lies outside, or an empty string; `unit` is that of x."""
@@ -93,14 +97,115 @@ class Region:
             reasons[i] = f"outside the sampled region: leverage {leverage[i]:.2g}, limit {self.max_leverage:.2g}"
         for i in np.flatnonzero(distance > self.max_distance):
             reasons[i] = (
-                f"outside the sampled region: nearest sample {distance[i]:.4g} {unit} away, limit {self.max_distance:.4g} {unit}"
+                f"outside the sampled region: nearest sample {distance[i]:.4g} {unit} away, "
+                f"limit {self.max_distance:.4g} {unit}"
             )
         return reasons
 
 
-def default_max_std(e: FloatArray) -> float:
-    """Return the limit of the predicted standard deviation that `Limits` promises, from the samples' errors (n, 3) [mm]."""
-    return _STD_SHARE * float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+class Guards:
+    """All guards of a map in Cartesian space, made once from its samples.
+
+    Parameters
+    ----------
+    p_cmd, e : (n, 3) arrays [mm], base frame
+        Commanded positions and errors of the samples.
+    limits : Limits
+    p_flange_tool : (3,) array [mm], flange frame
+        The measured point.
+    rotation : Rotation of length n, optional
+        Orientations of the samples' tool, base frame.
+    status : array of int, optional
+        Arm branches (KUKA Status, bits 0–2) among the samples.
+    """
+
+    def __init__(
+        self,
+        p_cmd: FloatArray,
+        e: FloatArray,
+        limits: Limits,
+        p_flange_tool: FloatArray,
+        rotation: Rotation | None = None,
+        status: IntArray | None = None,
+    ) -> None:
+        self.limits = limits
+        self.region = Region(p_cmd, limits.max_distance)
+        rms = float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+        self.max_std = _STD_SHARE * rms if limits.max_std is None else limits.max_std
+        self._p_flange_tool = p_flange_tool
+        self._orientations = None
+        if rotation is not None:
+            quaternions = rotation.as_quat()
+            self._orientations = KDTree(np.concatenate([quaternions, -quaternions]))
+        self._status = None if status is None else np.unique(status & ARM_BRANCH)
+
+    def reasons(
+        self,
+        p_command: FloatArray,
+        std: FloatArray,
+        converged: NDArray[np.bool_],
+        rotation: Rotation | None = None,
+        p_flange_tool: FloatArray | None = None,
+        status: IntArray | None = None,
+    ) -> list[str]:
+        """Return for each target why it must not be corrected, or an empty string.
+
+        Parameters
+        ----------
+        p_command, std : (m, 3) arrays [mm], base frame
+            Solved commands and the predicted standard deviation there.
+        converged : (m,) array of bool
+        rotation : Rotation of length m, optional
+            Orientations of the targets, base frame.
+        p_flange_tool : (m, 3) array [mm], flange frame, optional
+            Tool points of the targets.
+        status : (m,) array of int, optional
+            KUKA Status of the targets, −1 where it is not given.
+        """
+        reasons = self.region.reasons(p_command, "mm")
+
+        def flag(where: NDArray[np.bool_], reason: Callable[[int], str]) -> None:
+            for i in np.flatnonzero(where).tolist():
+                reasons[i] = reasons[i] or reason(i)
+
+        size, limits = np.linalg.norm(std, axis=1), self.limits
+        flag(
+            ~(size <= self.max_std),
+            lambda i: f"predicted standard deviation of {size[i]:.3f} mm is above the limit of {self.max_std:.3f} mm",
+        )
+        flag(~converged, lambda _: "no command was found whose predicted outcome is the target")
+        if rotation is not None and self._orientations is not None:
+            angle = _angle_of_chord(_nearest(self._orientations, rotation.as_quat())[:, 0])
+            limit = f"limit {np.rad2deg(limits.max_angle):g}°"
+            flag(
+                angle > limits.max_angle,
+                lambda i: f"orientation is {np.rad2deg(angle[i]):.1f}° from that of any sample, {limit}",
+            )
+        if p_flange_tool is not None:
+            away = np.linalg.norm(p_flange_tool - self._p_flange_tool, axis=1)
+            limit_tool = f"limit {limits.max_tool:g} mm: measure with this tool"
+            flag(
+                away > limits.max_tool,
+                lambda i: f"tool point is {away[i]:.1f} mm from the measured one, {limit_tool}",
+            )
+        if status is not None and self._status is not None:
+            branch, measured = status & ARM_BRANCH, self._status
+            flag(
+                (status >= 0) & ~np.isin(branch, measured),
+                lambda i: f"no sample was on arm branch (Status) {branch[i]}, only on {', '.join(map(str, measured))}",
+            )
+        return reasons
+
+
+def _nearest(tree: KDTree, x: FloatArray, k: int = 1) -> FloatArray:
+    """Return the distances of points (m, d) to their k nearest in the tree, (m, k)."""
+    return np.asarray(tree.query(x, k=range(1, k + 1))[0])
+
+
+def _angle_of_chord(chord: FloatArray) -> FloatArray:
+    """Return the angle of rotation between unit quaternions from their distance: |q ± q'| = 2 sin(angle / 4)."""
+    angle: FloatArray = 4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
+    return angle
 
 
 @dataclass(frozen=True)
@@ -158,8 +263,8 @@ def apply_policy(
 ) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
     """Turn the guards' reasons into commands and verdicts.
 
-    Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip`` a
-    correction that is only too long is shortened to the limit; any other reason skips its target.
+    Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip``
+    a correction that is only too long is shortened to the limit; any other reason skips its target.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Rigid geometry: transforms, controllers' angles, registration of tracker readings to the robot base."""
 
 from truepose.geometry.angles import ANGLES, AngleConvention, euler
-from truepose.geometry.registration import Registration, register, register_with_tool
+from truepose.geometry.registration import Registration, register, register_known, register_with_tool
 from truepose.geometry.robust import OUTLIER_LIMIT
 from truepose.geometry.transforms import apply_transform, check_transforms, invert_transform, make_transform
 
@@ -16,5 +16,6 @@ __all__ = [
     "invert_transform",
     "make_transform",
     "register",
+    "register_known",
     "register_with_tool",
 ]

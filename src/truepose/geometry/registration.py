@@ -188,6 +188,48 @@ def register_with_tool(
     return _register(Poses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, random_state)
 
 
+def register_known(
+    tf_base_tracker: ArrayLike, p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True
+) -> Registration:
+    """Take the tracker's station as stated: residuals and outliers only, nothing is fitted.
+
+    Parameters
+    ----------
+    tf_base_tracker : (4, 4) array [mm]
+        The station, exact: its covariance is zero.
+    p_commanded, p_measured : (n, 3) arrays [mm], base and tracker frame
+    robust : bool
+        Find outliers.
+
+    Returns
+    -------
+    Registration
+
+    Raises
+    ------
+    DataError
+        For wrong shapes, NaN or fewer than 3 points.
+    """
+    tf = check_transforms("tf_base_tracker", tf_base_tracker)
+    commanded = as_rows("p_commanded", p_commanded, 3)
+    measured = as_rows("p_measured", p_measured, 3)
+    _check_count(len(commanded), len(measured), MINIMAL)
+    residuals = apply_transform(tf, measured) - commanded
+    norms = np.linalg.norm(residuals, axis=1)
+    floor = _ROUNDING * max(np.abs(commanded).max(), np.abs(measured).max(), np.finfo(float).tiny)
+    outliers = norms > OUTLIER_LIMIT * robust_scale(norms, MINIMAL, floor) if robust else np.zeros(len(norms), np.bool_)
+    return Registration(
+        tf_base_tracker=tf,
+        residuals=residuals,
+        outliers=outliers,
+        covariance=np.zeros((6, 6)),
+        noise_std=float(np.sqrt(np.mean(norms[~outliers] ** 2) / 3.0)),
+        p_flange_tool=None,
+        swapped=np.empty((0, 2), dtype=np.intp),
+        hint=write_hint(outliers, np.empty((0, 2), dtype=np.intp)),
+    )
+
+
 def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
     if n_commanded != n_measured:
         raise DataError(f"{n_commanded} commanded and {n_measured} measured positions; expected one reading for each")

@@ -176,10 +176,10 @@ def _lengths(e: ArrayLike) -> FloatArray:
         raise DataError(
             f"error {bad[0]} is not finite ({len(bad)} in all): remove these poses before computing accuracy"
         )
-    return np.linalg.norm(array, axis=1)
+    return np.asarray(np.linalg.norm(array, axis=1))
 
 
 def _reduction(before_after: FloatArray) -> FloatArray:
     """Percent reduction; rows are before and after. Nothing to reduce counts as 0."""
     before, after = before_after
-    return 100.0 * (1.0 - np.divide(after, before, out=np.ones_like(before), where=before > 0))
+    return np.asarray(100.0 * (1.0 - np.divide(after, before, out=np.ones_like(before), where=before > 0)))

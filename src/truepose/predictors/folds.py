@@ -43,9 +43,8 @@ def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
     scaled = points / np.where(spread > 0, spread, 1.0)
     if len(np.unique(scaled, axis=0)) < 2 * folds:
         return random_folds(len(points), folds, rng=rng)  # samples at a few places only have no blocks
-    _, label = kmeans2(scaled, folds, minit="++", rng=np.random.default_rng(rng))
-    _, label = np.unique(label, return_inverse=True)  # an empty cluster leaves no gap
-    return label.astype(np.int64)
+    _, cluster = kmeans2(scaled, folds, minit="++", rng=np.random.default_rng(rng))
+    return np.unique(cluster, return_inverse=True)[1].astype(np.int64)  # an empty cluster leaves no gap
 
 
 def _check(n: int, folds: int) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.verification import block_folds, random_folds
+from truepose.predictors.folds import block_folds, random_folds
 
 
 def test_random_folds_are_of_equal_size():

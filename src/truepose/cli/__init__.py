@@ -1,0 +1,61 @@
+"""The command line: one way through the house, from readings to a corrected program.
+
+Modules of commands import what they compute with inside each command, so that ``truepose --help`` is quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from truepose.cli import demo, maps, programs, setup
+from truepose.errors import TrueposeError
+
+app = typer.Typer(
+    name="truepose",
+    help="Makes industrial robots go where they were told: measure, find similarity, predict, correct.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("demo")(demo.demo)
+app.command("robots")(setup.robots)
+app.command("init")(setup.init)
+app.command("import")(setup.import_readings)
+app.command("similarity")(maps.similarity)
+app.command("fit")(maps.fit)
+app.command("predict")(maps.predict)
+app.command("validate")(maps.validate)
+app.command("report")(maps.report)
+app.command("correct")(programs.correct)
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: bool = typer.Option(False, "--version", help="Print the version and exit.")) -> None:
+    if version:
+        from truepose import __version__
+
+        typer.echo(f"truepose {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
+    try:
+        app()
+    except TrueposeError as error:
+        _fail(str(error))
+    except KeyboardInterrupt:
+        _fail("interrupted; files are written whole or not at all", code=130)
+    except Exception as error:
+        if os.environ.get("TRUEPOSE_TRACEBACK"):
+            raise
+        _fail(f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it")
+
+
+def _fail(message: str, code: int = 1) -> None:
+    sys.stderr.write(f"truepose: {' '.join(message.split())}\n")
+    sys.exit(code)

@@ -1,0 +1,174 @@
+"""Commands about error maps: similarity, fit, predict, validate, report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truepose.cli.output import Json, accuracy_table, emit_json, say, table
+
+if TYPE_CHECKING:
+    from truepose.error_map import ErrorMap
+
+CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
+SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
+MapPath = Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")]
+
+
+def similarity(
+    cell_path: CellPath,
+    samples_path: SamplesPath,
+    family: Annotated[str, typer.Option(help="Variogram family, or best.")] = "best",
+    bins: Annotated[int, typer.Option(help="Number of distance classes.", min=2)] = 15,
+    plot: Annotated[Path | None, typer.Option(help="Write the picture here (.svg, .png, .pdf).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Show how alike the errors of near configurations are: semivariograms, their fit, and whether it is chance."""
+    from truepose.cell import load_cell
+    from truepose.error_map import fit_cell
+    from truepose.report.study import similarity_study
+    from truepose.samples import read_samples
+
+    study = similarity_study(
+        fit_cell(load_cell(cell_path), read_samples(samples_path), "registration"), family=family, bins=bins
+    )
+    if plot is not None:
+        study.save_plot(plot)
+    if as_json:
+        emit_json({**study.to_dict(), "plot": plot})
+        return
+    for part in study.parts:
+        rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
+        say(
+            table(part.title, [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"], rows),
+            part.verdict,
+            "",
+        )
+    if plot is not None:
+        say(f"Wrote {plot}.")
+
+
+def fit(
+    cell_path: CellPath,
+    samples_path: SamplesPath,
+    predictor: Annotated[str, typer.Option("--predictor", help="auto, or a name; a wrong one lists them.")] = "auto",
+    out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
+    as_json: Json = False,
+) -> None:
+    """Register, fit the tool if asked, and fit an error model; writes a map."""
+    import numpy as np
+
+    from truepose.cell import load_cell
+    from truepose.error_map import fit_cell
+    from truepose.samples import read_samples
+    from truepose.verification import summary
+
+    error_map = fit_cell(load_cell(cell_path), read_samples(samples_path), predictor)
+    error_map.save(out)
+    registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
+    tool = error_map.registration.p_flange_tool
+    data: dict[str, Any] = {
+        "map": out,
+        "hash": error_map.hash,
+        "n": len(error_map.samples),
+        "predictor": error_map.predictor_name,
+        "parameters": error_map.predictor.to_json(),
+        "tool_mm": None if tool is None else np.round(tool, 4),
+        "registered": registered,
+        "leave_one_out": left_out,
+        "ranking": error_map.ranking,
+        "excluded": error_map.excluded,
+    }
+    if as_json:
+        emit_json(data)
+        return
+    if tool is not None:
+        std = np.sqrt(np.diag(error_map.registration.covariance)[6:9])
+        parts = ", ".join(f"{axis} {value:.3f} ± {s:.3f}" for axis, value, s in zip("xyz", tool, std, strict=True))
+        say(f"Tool found with the station, flange to measured point [mm]: {parts}")
+    for row in error_map.excluded:
+        say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
+    if error_map.ranking:
+        rows = [(row["predictor"], row.get("mean_mm", float("nan")), row.get("note", "")) for row in error_map.ranking]
+        say(table("Candidates, in cross-validation over blocks of space", ["predictor", "mean [mm]", ""], rows))
+    title = f"{error_map.predictor_name}: after registration, and predicted without the sample itself"
+    say(accuracy_table(title, {"before": registered, "after": left_out}), f"Wrote {out}.")
+
+
+def predict(
+    map_path: MapPath,
+    poses_path: Annotated[Path, typer.Argument(metavar="POSES", help="Columns q1_deg … or x_cmd_mm ….")],
+    out: Annotated[Path, typer.Option("--out", help="The table to write.")] = Path("predicted.csv"),
+    as_json: Json = False,
+) -> None:
+    """Predict where the tracker will see the measured point, with its standard deviation."""
+    import numpy as np
+
+    from truepose.error_map import load_map
+    from truepose.samples import append_columns, read_poses
+
+    error_map = load_map(map_path)
+    p, std = error_map.predict_measured(read_poses(poses_path))
+    total = np.linalg.norm(std, axis=1)
+    columns = {f"{axis}_pred_mm": p[:, k] for k, axis in enumerate("xyz")}
+    columns |= {"std_mm": total, **{f"{axis}_pred_std_mm": std[:, k] for k, axis in enumerate("xyz")}}
+    append_columns(poses_path, out, columns)
+    if as_json:
+        emit_json({"out": out, "n": len(p), "mean_std_mm": float(total.mean()), "max_std_mm": float(total.max())})
+    else:
+        say(f"Wrote {out}: {len(p)} poses, std {total.mean():.3f} mm in the mean, {total.max():.3f} mm at most.")
+
+
+def validate(
+    map_path: MapPath, test_path: Annotated[Path, typer.Argument(metavar="TEST")], as_json: Json = False
+) -> None:
+    """Compare errors before and after on poses that the map has not seen."""
+    from truepose.error_map import load_map
+    from truepose.samples import read_samples
+
+    error_map = load_map(map_path)
+    data = error_map.validate(read_samples(test_path))
+    if as_json:
+        emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data})
+        return
+    low, high = data["intervals_95"]["after_mean_mm"]
+    cover = data["coverage"]
+    say(
+        accuracy_table(f"Held-out accuracy of {error_map.predictor_name}", data),
+        f"95 % interval of the mean after: {low:.3f} … {high:.3f} mm.",
+        f"Within the predicted 68 % intervals: {100 * cover['within_68']:.0f} %; "
+        f"within the 95 % intervals: {100 * cover['within_95']:.0f} %.",
+    )
+    if data["seen"]:
+        say(f"[yellow]Warning[/]: {data['seen']} of these poses took part in the fit; the figures flatter the map.")
+
+
+def report(
+    map_path: MapPath,
+    out: Annotated[Path, typer.Option("--out", help="The page to write.")] = Path("report.html"),
+    test: Annotated[
+        Path | None, typer.Option(help="Samples held out of the fit, for accuracy before and after.")
+    ] = None,
+    programs: Annotated[
+        list[Path] | None, typer.Option("--program", help="Sidecar (JSON) of a corrected program; may be repeated.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write one self-contained HTML page about a map."""
+    from truepose.report import write_report
+
+    error_map, held_out = _with_test(map_path, test)
+    write_report(out, error_map, held_out, sidecars=programs or [])
+    if as_json:
+        emit_json({"report": out})
+    else:
+        say(f"Wrote {out}.")
+
+
+def _with_test(map_path: Path, test: Path | None) -> tuple[ErrorMap, Any]:
+    from truepose.error_map import load_map
+    from truepose.samples import read_samples
+
+    return load_map(map_path), None if test is None else read_samples(test)

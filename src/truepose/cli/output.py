@@ -1,0 +1,67 @@
+"""What the commands share: output for people or for machines, and options of one wording."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable output on stdout, and nothing else there.")]
+
+
+def emit_json(data: Mapping[str, Any]) -> None:
+    """Write one JSON object to stdout; numbers that are not finite become null."""
+    typer.echo(json.dumps(_plain(data), indent=2, ensure_ascii=False))
+
+
+def say(*items: Any) -> None:
+    """Show text, with rich's markup, or renderables to a person."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    for item in items:
+        console.print(item)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    """Return a table whose first column is left-aligned and whose numbers are right-aligned with three decimals."""
+    from rich.table import Table
+
+    made = Table(title=title, title_justify="left", header_style="bold")
+    for k, column in enumerate(columns):
+        made.add_column(column, justify="left" if k == 0 else "right")
+    for row in rows:
+        made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
+    return made
+
+
+def accuracy_table(title: str, figures: Mapping[str, Any]) -> Table:
+    """Return the before/after table of `truepose.verification.Accuracy.to_dict`."""
+    names = {"mean_mm": "mean", "rms_mm": "RMS", "std_mm": "std", "p95_mm": "P95", "max_mm": "max"}
+    before, after = figures["before"], figures["after"]
+    rows = [
+        (label, before[key], after[key], f"{100 * (1 - after[key] / before[key]):.1f} %" if before[key] else "–")
+        for key, label in names.items()
+    ]
+    return table(f"{title} (n = {before['n']})", ["", "before [mm]", "after [mm]", "reduction"], rows)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

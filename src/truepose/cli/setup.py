@@ -1,0 +1,141 @@
+"""Commands before a map: robots, init, import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.cli.output import Json, emit_json, say, table
+
+
+def robots(name: Annotated[str | None, typer.Argument(help="Show this one.")] = None, as_json: Json = False) -> None:
+    """List the robots of the library, or show one."""
+    import numpy as np
+
+    from truepose.robots import list_robots, load_robot
+
+    if name is None:
+        names = list_robots()
+        if as_json:
+            emit_json({"robots": names})
+        else:
+            say(*names)
+        return
+    robot = load_robot(name)
+    limits = np.rad2deg(robot.limits)
+    if as_json:
+        emit_json(
+            {
+                "name": robot.name,
+                "maker": robot.maker,
+                "model": robot.model,
+                "source": robot.source,
+                "convention": robot.convention,
+                "joints": [
+                    {
+                        "sign": robot.sign[i],
+                        "offset_deg": np.rad2deg(robot.offset[i]),
+                        "alpha_deg": np.rad2deg(robot.alpha[i]),
+                        "a_mm": robot.a[i],
+                        "d_mm": robot.d[i],
+                        "min_deg": limits[i, 0],
+                        "max_deg": limits[i, 1],
+                    }
+                    for i in range(robot.dof)
+                ],
+            }
+        )
+        return
+    rows = [
+        (
+            f"{i + 1}",
+            f"{np.rad2deg(robot.alpha[i]):.3f}",
+            f"{robot.a[i]:.3f}",
+            f"{robot.d[i]:.3f}",
+            f"{robot.sign[i]:+.0f}",
+            f"{np.rad2deg(robot.offset[i]):.3f}",
+            f"{limits[i, 0]:.1f} … {limits[i, 1]:.1f}",
+        )
+        for i in range(robot.dof)
+    ]
+    columns = ["joint", "alpha [deg]", "a [mm]", "d [mm]", "sign", "offset [deg]", "limits [deg]"]
+    say(table(f"{robot.maker} {robot.model} ({robot.convention})", columns, rows), f"Source: {robot.source}")
+
+
+def init(
+    directory: Annotated[Path, typer.Argument(help="Folder of the new cell; made when it is not there.")],
+    robot: Annotated[
+        str, typer.Option("--robot", help="A library name (see 'truepose robots') or a .toml/.urdf file.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Write a commented cell.toml to start from."""
+    from truepose.cell import template
+    from truepose.errors import FileError
+    from truepose.files import write_atomic
+    from truepose.robots import load_robot
+
+    load_robot(robot)
+    path = directory / "cell.toml"
+    if path.exists():
+        raise FileError(path, "exists already; remove it, or choose another folder")
+    write_atomic(path, template(robot))
+    if as_json:
+        emit_json({"cell": path})
+    else:
+        say(f"Wrote {path}: state the tool, the tracker and the limits there, then 'truepose import' your readings.")
+
+
+def import_readings(
+    cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")],
+    readings_path: Annotated[Path, typer.Argument(metavar="READINGS", help="The tracker's file.")],
+    plan_path: Annotated[Path, typer.Option("--plan", help="What was commanded, in order: plan.csv.")],
+    out: Annotated[Path, typer.Option("--out", help="The table of samples to write.")] = Path("samples.csv"),
+    reorder: Annotated[
+        bool, typer.Option("--reorder", help="Accept rows that were found to be swapped, in the order found.")
+    ] = False,
+    missing: Annotated[bool, typer.Option("--missing", help="Accept rows of the plan without a reading.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Read a tracker's file, match it to the plan, register it and name the outliers."""
+    import numpy as np
+
+    from truepose import trackers
+    from truepose.cell import load_cell
+    from truepose.registering import register_samples
+    from truepose.samples import read_poses, write_samples
+
+    cell = load_cell(cell_path)
+    samples, understood = trackers.import_readings(
+        readings_path, read_poses(plan_path), cell=cell, reorder=reorder, missing=missing
+    )
+    registration, _, _ = register_samples(cell, cell.load_robot(), samples)
+    length = np.linalg.norm(registration.residuals, axis=1)
+    assert samples.row is not None
+    outliers = [
+        {"row": int(samples.row[i]), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers)
+    ]
+    write_samples(out, samples)
+    kept = length[~registration.outliers]
+    figures = {"mean_mm": float(kept.mean()), "max_mm": float(kept.max())}
+    if as_json:
+        emit_json(
+            {
+                "samples": out,
+                "n": len(samples),
+                "understood": understood.sentences(),
+                "registration": figures,
+                "outliers": outliers,
+            }
+        )
+        return
+    say(*understood.sentences())
+    say(f"After registration the error is {figures['mean_mm']:.3f} mm in the mean, {figures['max_mm']:.3f} mm at most.")
+    for outlier in outliers:
+        say(
+            f"[yellow]Large residual[/]: row {outlier['row']}, {outlier['residual_mm']:.3f} mm; "
+            "it stays in the file, and fits leave it out unless its neighbours agree."
+        )
+    say(f"Wrote {out} ({len(samples)} samples).")

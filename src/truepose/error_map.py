@@ -1,0 +1,362 @@
+"""A fitted map of a cell's errors: registration, tool and predictor in one, from samples to corrections.
+
+A map is made by `fit_cell`, asked by `ErrorMap.predict_measured` and `ErrorMap.correct`, and kept in a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose import files
+from truepose.cell import Cell
+from truepose.compensation import Corrections, Guards, Limits, Policy, apply_policy, mirror, solve
+from truepose.errors import DataError, RefusedError, RobotError
+from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
+from truepose.predictors import PREDICTORS, Predictor, choose, make_predictor
+from truepose.registering import register_samples
+from truepose.robots import Robot, status_turn
+from truepose.samples import Poses, Samples
+from truepose.verification import accuracy, coverage
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+_AGREEMENT: Final = 4.0  # predicted standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorMap:
+    """What is known of the positional errors of one cell; made by `fit_cell`.
+
+    Attributes
+    ----------
+    cell : Cell
+    robot : Robot
+        Nominal.
+    samples : Samples
+        That the map was fitted to, outliers taken out.
+    registration : Registration
+        Tracker frame to base frame; every error of this map is after it.
+    tf_flange_tool : (4, 4) array [mm]
+        Flange to the measured point, fitted or as the cell says.
+    predictor_name : str
+    predictor : Predictor
+        Fitted; in Cartesian space (commanded positions [mm]) or joint space ([rad]), see `space`.
+    ranking : list of dict
+        How the candidates of ``auto`` did in cross-validation, best first; empty when a predictor was named.
+    excluded : list of dict
+        Samples left out of the fit, by ``row``, with the reason.
+    """
+
+    cell: Cell
+    robot: Robot
+    samples: Samples
+    registration: Registration
+    tf_flange_tool: FloatArray
+    predictor_name: str
+    predictor: Predictor
+    ranking: list[dict[str, Any]]
+    excluded: list[dict[str, Any]]
+
+    @property
+    def space(self) -> str:
+        """``cartesian`` or ``joint``: what the predictor takes."""
+        return PREDICTORS[self.predictor_name].space
+
+    @property
+    def tool_fitted(self) -> bool:
+        """Whether the tool point was found together with the station."""
+        return self.registration.p_flange_tool is not None
+
+    @cached_property
+    def p_cmd(self) -> FloatArray:
+        """Commanded positions of the samples, (n, 3) [mm], base frame."""
+        return self.commanded_positions(self.samples)
+
+    @cached_property
+    def e(self) -> FloatArray:
+        """Positional errors of the samples after registration, (n, 3) [mm], base frame."""
+        return self.errors(self.samples)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the map's file."""
+        return hashlib.sha256(self._bytes).hexdigest()
+
+    def commanded_positions(self, poses: Poses) -> FloatArray:
+        """Return where the nominal model puts the measured point, (n, 3) [mm], base frame.
+
+        Raises
+        ------
+        DataError
+            If the tool was fitted and there are no joints, or neither joints nor positions.
+        RobotError
+            If joints are beyond the robot's limits.
+        """
+        if poses.q is not None:
+            self.robot.check_limits(poses.q)
+            p_cmd: FloatArray = self.robot.forward(poses.q, tool=self.tf_flange_tool)[:, :3, 3]
+            return p_cmd
+        if self.tool_fitted:
+            raise DataError(
+                f"{poses.source}: the map's tool was fitted, so joints (q1_deg …) are needed, not positions"
+            )
+        assert poses.p_cmd is not None  # Poses holds one of them
+        return poses.p_cmd
+
+    def errors(self, samples: Samples) -> FloatArray:
+        """Return measured − commanded of any samples after this map's registration, (n, 3) [mm], base frame."""
+        return apply_transform(self.registration.tf_base_tracker, samples.p_meas) - self.commanded_positions(samples)
+
+    def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors and their standard deviation at commanded poses, both (n, 3) [mm], base frame."""
+        return self.predictor.predict(self._coordinates(poses), return_std=True)
+
+    def predict_measured(self, q: ArrayLike | Poses) -> tuple[FloatArray, FloatArray]:
+        """Predict where the tracker will see the measured point.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad], or Poses
+            Commanded configurations; Poses may instead hold commanded positions for a map in Cartesian space.
+
+        Returns
+        -------
+        p : (n, 3) array [mm], tracker frame
+        std : (n, 3) array [mm], tracker frame
+            Of the prediction; the noise of a reading comes on top.
+        """
+        poses = q if isinstance(q, Poses) else Poses(q=np.atleast_2d(np.asarray(q, float)), source="poses")
+        e, std = self.predict_errors(poses)
+        tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
+        p = apply_transform(tf_tracker_base, self.commanded_positions(poses) + e)
+        return p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T)
+
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return residuals of each sample predicted from the others, and their standard deviation, (n, 3) [mm].
+
+        The registration and the hyperparameters are those of all samples.
+        """
+        return self.predictor.leave_one_out()
+
+    def validate(self, held_out: Samples) -> dict[str, Any]:
+        """Compare errors before and after on samples that took no part in the fit.
+
+        Returns
+        -------
+        dict
+            As `truepose.verification.Accuracy.to_dict`, with ``coverage`` (intervals hold prediction and noise) and
+            ``seen``: how many of the samples are in the map.
+        """
+        e = self.errors(held_out)
+        x = self._coordinates(held_out)
+        residual = e - self.predictor.predict(x)
+        _, std = self.predictor.predict(x, return_std=True, include_nugget=True)
+        known = {row.tobytes() for row in self.samples.p_meas}
+        return {
+            **accuracy(e, residual).to_dict(),
+            "coverage": asdict(coverage(residual, std)),
+            "seen": sum(row.tobytes() in known for row in held_out.p_meas),
+        }
+
+    def correct(
+        self,
+        poses: ArrayLike,
+        *,
+        tf_flange_tool: ArrayLike | None = None,
+        status: IntArray | None = None,
+        turn: IntArray | None = None,
+        on_guard: Policy | None = None,
+    ) -> Corrections:
+        """Return the commands whose predicted outcome is the target (16), guarded.
+
+        Parameters
+        ----------
+        poses : (n, 4, 4) array [mm]
+            Targets, base to tool centre point; or (n, 3) positions at the samples' orientation.
+        tf_flange_tool : (n, 4, 4) or (4, 4) array [mm], optional
+            The tool of each target; the measured one when not given.
+        status, turn : (n,) arrays of int, optional
+            KUKA configuration of each target, −1 where it is not given. The turn names full turns of an axis, which no
+            map of positions tells apart.
+        on_guard : {"refuse", "skip", "clip"}, optional
+            Policy; the cell file's when not given. Under ``refuse`` the verdicts say which targets refuse the program;
+            the caller stops then.
+
+        Returns
+        -------
+        Corrections
+
+        Raises
+        ------
+        RefusedError
+            If the map predicts in joint space: joints of a pose need the branch that the program names.
+        DataError
+            If a target is no pose.
+        """
+        if self.space != "cartesian":
+            raise RefusedError(
+                f"a map of {self.predictor_name!r} predicts in joint space and cannot correct poses; "
+                "fit one in Cartesian space: --predictor ordinary-kriging"
+            )
+        targets = np.asarray(poses, float)
+        if targets.ndim == 2:
+            p_target, rotation = targets, None
+            if targets.shape[1:] != (3,) or not np.isfinite(targets).all():
+                raise DataError(
+                    f"targets of shape {targets.shape} came; finite (n, 3) positions or (n, 4, 4) poses were expected"
+                )
+        else:
+            targets = check_transforms("targets", targets)
+            p_target, rotation = targets[:, :3, 3], Rotation.from_matrix(targets[:, :3, :3])
+        solution = solve(p_target, self.predictor.predict, getattr(self.predictor, "gradient", None))
+        _, std = self.predictor.predict(solution.p_command, return_std=True)
+        p_flange_tool = None
+        if tf_flange_tool is not None:
+            p_flange_tool = np.broadcast_to(np.asarray(tf_flange_tool, float), (len(targets), 4, 4))[:, :3, 3]
+        reasons = self.guards.reasons(solution.p_command, std, solution.converged, rotation, p_flange_tool, status)
+        policy = on_guard or self.cell.correction.on_guard
+        p_command, verdict, reason = apply_policy(
+            p_target, solution.p_command, reasons, self.guards.limits.max_correction, policy
+        )
+        p_mirror = mirror(p_target, self.predictor.predict)
+        return Corrections(p_target, p_command, p_mirror, solution.e, std, verdict, reason)
+
+    @cached_property
+    def guards(self) -> Guards:
+        """The guards of corrections, with the cell file's limits or those found from the samples."""
+        given, samples = self.cell.correction, self.samples
+        limits = Limits(
+            max_std=given.max_std_mm,
+            max_correction=given.max_correction_mm,
+            max_distance=given.max_distance_mm,
+            max_angle=float(np.deg2rad(given.max_angle_deg)),
+            max_tool=given.max_tool_mm,
+        )
+        rotation, status = samples.rotation_cmd, None
+        if samples.q is not None:
+            rotation = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
+            try:
+                status, _ = status_turn(self.robot, samples.q)
+            except RobotError:
+                status = None  # no KUKA arm: its programs name no Status
+        return Guards(self.p_cmd, self.e, limits, self.tf_flange_tool[:3, 3], rotation, status)
+
+    @cached_property
+    def _bytes(self) -> bytes:
+        from truepose.map_file import to_bytes
+
+        return to_bytes(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the map to a file (zip of JSON and .npy), whole or not at all."""
+        files.write_atomic(path, self._bytes)
+
+    def _coordinates(self, poses: Poses) -> FloatArray:
+        """Return what the predictor takes, (n, 3) [mm] or (n, dof) [rad]."""
+        return predictor_coordinates(self.space, poses, self.commanded_positions(poses))
+
+
+def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatArray:
+    """Return the coordinates of poses in a predictor's space: commanded positions [mm], or joints [rad].
+
+    Raises
+    ------
+    DataError
+        If joints are asked for and there are none.
+    """
+    if space == "cartesian":
+        return p_cmd
+    if poses.q is None:
+        raise DataError(f"{poses.source}: a predictor in joint space needs joints (q1_deg …)")
+    return poses.q
+
+
+def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: int = 5, rng: int = 0) -> ErrorMap:
+    """Register, fit the tool if the cell asks for it, and fit an error model.
+
+    Parameters
+    ----------
+    cell : Cell
+    samples : Samples
+    predictor : str
+        A name of `PREDICTORS`, or ``auto``: the best in cross-validation over blocks of space.
+    folds, rng : int
+        Of the cross-validation.
+
+    Returns
+    -------
+    ErrorMap
+
+    Raises
+    ------
+    DataError, IdentifiabilityError, RobotError, KrigingError
+        If the samples cannot bear what is asked of them.
+    """
+    robot = cell.load_robot()
+    registration, tf_flange_tool, p_cmd = register_samples(cell, robot, samples)
+    kept = ~registration.outliers
+    ranking: list[dict[str, Any]] = []
+    if predictor == "auto":
+        coordinates = {"cartesian": p_cmd} if samples.q is None else {"cartesian": p_cmd, "joint": samples.q}
+        ranking = choose(
+            {space: x[kept] for space, x in coordinates.items()}, registration.residuals[kept], folds=folds, rng=rng
+        )
+        predictor = ranking[0]["predictor"]
+    model = make_predictor(predictor)
+    x, e = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd), registration.residuals
+    model.fit(x[kept], e[kept])
+    if not kept.all():
+        agree = _agree(model, x[~kept], e[~kept])
+        kept[~kept] = agree
+        if agree.any():
+            model.fit(x[kept], e[kept])
+    return ErrorMap(
+        cell=cell,
+        robot=robot,
+        samples=samples[kept],
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        predictor_name=predictor,
+        predictor=model,
+        ranking=ranking,
+        excluded=_excluded(samples, registration, ~kept),
+    )
+
+
+def _agree(model: Predictor, x: FloatArray, e: FloatArray) -> NDArray[np.bool_]:
+    """Return which errors that registration found large are what their neighbours make expect, (m,).
+
+    A robot's own error may be far above the others at the edge of the region; a gross reading stands alone.
+    """
+    predicted, std = model.predict(x, return_std=True, include_nugget=True)
+    return np.asarray((np.abs(e - predicted) < _AGREEMENT * std).all(axis=1))
+
+
+def _excluded(samples: Samples, registration: Registration, out: NDArray[np.bool_]) -> list[dict[str, Any]]:
+    assert samples.row is not None
+    size = np.linalg.norm(registration.residuals, axis=1)
+    return [
+        {"row": int(samples.row[i]), "reason": f"a residual of {size[i]:.3f} mm, unlike its neighbours'"}
+        for i in np.flatnonzero(out)
+    ]
+
+
+def load_map(path: str | Path) -> ErrorMap:
+    """Read a map that `ErrorMap.save` wrote. Nothing in the file is executed.
+
+    Raises
+    ------
+    FileError
+        If the file is not a map, truncated, changed since it was written, or of another schema version.
+    """
+    from truepose.map_file import from_bytes
+
+    return from_bytes(files.read_bytes(path), path)

@@ -1,0 +1,96 @@
+"""An error map to the bytes of its file and back (`truepose.archive` is the container).
+
+What is kept is what the map was made from (cell, robot, samples, registration) and the predictor's fitted
+hyperparameters. Reading it fits the predictor to the samples again with these, which estimates nothing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose import archive
+from truepose.cell import Cell
+from truepose.error_map import ErrorMap, predictor_coordinates
+from truepose.errors import FileError
+from truepose.geometry import Registration
+from truepose.predictors import PREDICTORS, make_predictor
+from truepose.robots import parse_robot
+from truepose.samples import Samples
+
+_ROTATIONS = ("rotation_cmd", "rotation_meas")
+_REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
+
+
+def to_bytes(error_map: ErrorMap) -> bytes:
+    """Return the bytes of a map's file; the same map always gives the same bytes."""
+    samples, registration = error_map.samples, error_map.registration
+    cell = error_map.cell.model_dump(mode="json")
+    if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
+        cell["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
+    content = {
+        "cell": cell,
+        "robot": error_map.robot.to_toml(),
+        "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_json()},
+        "samples": {"source": samples.source, "columns": samples.columns()},
+        "registration": {
+            "noise_std": registration.noise_std,
+            "hint": registration.hint,
+            "tool_fitted": error_map.tool_fitted,
+        },
+        "ranking": error_map.ranking,
+        "excluded": error_map.excluded,
+    }
+    arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
+    arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
+    return archive.pack(content, arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e})
+
+
+def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
+    """Return the map that a file holds; `path` is named in the errors.
+
+    Raises
+    ------
+    FileError
+        As `truepose.archive.unpack`, and if a part of the map is missing or of a wrong kind.
+    """
+    content, arrays = archive.unpack(data, path)
+    try:
+        robot = parse_robot(content["robot"], path=path)
+        columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
+        columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
+        samples = Samples(**columns, source=content["samples"]["source"])
+        tf_flange_tool = arrays["tf_flange_tool"]
+        registration = Registration(
+            **{name: arrays[f"registration.{name}"] for name in _REGISTRATION},
+            noise_std=content["registration"]["noise_std"],
+            hint=content["registration"]["hint"],
+            p_flange_tool=tf_flange_tool[:3, 3] if content["registration"]["tool_fitted"] else None,
+        )
+        name = content["predictor"]["name"]
+        error_map = ErrorMap(
+            cell=Cell.model_validate(content["cell"], context={"robot": robot}),
+            robot=robot,
+            samples=samples,
+            registration=registration,
+            tf_flange_tool=tf_flange_tool,
+            predictor_name=name,
+            predictor=make_predictor(name, content["predictor"]["parameters"]),
+            ranking=content["ranking"],
+            excluded=content["excluded"],
+        )
+        x = predictor_coordinates(PREDICTORS[name].space, samples, error_map.p_cmd)
+        error_map.predictor.fit(x, arrays["e"])
+    except FileError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(path, f"does not hold a whole map ({error}); fit and save the map again") from None
+    return error_map
+
+
+def _array(value: Any) -> NDArray[Any]:
+    return value.as_quat() if isinstance(value, Rotation) else np.asarray(value)

@@ -1,0 +1,75 @@
+"""Samples into the robot base frame: station and tool as the cell file asks (method.md §0, registration)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.cell import Cell
+from truepose.errors import DataError
+from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
+from truepose.robots import Robot
+from truepose.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+
+def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    """Register samples with a cell.
+
+    Returns
+    -------
+    registration : Registration
+        Its residuals are the positional errors e = P_meas − P_cmd, base frame.
+    tf_flange_tool : (4, 4) array [mm]
+        Flange to the measured point.
+    p_cmd : (n, 3) array [mm]
+        Commanded positions of that point, base frame.
+
+    Raises
+    ------
+    DataError
+        If a fitted tool is asked for and the samples have no joints, or orientations that are not there.
+    IdentifiabilityError
+        If the samples cannot tell the tool from the station.
+    """
+    tf_flange_tool = cell.tf_flange_tool
+    if samples.q is None:
+        if cell.tool.fit != "none":
+            raise DataError(
+                f'{samples.source}: [tool] fit = "{cell.tool.fit}" needs joints (q1_deg …), or set fit = "none"'
+            )
+        assert samples.p_cmd is not None
+        return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
+    robot.check_limits(samples.q)
+    tf_base_flange = robot.forward(samples.q)
+    if cell.tool.fit == "none":
+        p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+        return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
+    if not cell.station_fitted:
+        raise DataError('[tool] fit needs the station fitted with it: set [tracker] fit = "pose", or state the tool')
+    registration = register_with_tool(tf_base_flange, samples.p_meas, tf_flange_tool[:3, 3], robust=cell.tracker.robust)
+    assert registration.p_flange_tool is not None
+    tf_flange_tool = tf_flange_tool.copy()
+    tf_flange_tool[:3, 3] = registration.p_flange_tool
+    if cell.tool.fit == "pose":
+        tf_flange_tool[:3, :3] = _tool_rotation(tf_base_flange, registration, samples).as_matrix()
+    return registration, tf_flange_tool, (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+
+
+def _station(cell: Cell, p_cmd: FloatArray, p_meas: FloatArray) -> Registration:
+    if cell.station_fitted:
+        return register(p_cmd, p_meas, robust=cell.tracker.robust)
+    return register_known(cell.tf_base_tracker, p_cmd, p_meas, robust=cell.tracker.robust)
+
+
+def _tool_rotation(tf_base_flange: FloatArray, registration: Registration, samples: Samples) -> Rotation:
+    """Return the mean of the measured tool orientations, in the flange frame."""
+    if samples.rotation_meas is None:
+        raise DataError(
+            f'{samples.source}: [tool] fit = "pose" needs measured orientations (rx_meas_deg …); set fit = "position"'
+        )
+    rotation_base_tracker = Rotation.from_matrix(registration.tf_base_tracker[:3, :3])
+    rotation_flange_base = Rotation.from_matrix(invert_transform(tf_base_flange)[:, :3, :3])
+    return (rotation_flange_base * rotation_base_tracker * samples.rotation_meas)[~registration.outliers].mean()

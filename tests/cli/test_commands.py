@@ -1,0 +1,261 @@
+"""Each command as its user runs it, in a process of its own."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from truepose.geometry import apply_transform, invert_transform
+from truepose.samples import write_samples
+
+
+def test_help_lists_the_commands(run):
+    done = run("--help")
+    assert done.code == 0
+    for command in (
+        "demo",
+        "robots",
+        "init",
+        "import",
+        "similarity",
+        "fit",
+        "predict",
+        "validate",
+        "correct",
+        "report",
+    ):
+        assert f" {command} " in done.out
+
+
+def test_version(run):
+    assert run("--version").out.startswith("truepose ")
+
+
+def test_wrong_usage_exits_2(run):
+    assert run("fit").code == 2
+    assert run("no-such-command").code == 2
+
+
+def test_robots(run):
+    names = run("robots", "--json").json["robots"]
+    assert "kuka-kr210-r2700-extra" in names
+    shown = run("robots", "kuka-kr210-r2700-extra", "--json").json
+    assert shown["joints"][1]["a_mm"] == 350.0
+    assert shown["joints"][0]["max_deg"] == pytest.approx(185.0)
+    assert "KUKA" in run("robots", "kuka-kr210-r2700-extra").out
+    assert "kuka-kr210-r2700-extra" in run("robots", "kuka-kr210").failed()
+
+
+def test_init_writes_a_cell_that_loads(run, tmp_path):
+    done = run("init", tmp_path / "new", "--robot", "abb-irb120", "--json")
+    assert done.code == 0
+    from truepose.cell import load_cell
+
+    assert load_cell(done.json["cell"]).load_robot().name == "abb-irb120"
+    assert "exists already" in run("init", tmp_path / "new", "--robot", "abb-irb120").failed()
+    assert "did you mean" in run("init", tmp_path / "other", "--robot", "abb-irb12").failed()
+    assert not (tmp_path / "other").exists()
+
+
+def test_fit_and_validate(run, cell_files):
+    done = run("validate", cell_files.map, cell_files.test, "--json").json
+    assert done["before"].keys() == {"n", "mean_mm", "rms_mm", "std_mm", "p95_mm", "max_mm"}
+    assert done["before"]["n"] == 40
+    assert done["reduction_mean_percent"] > 70
+    assert done["after"]["mean_mm"] > 0.8 * cell_files.virtual.noise_floor  # nothing beats the noise
+    assert done["seen"] == 0
+    assert run("validate", cell_files.map, cell_files.samples, "--json").json["seen"] == 80
+    assert "flatter" in run("validate", cell_files.map, cell_files.samples).out
+
+
+def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
+    done = run("fit", cell_files.cell, cell_files.samples, "--out", tmp_path / "m.truepose", "--json").json
+    means = [row["mean_mm"] for row in done["ranking"]]
+    assert means == sorted(means)
+    assert done["predictor"] == done["ranking"][0]["predictor"]
+    assert done["ranking"][-1]["predictor"] == "registration"
+    assert done["leave_one_out"]["mean_mm"] < 0.5 * done["registered"]["mean_mm"]
+
+
+def test_fit_is_reproducible_to_the_byte(run, cell_files, tmp_path):
+    again = tmp_path / "again.truepose"
+    run("fit", cell_files.cell, cell_files.samples, "--predictor", "ordinary-kriging", "--out", again)
+    assert again.read_bytes() == cell_files.map.read_bytes()
+
+
+def test_predict_where_the_tracker_sees_it(run, cell_files, tmp_path):
+    out = tmp_path / "predicted.csv"
+    assert run("predict", cell_files.map, cell_files.test, "--out", out, "--json").json["n"] == 40
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert {"q1_deg", "x_pred_mm", "y_pred_mm", "z_pred_mm", "std_mm"} <= rows[0].keys()
+    predicted = np.array([[float(row[f"{axis}_pred_mm"]) for axis in "xyz"] for row in rows])
+    virtual = cell_files.virtual
+    q = np.deg2rad([[float(row[f"q{i}_deg"]) for i in range(1, 7)] for row in rows])
+    truth = apply_transform(invert_transform(virtual.truth.tf_base_tracker), virtual.true_position(q))
+    assert np.linalg.norm(predicted - truth, axis=1).mean() < 0.1
+    assert all(0 < float(row["std_mm"]) < 0.5 for row in rows)
+
+
+def test_similarity(run, cell_files, tmp_path):
+    plot = tmp_path / "similarity.svg"
+    done = run("similarity", cell_files.cell, cell_files.samples, "--plot", plot, "--json").json
+    cartesian, joint = done["variograms"]
+    assert cartesian["lag_unit"] == "mm"
+    assert joint["lag_unit"] == "rad"
+    assert cartesian["verdict"].startswith("Yes")
+    assert np.shape(cartesian["semivariance_mm2"]) == (15, 3)
+    assert plot.read_text().lstrip().startswith("<?xml")
+    assert "Yes, near points" in run("similarity", cell_files.cell, cell_files.samples).out
+    assert (
+        "use .svg, .png or .pdf" in run("similarity", cell_files.cell, cell_files.samples, "--plot", "a.xyz").failed()
+    )
+
+
+def test_report_is_one_page_that_asks_for_nothing(run, cell_files, tmp_path):
+    out = tmp_path / "report.html"
+    assert run("report", cell_files.map, "--test", cell_files.test, "--out", out).code == 0
+    page = out.read_text()
+    assert page.count("<svg") >= 5
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+    assert "<script" not in page
+    assert "held-out poses" in page
+    assert run("report", cell_files.map, "--out", out).code == 0
+    assert "leave-one-out" in out.read_text()
+
+
+@pytest.fixture
+def plan_and_readings(cell_files, tmp_path):
+    virtual = cell_files.virtual
+    measured = virtual.measure(virtual.design(30, seed=5))
+    plan, readings = tmp_path / "plan.csv", tmp_path / "readings.txt"
+    write_samples(plan, measured)
+    lines = [f"{i}, {x:.4f}, {y:.4f}, {z:.4f}" for i, (x, y, z) in enumerate(measured.p_meas, 1)]
+    readings.write_text("\n".join(lines) + "\n")
+    return plan, readings, lines
+
+
+def test_import(run, cell_files, plan_and_readings, tmp_path):
+    plan, readings, lines = plan_and_readings
+    out = tmp_path / "samples.csv"
+    done = run("import", cell_files.cell, readings, "--plan", plan, "--out", out, "--json").json
+    assert done["n"] == 30
+    assert done["outliers"] == []
+    assert 0.1 < done["registration"]["mean_mm"] < 1.5
+    assert len(out.read_text().splitlines()) == 31
+    lines[7] = "8, " + ", ".join(f"{float(v) + 30.0:.4f}" for v in lines[7].split(",")[1:])
+    readings.write_text("\n".join(lines))
+    done = run("import", cell_files.cell, readings, "--plan", plan, "--out", out, "--json").json
+    assert [outlier["row"] for outlier in done["outliers"]] == [7]
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda rows: rows[:-3], "27 readings for 30 rows"),
+        (lambda rows: [*rows[:3], rows[9], *rows[4:9], rows[3], *rows[10:]], "rows 3, 9 are swapped"),
+        (
+            lambda rows: [
+                ",".join([r.split(",")[0], *(f"{float(v) / 1000:.7f}" for v in r.split(",")[1:])]) for r in rows
+            ],
+            "metres",
+        ),
+        (lambda rows: [*rows[:4], "5, nan, 1.0, 2.0", *rows[5:]], "NaN|nan|not finite|not a number"),
+        (lambda rows: [*rows[:4], "5, 0.0, 0.0, 0.0", *rows[5:]], "row 4"),
+        (lambda rows: ["what is this", *rows], "line|layout"),
+    ],
+    ids=["missing", "swapped", "metres", "nan", "all-zero", "layout"],
+)
+def test_import_of_bad_readings(run, cell_files, plan_and_readings, tmp_path, damage, message):
+    plan, readings, lines = plan_and_readings
+    readings.write_text("\n".join(damage(lines)) + "\n")
+    out = tmp_path / "samples.csv"
+    import re
+
+    assert re.search(message, run("import", cell_files.cell, readings, "--plan", plan, "--out", out).failed())
+    assert not out.exists()
+
+
+def test_damaged_map(run, cell_files, tmp_path):
+    damaged = tmp_path / "m.truepose"
+    damaged.write_bytes(cell_files.map.read_bytes()[:-500])
+    assert "truncated" in run("validate", damaged, cell_files.test).failed()
+    assert "no such file" in run("validate", tmp_path / "none.truepose", cell_files.test).failed()
+    assert "not a map file" in run("validate", cell_files.cell, cell_files.test).failed()
+
+
+def test_unwritable_output(run, cell_files, tmp_path):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "m.truepose"
+    assert "cannot be written" in run("fit", cell_files.cell, cell_files.samples, "--out", out).failed()
+
+
+def test_unknown_predictor(run, cell_files, tmp_path):
+    message = run("fit", cell_files.cell, cell_files.samples, "--predictor", "ordinary-krigging").failed()
+    assert "did you mean 'ordinary-kriging'" in message
+
+
+def test_too_few_samples(run, cell_files, tmp_path):
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(cell_files.samples.read_text().splitlines()[:3]))
+    assert "too few" in run("fit", cell_files.cell, few, "--out", tmp_path / "m").failed()
+
+
+def test_fitted_tool_at_one_orientation_is_told(run, cell_files, tmp_path):
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell_files.cell.read_text().replace("[tool]\n", '[tool]\nfit = "position"\n'))
+    message = run("fit", cell, cell_files.samples, "--out", tmp_path / "m").failed()
+    assert "tool" in message
+    assert not (tmp_path / "m").exists()
+
+
+def test_degrees_for_radians_in_python(cell_files):
+    import truepose as tp
+
+    with pytest.raises(tp.TrueposeError, match="degrees"):
+        tp.load_map(cell_files.map).predict_measured(np.array([[0.0, -75.0, 95.0, 0.0, -20.0, 0.0]]))
+
+
+def test_demo(run, tmp_path):
+    done = run("demo", tmp_path / "d", "--seed", "3", "--json").json
+    assert done["reduction_max_percent"] > 75.36
+    assert done["before"]["max_mm"] == pytest.approx(1.3, abs=0.35)
+    assert done["remeasured"]["reduction_max_percent"] > 75.36
+    folder = tmp_path / "d"
+    assert {"cell.toml", "report.html", "map.truepose", "corrected", "program"} <= {p.name for p in folder.iterdir()}
+    # the corrected program is the original but for digits, and correcting it again is refused
+    import re
+
+    original, corrected = (folder / where / "panel.dat" for where in ("program", "corrected"))
+    blank = lambda path: re.sub(rb"[\d.]+", b"", path.read_bytes())  # noqa: E731
+    assert blank(original) == blank(corrected)
+    assert original.read_bytes() != corrected.read_bytes()
+    shutil.copy(folder / "program" / "$config.dat", folder / "corrected")
+    again = run("correct", folder / "map.truepose", folder / "corrected" / "panel.src", "--out", tmp_path / "twice")
+    assert "already" in again.failed()
+    assert not (tmp_path / "twice").exists()
+
+
+def test_correct_and_dry_run(run, tmp_path):
+    folder = tmp_path / "d"
+    assert run("demo", folder, "--json").code == 0
+    source, error_map = folder / "program" / "panel.src", folder / "map.truepose"
+    dry = run("correct", error_map, source, "--out", tmp_path / "dry", "--dry-run")
+    assert dry.code == 0
+    assert "+DECL E6POS XP1=" in dry.out
+    assert not (tmp_path / "dry").exists()
+    done = run("correct", error_map, source, "--out", tmp_path / "out", "--json").json
+    (program,) = done["programs"]
+    assert program["summary"]["corrected"] == 24
+    assert json.loads((tmp_path / "out" / "panel.corrections.json").read_text())["targets"] == program["targets"]
+    data = source.with_suffix(".dat")
+    data.write_text(data.read_text().replace("TOOL_NO 3", "TOOL_NO 9", 1))
+    message = run("correct", error_map, source, "--out", tmp_path / "unknown").failed()
+    assert "tool" in message.lower()
+    assert "9" in message
+    assert not (tmp_path / "unknown").exists()
+    data.unlink()
+    assert "panel.dat" in run("correct", error_map, source, "--out", tmp_path / "alone").failed()
