@@ -263,7 +263,7 @@ class _Reader:
         code = self._src.data[start:end]
         if b"INTERRUPT" not in code.upper():
             return False
-        if m := _HANDLER.search(code):
+        if (m := _HANDLER.search(code)) and m[1].decode().upper() not in KEEPS_FRAMES:
             self._flow.handlers.append(m[1].decode().upper())
         return True
 

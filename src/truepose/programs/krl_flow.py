@@ -72,6 +72,7 @@ class _Block:
     entry: int
     exits: list[int] = field(default_factory=list)
     complete: bool = False
+    branches: int = 0
 
 
 class Structure(Exception):  # noqa: N818 - becomes a FileError where file and line are known
@@ -163,7 +164,9 @@ class Flow:
     def branch(self, kind: str, *, last: bool) -> None:
         """Begin ELSE (last), CASE, or DEFAULT (last)."""
         block = self._top(kind, "IF" if kind == "ELSE" else "SWITCH")
-        block.exits.append(self.node)
+        if block.kind == "IF" or block.branches:
+            block.exits.append(self.node)
+        block.branches += 1
         block.complete = block.complete or last
         self._new(block.entry)
 

@@ -40,7 +40,9 @@ _COMPONENT = re.compile(
 _PREFIX = re.compile(rb"\{" + _WS + rb"(?:([A-Za-z_]\w*+)" + _WS + rb":)?")
 _ARITHMETIC = re.compile(rb"[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?(?:\s*[-+*/]\s*[\d.]+(?:[eE][+-]?\d+)?)*")
 _DIGITS = re.compile(rb"[-+\d.eE\s]+")
-_BROKEN = re.compile(rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?![eE][+-]?\d)[A-Za-z_$]")
+_BROKEN = re.compile(
+    rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
+)
 _LITERAL = re.compile(rb"'\s*(?:B\s*([01]+)|H\s*([0-9A-F]+))\s*'", re.I)
 _BRACE = re.compile(rb"[{}]|\"[^\"]*\"")
 _SEPARATOR = re.compile(rb"[{}()\[\],]|\"[^\"]*\"|'[^']*'")

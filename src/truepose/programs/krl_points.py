@@ -236,7 +236,9 @@ class Judge:
 
     def _resolve(self, use: Use, fdat: Frames | None) -> tuple[InForce, InForce]:
         state = self._states[use.node]
-        ipos = {use.ipo} if use.ipo else state.ipo | ({fdat.ipo} if fdat else set())
+        ipos = {use.ipo} if use.ipo else set(state.ipo)
+        if fdat and fdat.ipo != "BASE":
+            ipos = {fdat.ipo}
         if ipos != {"BASE"}:
             why = (
                 "external TCP (IPO_FRAME #TCP)"

@@ -141,8 +141,9 @@ def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes
         whole = whole[:-1]
     sign = "+" if number.startswith(b"+") and value >= 0 else ""
     written = f"{sign}{whole}.{fraction}" if fraction else f"{sign}{whole}"
-    blanks = len(token) - len(number)
-    return written.encode().rjust(len(token)) if len(written) < len(token) else b" " * min(blanks, 1) + written.encode()
+    if len(number) == len(token):
+        return written.encode()
+    return b" " + written.encode().rjust(len(token) - 1)
 
 
 def apply_patches(data: bytes, patches: Sequence[Patch]) -> bytes:

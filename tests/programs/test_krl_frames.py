@@ -1,0 +1,142 @@
+"""What is in force at a motion: constants are followed through branches, loops, jumps and calls; nothing is guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from truepose.errors import FileError
+from truepose.programs import Program, Target
+
+POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
+Read = Callable[..., Program]
+
+
+def inline(program: Program) -> list[tuple[str, int | None]]:
+    """Verdict and tool of every inline target, in the order of the text."""
+    return [(t.verdict, t.tool_number) for t in program.targets]
+
+
+@pytest.mark.parametrize(
+    ("between", "expected"),
+    [
+        ("IF a THEN\nBAS(#TOOL,2)\nENDIF", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("IF a THEN\nBAS(#TOOL,2)\nELSE\nBAS(#TOOL,2)\nENDIF", 2),
+        ("IF a THEN\nBAS(#TOOL,2)\nRETURN\nENDIF", 1),
+        ("SWITCH a\nCASE 1\nBAS(#TOOL,2)\nCASE 2,3\nBAS(#TOOL,3)\nDEFAULT\nBAS(#TOOL,2)\nENDSWITCH", "TOOL_DATA[2] or"),
+        ("SWITCH a\nCASE 1\nBAS(#TOOL,2)\nDEFAULT\nBAS(#TOOL,2)\nENDSWITCH", 2),
+        ("SWITCH a\nCASE 1\nBAS(#TOOL,2)\nENDSWITCH", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("FOR i=1 TO 3\nBAS(#TOOL,2)\nENDFOR", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("WHILE a\nx=1\nENDWHILE", 1),
+        ("REPEAT\nBAS(#TOOL,2)\nUNTIL a", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("LOOP\nBAS(#TOOL,2)\nIF a THEN\nEXIT\nENDIF\nENDLOOP", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("GOTO there\nBAS(#TOOL,2)\nthere:", 1),
+        ("IF a THEN\nGOTO there\nENDIF\nBAS(#TOOL,2)\nthere:", "TOOL_DATA[1] or TOOL_DATA[2]"),
+        ("other()", "other() was called, which is not in this file"),
+        ("x=other(1)", "other() was called"),
+        ("x=SIN(30)", 1),
+        ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM( )\nINTERRUPT ON 3", 1),
+        ("INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO halt( )", "the interrupt program HALT() is not in this file"),
+        ("BAS(#INITMOV,0)", "no $TOOL is set"),
+        ("BAS(#VEL_PTP,100)", 1),
+        ("$TOOL.Z=5", "$TOOL.Z=5 (line 4)"),
+        ("FDAT_ACT={TOOL_NO 2,BASE_NO 1,IPO_FRAME #BASE}\nBAS(#PTP_PARAMS,10)", 2),
+        ("FDAT_ACT={TOOL_NO 2,BASE_NO 1,IPO_FRAME #BASE}", 1),
+        ("FDAT_ACT=here\nBAS(#CP_PARAMS,10)", "FDAT_ACT=here (line 4)"),
+        ("BAS(#PTP_PARAMS,10)", "FDAT_ACT is not set"),
+        ("SPLINE WITH $TOOL=TOOL_DATA[2]\nENDSPLINE", 1),
+        ("$TOOL={X 1,Y 2,Z 3,A 0,B 0,C 0}", None),
+    ],
+)
+def test_tool_after(read: Read, between: str, expected: int | str | None) -> None:
+    target = read(f"BAS(#TOOL,1)\nBAS(#BASE,1)\n{between}\nLIN {POSE}").targets[-1]
+    if isinstance(expected, str):
+        assert target.verdict == "refuse"
+        assert expected.lower() in target.reason.lower()
+    else:
+        assert (target.verdict, target.tool_number) == ("correct", expected)
+
+
+def test_a_loop_brings_its_end_back_to_its_start(read: Read) -> None:
+    program = read(f"BAS(#BASE,1)\nBAS(#TOOL,1)\nLOOP\nLIN {POSE}\nBAS(#TOOL,2)\nLIN {POSE}\nENDLOOP")
+    assert inline(program) == [("refuse", None), ("correct", 2)]
+
+
+def test_code_that_is_never_reached_is_left_as_it_is(read: Read) -> None:
+    target = read(f"BAS(#BASE,1)\nBAS(#TOOL,1)\nRETURN\nLIN {POSE}").targets[0]
+    assert (target.verdict, target.reason) == ("skip", "the program never gets here")
+
+
+def test_calls_in_this_file_are_followed(read: Read) -> None:
+    program = read(
+        f"DEF cell( )\nBAS(#TOOL,1)\nBAS(#BASE,1)\nsub()\nLIN {POSE}\nquiet()\nLIN {POSE}\nEND\n"
+        f"DEF sub( )\nLIN {POSE}\nBAS(#TOOL,2)\nLIN {POSE}\nEND\n"
+        f"DEF quiet( )\nLIN {POSE}\nEND\nGLOBAL DEF open( )\nLIN {POSE}\nEND\n"
+    )
+    # a subprogram sees what its callers have, and hands back what it set; a GLOBAL one may be called by anybody
+    assert inline(program) == [
+        ("correct", 2),
+        ("correct", 2),
+        ("correct", 1),
+        ("correct", 2),
+        ("correct", 2),
+        ("refuse", None),
+    ]
+
+
+def test_a_quiet_subprogram_gives_each_caller_its_own_back(read: Read) -> None:
+    program = read(
+        f"DEF cell( )\nBAS(#BASE,1)\nBAS(#TOOL,1)\nquiet()\nLIN {POSE}\nBAS(#TOOL,2)\nquiet()\nLIN {POSE}\nEND\n"
+        f"DEF quiet( )\nLIN {POSE}\nEND\n"
+    )
+    assert inline(program) == [("correct", 1), ("correct", 2), ("refuse", None)]
+
+
+def test_calls_may_be_trusted(read: Read) -> None:
+    body = f"BAS(#TOOL,1)\nBAS(#BASE,1)\nother()\nLIN {POSE}"
+    assert read(body, calls_keep_frames=True).targets[0].verdict == "correct"
+
+
+def test_fdat_must_agree_with_what_is_in_force(read: Read) -> None:
+    points = f"DECL E6POS XP7={POSE}\nDECL FDAT FP7={{TOOL_NO 3,BASE_NO 1,IPO_FRAME #BASE}}"
+
+    def only(body: str) -> Target:
+        return read(body, points).targets[0]
+
+    assert only("other()\nLIN XP7").verdict == "correct"
+    assert only("BAS(#TOOL,3)\nLIN XP7").verdict == "correct"
+    target = only("BAS(#TOOL,2)\nLIN XP7")
+    assert (target.verdict, target.reason) == (
+        "refuse",
+        "taught with TOOL_DATA[3] (FDAT), but TOOL_DATA[2] may be in force",
+    )
+    assert only("$BASE=BASE_DATA[n]\nLIN XP7").verdict == "refuse"
+
+
+def test_the_fdat_of_an_inline_form_is_in_force_behind_it(read: Read) -> None:
+    program = read(
+        f"FDAT_ACT=FP7\nBAS(#PTP_PARAMS,100)\nPTP XP7\nLIN {POSE}",
+        f"DECL E6POS XP7={POSE}\nDECL FDAT FP7={{TOOL_NO 3,BASE_NO 1,IPO_FRAME #BASE}}",
+    )
+    assert inline(program) == [("correct", 3), ("correct", 3)]
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("ENDIF", r"cell\.src:2: ENDIF without IF"),
+        ("IF a THEN\nENDLOOP", r"cell\.src:3: ENDLOOP without LOOP"),
+        ("LOOP", r"cell\.src:3: LOOP of line 2 is not closed"),
+        ("ELSE", r"cell\.src:2: ELSE without IF"),
+        ("GOTO nowhere", r"cell\.src:3: GOTO NOWHERE: there is no such label"),
+        ("DEF sub( )", r"cell\.src:2: cell of line 1 has no END before this"),
+        ("END\nEND", r"cell\.src:3: END without DEF"),
+        ("END\nDEF cell( )", r"cell\.src:3: CELL is defined twice"),
+    ],
+)
+def test_broken_structure(pair: Callable[..., object], body: str, message: str) -> None:
+    from truepose.programs import read_program
+
+    with pytest.raises(FileError, match=message):
+        read_program(pair(f"DEF cell( )\n{body}\nEND\n"))  # type: ignore[arg-type]
