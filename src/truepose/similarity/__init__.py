@@ -5,6 +5,7 @@ from __future__ import annotations
 from truepose.similarity.envelope import Envelope, permutation_envelope, verdict
 from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
 from truepose.similarity.fitting import VariogramFit, fit_variogram
+from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
 from truepose.similarity.models import FAMILIES, VariogramModel
 from truepose.similarity.plot import draw_variogram, plot_variogram
 
@@ -13,10 +14,12 @@ __all__ = [
     "Direction",
     "Envelope",
     "ExperimentalVariogram",
+    "LikelihoodFit",
     "VariogramFit",
     "VariogramModel",
     "draw_variogram",
     "experimental_variogram",
+    "fit_likelihood",
     "fit_variogram",
     "permutation_envelope",
     "plot_variogram",

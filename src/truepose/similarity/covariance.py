@@ -17,7 +17,7 @@ from numba import prange, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from truepose.similarity.compiled import BLOCK, REORDER, compiled, pack
+from truepose.similarity.compiled import BLOCK, REORDER, compiled
 
 FloatArray = NDArray[np.float64]
 
@@ -51,15 +51,15 @@ def slope_over_distance(family: int, r: FloatArray) -> FloatArray:
     return flat.reshape(np.shape(r))
 
 
-def cross_correlation(family: int, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return rho(‖u_i − v_j‖), (len(u), len(v)), C order, of scaled coordinates u (m, d) and v (n, d)."""
-    out = np.empty((len(u), len(v)))
-    _cross_correlation(family, u, pack(v), out)
+def cross_correlation(family: int, u: FloatArray, samples: FloatArray, n: int) -> FloatArray:
+    """Return rho(‖u_i − v_j‖), (m, n), C order, of scaled coordinates u (m, d) and n samples v as `pack` gives them."""
+    out = np.empty((len(u), n))
+    _cross_correlation(family, u, samples, out)
     return out
 
 
 def weighted_sum(family: int, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return Σ_j rho(‖u_i − v_j‖) w_jc, (m, c), where v and w are given as `pack` arranges them."""
+    """Return Σ_j rho(‖u_i − v_j‖) w_jc, (m, c), of samples v and weights w (n, c) as `pack` gives them."""
     return _weighted_sum(family, u, samples, weights)
 
 

@@ -113,7 +113,7 @@ def fit_variogram(
             "use more bins or a larger max_lag, or measure more points"
         )
     if not gamma.max() > 0:
-        raise KrigingError("the errors do not vary, so no variogram can be fitted; check the column of e")
+        raise KrigingError("the errors do not vary within the lags; use a larger max_lag, or check the column of e")
     fits = {name: _fit_family(name, h, gamma, pairs) for name in names}
     candidates = {name: _objective(model, h, gamma, pairs) for name, (model, _) in fits.items()}
     best = min(candidates, key=candidates.__getitem__)

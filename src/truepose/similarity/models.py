@@ -13,6 +13,7 @@ from truepose.errors import KrigingError
 
 if TYPE_CHECKING:
     from truepose.similarity.fitting import VariogramFit
+    from truepose.similarity.likelihood import LikelihoodFit
 
 FloatArray = NDArray[np.float64]
 
@@ -82,8 +83,8 @@ class VariogramModel:
         Partial sill C; the total is C0 + C. For "linear", the rise of γ over one range.
     range : float
         a of the formula, in the unit of the coordinates.
-    fit : VariogramFit, optional
-        How the model was fitted; `fit_variogram` fills it.
+    fit : VariogramFit or LikelihoodFit, optional
+        How the model was fitted; `fit_variogram` and `fit_likelihood` fill it.
 
     Raises
     ------
@@ -101,7 +102,7 @@ class VariogramModel:
     nugget: float = 0.0
     sill: float = field(kw_only=True)
     range: float = field(kw_only=True)
-    fit: VariogramFit | None = field(default=None, compare=False, repr=False, kw_only=True)
+    fit: VariogramFit | LikelihoodFit | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:

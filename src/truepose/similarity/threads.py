@@ -1,0 +1,26 @@
+"""Threads of the linear algebra: a small matrix only waits for a second one, the more so on a busy machine."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from typing import Any, Final
+
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+
+LARGE: Final = 512
+
+
+def blas_threads(n: int) -> AbstractContextManager[Any]:
+    """Return a context in which BLAS works on n-row matrices: in one thread where they are small."""
+    if n >= LARGE:
+        return nullcontext()
+    one: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    return one
+
+
+@cache
+def _controller() -> Any:
+    import scipy.linalg  # noqa: F401  its BLAS must be there to be found
+
+    return ThreadpoolController()

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truepose.errors import DataError
+from truepose.similarity import (
+    experimental_variogram,
+    fit_variogram,
+    permutation_envelope,
+    plot_variogram,
+    verdict,
+)
+
+
+@pytest.fixture
+def structured(rng):
+    x = rng.random((150, 3)) * 1000
+    return x, np.sin(x / 120) + rng.normal(scale=0.2, size=x.shape)
+
+
+def test_band_is_the_quantiles_of_shuffled_variograms(rng):
+    x, e = rng.random((60, 2)), rng.standard_normal((60, 2))
+    band = permutation_envelope(x, e, bins=5, permutations=39, rng=7)
+    order = np.random.default_rng(7).permuted(np.tile(np.arange(60), (39, 1)), axis=1)
+    shuffled = [experimental_variogram(x, e[row], bins=5) for row in order]
+    lower, upper = np.quantile([ev.semivariance for ev in shuffled], [0.025, 0.975], axis=0)
+    np.testing.assert_allclose(band.lower, lower)
+    np.testing.assert_allclose(band.upper, upper)
+    np.testing.assert_allclose(band.vector_lower, np.quantile([ev.vector for ev in shuffled], 0.025, axis=0))
+
+
+def test_structure_is_found(structured):
+    band = permutation_envelope(*structured)
+    assert band.structured[:4].all()
+    assert band.structured_components[:3].all()
+    assert band.p_value == pytest.approx(1 / 200)
+    text = verdict(fit_variogram(band.variogram, "best"), band)
+    assert text.startswith("Yes, near points have similar errors (p = 0.005)")
+    assert "\n" not in text
+
+
+def test_noise_is_not_structure():
+    """Under pure noise the p-value is uniform: of 60 seeds some 3 fall below 0.05."""
+    p = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        p.append(permutation_envelope(rng.random((60, 3)), rng.standard_normal((60, 3)), rng=seed).p_value)
+    assert sum(value <= 0.05 for value in p) <= 8
+    assert 0.35 < np.mean(p) < 0.65
+
+
+def test_verdict_on_noise(rng):
+    band = permutation_envelope(rng.random((100, 3)), rng.standard_normal((100, 3)))
+    assert verdict(fit_variogram(band.variogram), band).startswith("No similarity can be told from chance")
+
+
+def test_same_seed_same_band(structured):
+    first, second = permutation_envelope(*structured, rng=3), permutation_envelope(*structured, rng=3)
+    np.testing.assert_array_equal(first.vector_lower, second.vector_lower)
+
+
+def test_refusals(structured):
+    with pytest.raises(DataError, match="use at least 39"):
+        permutation_envelope(*structured, permutations=10)
+    with pytest.raises(DataError, match="level is 1"):
+        permutation_envelope(*structured, level=1.0)
+
+
+@pytest.mark.parametrize("component", [None, 1])
+def test_picture(structured, component):
+    band = permutation_envelope(*structured)
+    model = fit_variogram(band.variogram, "spherical", component=component)
+    axes = plot_variogram(band.variogram, model, band, component=component, title="Errors").axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("distance h [mm]", "semivariance γ(h) [mm²]")
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"spherical", "shuffled, 95 %", "measured (area: pairs)"} <= set(labels)
+    assert any("practical range" in text.get_text() for text in axes.texts)
