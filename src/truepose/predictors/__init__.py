@@ -1,0 +1,24 @@
+"""Error models: predict the positional error, with a standard deviation, where nothing was measured (method.md §3)."""
+
+from __future__ import annotations
+
+from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.choose import choose
+from truepose.predictors.folds import block_folds, random_folds
+from truepose.predictors.inverse_distance import InverseDistance
+from truepose.predictors.kriging import OrdinaryKriging
+from truepose.predictors.named import PREDICTORS, make_predictor
+from truepose.predictors.registration_only import RegistrationOnly
+
+__all__ = [
+    "PREDICTORS",
+    "InverseDistance",
+    "LeaveOneOut",
+    "OrdinaryKriging",
+    "Predictor",
+    "RegistrationOnly",
+    "block_folds",
+    "choose",
+    "make_predictor",
+    "random_folds",
+]

@@ -1,0 +1,213 @@
+"""The contract of all error models, which is scikit-learn's with standard deviations.
+
+A model is stored by `__init__`, fitted by ``fit(X, y, noise_std)``, asked by ``predict(X, return_std)``. Here stands
+all that is alike: what may come in, what its faults are called, and that a model fitted to one column answers with one
+column. A subclass writes `_fit`, `_predict` and `_leave_one_out` on (n, d) and (n, k) arrays of finite numbers.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, Self, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from truepose.errors import DataError
+from truepose.similarity import VariogramModel
+
+FloatArray = NDArray[np.float64]
+
+
+class LeaveOneOut(NamedTuple):
+    """Each sample predicted from the others.
+
+    Attributes
+    ----------
+    residual : (n, k) array [mm]
+        Sample minus prediction.
+    std : (n, k) array [mm]
+        Standard deviation of the residual: of the prediction and of the reading together.
+    """
+
+    residual: FloatArray
+    std: FloatArray
+
+
+class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Base of error models: predicts positional errors, with a standard deviation, at new positions or joints."""
+
+    def fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
+        """Fit the model to samples.
+
+        Parameters
+        ----------
+        X : (n, d) array_like
+            Positions (n, 3) [mm] in the base frame, or joints (n, dof) [rad].
+        y : (n, k) or (n,) array_like [mm]
+            Positional errors e, base frame.
+        noise_std : float, (n,) or (n, k) array_like [mm], optional
+            Standard deviation of the readings: for all, for each sample, or for each sample and component.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        DataError
+            If shapes disagree or a number is not finite; the row is named.
+        KrigingError
+            If the samples cannot bear the model.
+        """
+        if y is None:
+            raise DataError(
+                f"{type(self).__name__} requires y to be passed, but the target y is None; give the errors e"
+            )
+        X, e = self._validate(X, y)
+        self._flat = e.ndim == 1
+        e = e.reshape(len(e), -1)
+        self._fit(X, e, None if noise_std is None else _noise(noise_std, e.shape))
+        return self
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = ..., include_nugget: bool = ...) -> FloatArray: ...
+    @overload
+    def predict(
+        self, X: ArrayLike, return_std: Literal[True], include_nugget: bool = ...
+    ) -> tuple[FloatArray, FloatArray]: ...
+    def predict(
+        self, X: ArrayLike, return_std: bool = False, include_nugget: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Predict errors at new positions or joints.
+
+        Parameters
+        ----------
+        X : (m, d) array_like
+            In the coordinates of the samples.
+        return_std : bool
+            Also return the standard deviation.
+        include_nugget : bool
+            Let the standard deviation hold the noise of one new reading, too; otherwise it is that of the error itself.
+
+        Returns
+        -------
+        e : (m, k) or (m,) array [mm]
+        std : (m, k) or (m,) array [mm]
+            Only with `return_std`.
+
+        Raises
+        ------
+        DataError
+            If X has another number of columns than the samples, or a number is not finite.
+        """
+        check_is_fitted(self)
+        e, std = self._predict(self._validate(X)[0], return_std, include_nugget)
+        if std is None:
+            return self._shaped(e)
+        return self._shaped(e), self._shaped(std)
+
+    def leave_one_out(self) -> LeaveOneOut:
+        """Predict each sample from the others, with the fitted hyperparameters.
+
+        All repeats of a sample's point are left out together with it.
+
+        Returns
+        -------
+        LeaveOneOut
+            residual, std: (n, k) or (n,) arrays [mm].
+        """
+        check_is_fitted(self)
+        residual, std = self._leave_one_out()
+        return LeaveOneOut(self._shaped(residual), self._shaped(std))
+
+    def pinned(self) -> Self:
+        """Return an unfitted copy whose parameters are the fitted hyperparameters: fitting it estimates nothing."""
+        check_is_fitted(self)
+        copy: Self = clone(self).set_params(**self._fitted_parameters())
+        return copy
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the parameters of `pinned` as plain values."""
+        return {name: _plain(value) for name, value in self.pinned().get_params(deep=False).items()}
+
+    @classmethod
+    def from_json(cls, parameters: Mapping[str, Any]) -> Self:
+        """Return the unfitted model that `to_json` described."""
+        return cls(**{name: _rich(value) for name, value in parameters.items()})
+
+    @abstractmethod
+    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None: ...
+
+    @abstractmethod
+    def _predict(
+        self, X: FloatArray, return_std: bool, include_nugget: bool
+    ) -> tuple[FloatArray, FloatArray | None]: ...
+
+    @abstractmethod
+    def _leave_one_out(self) -> LeaveOneOut: ...
+
+    def _fitted_parameters(self) -> dict[str, Any]:
+        return {}
+
+    def _shaped(self, values: FloatArray) -> FloatArray:
+        return values[:, 0] if self._flat else values
+
+    def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return X (n, d) and y, finite and of 64 bits; an empty y when none was given."""
+        options: dict[str, Any] = {"dtype": np.float64, "ensure_all_finite": False, "reset": y is not None}
+        if y is not None:
+            _check_finite("y", y)  # before scikit-learn, which does not name the row
+            options |= {"y": y, "multi_output": True, "y_numeric": True}
+        try:
+            checked = validate_data(self, X, **options)
+        except ValueError as error:
+            if "feature names" in str(error):  # scikit-learn's own words, on several lines
+                raise
+            raise DataError(f"X: {' '.join(str(error).split())}") from None
+        X, y = checked if y is not None else (checked, np.empty(0))
+        _check_finite("X", X)
+        return np.asarray(X, dtype=np.float64), np.asarray(y, dtype=np.float64)
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = True
+        return tags
+
+
+def _check_finite(name: str, values: Any) -> None:
+    """Raise DataError, naming the row, where an array of numbers has one that is not finite."""
+    array = np.asarray(values)
+    if array.dtype.kind == "f" and array.ndim > 0:
+        bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1)) if array.size else np.empty(0)
+        if bad.size:
+            raise DataError(f"{name} has NaN or infinity in row {bad[0]} ({bad.size} rows in all); remove these rows")
+
+
+def _noise(noise_std: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return the standard deviation of each reading, (n, k)."""
+    std = np.asarray(noise_std, dtype=np.float64)
+    if std.shape not in ((), shape[:1], shape):
+        raise DataError(f"noise_std has shape {std.shape}; expected one number, ({shape[0]},) or {shape}")
+    full = np.broadcast_to(std[:, None] if std.ndim == 1 else std, shape)
+    bad = np.flatnonzero(~(np.isfinite(full) & (full >= 0)).all(axis=1))
+    if bad.size:
+        raise DataError(
+            f"noise_std is {full[bad[0]]} in row {bad[0]} ({bad.size} rows in all); expected finite numbers >= 0"
+        )
+    return full
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, VariogramModel):
+        return value.to_dict()
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _rich(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return VariogramModel.from_dict(dict(value))
+    return tuple(_rich(item) for item in value) if isinstance(value, list | tuple) else value

@@ -1,0 +1,90 @@
+"""Interpolation by inverse distance (12), the baseline of every comparison. Shepard, ACM National Conference (1968)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from truepose.errors import DataError
+from truepose.predictors.base import LeaveOneOut, Predictor
+
+FloatArray = NDArray[np.float64]
+
+CHUNK = 2**22  # distances in memory at once
+
+
+class InverseDistance(Predictor):
+    """Weighted mean of the samples' errors with weights h^-power, equation (12).
+
+    It passes through the samples and knows no noise: `noise_std` is not used. Its standard deviation is the root mean
+    square of its leave-one-out residuals, the same everywhere.
+
+    Parameters
+    ----------
+    power : float
+        Exponent of the distance, above 0.
+    neighbours : int, optional
+        Nearest samples used for each target; all when not given.
+
+    Examples
+    --------
+    >>> model = InverseDistance(power=1).fit([[0.0], [3.0]], [0.0, 3.0])
+    >>> model.predict([[1.0], [3.0]])
+    array([1., 3.])
+    """
+
+    def __init__(self, power: float = 2, neighbours: int | None = None) -> None:
+        self.power = power
+        self.neighbours = neighbours
+
+    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+        if not (math.isfinite(self.power) and self.power > 0):
+            raise DataError(f"InverseDistance: power is {self.power}; expected a number above 0")
+        if self.neighbours is not None and self.neighbours < 1:
+            raise DataError(f"InverseDistance: neighbours is {self.neighbours}; expected at least 1, or None for all")
+        self._x, self._e = X, e
+        self.std_ = np.sqrt(np.mean(self._left_out() ** 2, axis=0))
+
+    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+        e = self._interpolate(X)
+        return e, np.broadcast_to(self.std_, e.shape).copy() if return_std else None
+
+    def _leave_one_out(self) -> LeaveOneOut:
+        residual = self._left_out()
+        return LeaveOneOut(residual, np.broadcast_to(self.std_, residual.shape).copy())
+
+    def _left_out(self) -> FloatArray:
+        """Return the leave-one-out residuals (n, k); a point is left out with all its repeats."""
+        points, inverse = np.unique(self._x, axis=0, return_inverse=True)
+        alone = len(points) == 1
+        others = self._e.mean(axis=0) if alone else self._interpolate(points, leave_out=True)[inverse.reshape(-1)]
+        residual: FloatArray = self._e - others
+        return residual
+
+    def _interpolate(self, X: FloatArray, leave_out: bool = False) -> FloatArray:
+        n, k = self._e.shape
+        near = n if self.neighbours is None else min(self.neighbours, n)
+        rows = max(1, CHUNK // max(n, 1))
+        out = np.empty((len(X), k))
+        for start in range(0, len(X), rows):
+            part = slice(start, start + rows)
+            h: FloatArray = cdist(X[part], self._x)
+            if leave_out:
+                h[h == 0] = np.inf
+            if near < n:
+                h[h > np.partition(h, near - 1, axis=1)[:, near - 1 : near]] = np.inf
+            out[part] = self._weights(h) @ self._e
+        return out
+
+    def _weights(self, h: FloatArray) -> FloatArray:
+        """Return h^-power, each row with the sum 1; a sample at the target takes all weight."""
+        nearest = h.min(axis=1, keepdims=True)
+        at_sample = nearest == 0
+        weights = np.where(
+            at_sample, h == 0, (np.where(at_sample, 1.0, nearest) / np.where(h == 0, 1.0, h)) ** self.power
+        )
+        share: FloatArray = weights / weights.sum(axis=1, keepdims=True)
+        return share
