@@ -305,7 +305,7 @@ def test_pose_like_data_are_no_targets(read: Read) -> None:
 
 
 def test_s_moves_and_spline_blocks(read: Read) -> None:
-    with_fdat = "WITH $VEL=SVEL_CP(2.0, , LCPDAT1), $TOOL=STOOL2(FA), $BASE=SBASE(FA.BASE_NO), $LOAD=SLOAD(FA.TOOL_NO)"
+    with_fdat = "WITH $VEL=SVEL_CP(2.0, , LCPDAT1), $LOAD=SLOAD(FA.TOOL_NO), $TOOL=STOOL2(FA), $BASE=SBASE(FA.BASE_NO)"
     program = read(
         f"SPTP XA {with_fdat}\nSLIN XA {with_fdat} C_SPL\nSCIRC XB, XC, CA 90.0 {with_fdat}\n"
         f"SPLINE WITH $TOOL=TOOL_DATA[3], $BASE=BASE_DATA[1], $IPO_MODE=#BASE\nSPL XA\nSPL {POSE}\nTIME_BLOCK START\n"

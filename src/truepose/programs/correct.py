@@ -298,6 +298,7 @@ def _correct(
     difference = answer.p_command - answer.p_target
     # R_frame_base = R_base_frameᵀ
     moved = np.einsum("nji,nj->ni", tf_base_frame[:, :3, :3], difference)
+    data = {source.path: source.data for source in program.sources}
     for k, i in enumerate(chosen):
         target = targets[k]
         if verdict[k] not in _CORRECTED:
@@ -305,13 +306,12 @@ def _correct(
             continue
         if not np.isfinite(moved[k]).all():
             raise RefusedError(f"{target.where}: {target.name}: the map gave a correction that is not a number")
-        after = _patch(program, target, moved[k], resolution, patches[target.path])
+        after = _patch(data[target.path], target, moved[k], resolution, patches[target.path])
         outcomes[i] = Outcome(target, verdict[k], reason[k], after, answer.e[k], answer.std[k])
 
 
-def _patch(program: Program, target: Target, moved: FloatArray, resolution: float, patches: list[Patch]) -> FloatArray:
+def _patch(data: bytes, target: Target, moved: FloatArray, resolution: float, patches: list[Patch]) -> FloatArray:
     """Add the patches of one target; return its position as written."""
-    data = next(source.data for source in program.sources if source.path == target.path)
     after = target.p
     for axis, (start, end) in enumerate(target.spans[:3]):
         token = data[start:end]

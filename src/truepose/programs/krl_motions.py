@@ -85,6 +85,8 @@ class MotionReader:
     def settings(self, start: int, end: int, line: int) -> Settings:
         """Read the assignments behind WITH."""
         found = self.block
+        if approach := APPROACH.search(self._source.data, start, end):
+            end = approach.start()
         try:
             pieces = split_commas(self._source.data, start, end)
         except ValueError as error:

@@ -112,8 +112,8 @@ def check_not_corrected(program: Program) -> None:
             for before, after in _hashes(path):
                 if before != after and after in hashes:
                     raise RefusedError(
-                        f"{hashes[after]}: was corrected already, says {path.name}; its errors would be corrected twice: "
-                        "correct the original"
+                        f"{hashes[after]}: was corrected already, says {path.name}; do not correct it twice: "
+                        "take the original"
                     )
 
 

@@ -26,8 +26,10 @@ NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+
 LARGEST: Final = 1e6
 """A coordinate [mm] or an angle [deg] beyond this is a mistake."""
 
+LONGEST: Final = 40
+"""Characters of a number; 17 digits say everything about a double."""
+
 _NUMBER = re.compile(NUMBER)
-_LONGEST = 40  # digits of a number; 17 say everything about a double
 _LINE_END = re.compile(rb"\r\n|\n|\r")
 _CHUNK = 1 << 20
 _CONTEXT = 3
@@ -91,15 +93,14 @@ def parse_number(token: bytes) -> float:
     ValueError
         With a message, if it is broken, longer than any real number, or not finite and below `LARGEST`.
     """
+    if len(token) <= LONGEST and _NUMBER.fullmatch(token) and -LARGEST <= (value := float(token)) <= LARGEST:
+        return value
     shown = token[:20].decode("latin-1") + ("…" if len(token) > 20 else "")
-    if len(token) > _LONGEST:
-        raise ValueError(f"number {shown} has {len(token)} characters, at most {_LONGEST} were expected")
+    if len(token) > LONGEST:
+        raise ValueError(f"number {shown} has {len(token)} characters, at most {LONGEST} were expected")
     if not _NUMBER.fullmatch(token):
         raise ValueError(f"{shown} is not a number")
-    value = float(token)
-    if not abs(value) <= LARGEST:
-        raise ValueError(f"number {shown} is beyond {LARGEST:g}: no position or angle")
-    return value
+    raise ValueError(f"number {shown} is beyond {LARGEST:g}: no position or angle")
 
 
 def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes:
