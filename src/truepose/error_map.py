@@ -28,7 +28,8 @@ from truepose.verification import accuracy, coverage
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-_AGREEMENT: Final = 4.0  # predicted standard deviations
+_GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
+_FEWEST: Final = 10  # samples; with fewer nothing is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,50 +303,58 @@ def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: in
     """
     robot = cell.load_robot()
     registration, tf_flange_tool, p_cmd = register_samples(cell, robot, samples)
-    kept = ~registration.outliers
+    trusted = ~registration.outliers
     ranking: list[dict[str, Any]] = []
     if predictor == "auto":
         coordinates = {"cartesian": p_cmd} if samples.q is None else {"cartesian": p_cmd, "joint": samples.q}
-        ranking = choose(
-            {space: x[kept] for space, x in coordinates.items()}, registration.residuals[kept], folds=folds, rng=rng
-        )
+        few = {space: x[trusted] for space, x in coordinates.items()}
+        ranking = choose(few, registration.residuals[trusted], folds=folds, rng=rng)
         predictor = ranking[0]["predictor"]
     model = make_predictor(predictor)
-    x, e = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd), registration.residuals
-    model.fit(x[kept], e[kept])
-    if not kept.all():
-        agree = _agree(model, x[~kept], e[~kept])
-        kept[~kept] = agree
-        if agree.any():
-            model.fit(x[kept], e[kept])
+    x = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd)
+    gross = _fit_without_gross(model, x, registration.residuals)
     return ErrorMap(
         cell=cell,
         robot=robot,
-        samples=samples[kept],
+        samples=samples[gross == 0],
         registration=registration,
         tf_flange_tool=tf_flange_tool,
         predictor_name=predictor,
         predictor=model,
         ranking=ranking,
-        excluded=_excluded(samples, registration, ~kept),
+        excluded=_excluded(samples, registration, gross),
     )
 
 
-def _agree(model: Predictor, x: FloatArray, e: FloatArray) -> NDArray[np.bool_]:
-    """Return which errors that registration found large are what their neighbours make expect, (m,).
+def _fit_without_gross(model: Predictor, x: FloatArray, e: FloatArray) -> FloatArray:
+    """Fit a predictor, leaving out readings that the others contradict; return how strongly, 0 for those kept, (n,).
 
-    A robot's own error may be far above the others at the edge of the region; a gross reading stands alone.
+    A reading is gross when its leave-one-out residual is beyond `_GROSS` predicted standard deviations (norm over the
+    components). The worst go first: one gross reading spoils what is expected of its neighbours. Large errors alone are
+    no reason: at the edge of a region they may be the robot's own, and then their neighbours have them, too.
     """
-    predicted, std = model.predict(x, return_std=True, include_nugget=True)
-    return np.asarray((np.abs(e - predicted) < _AGREEMENT * std).all(axis=1))
+    gross = np.zeros(len(e))
+    while True:
+        kept = np.flatnonzero(gross == 0)
+        model.fit(x[kept], e[kept])
+        residual, std = model.leave_one_out()
+        surprise = np.linalg.norm(residual / np.maximum(std, np.finfo(float).tiny), axis=1)
+        worst = surprise.max()
+        if worst <= _GROSS or len(kept) <= _FEWEST:
+            return gross
+        out = surprise > max(_GROSS, 0.7 * worst)
+        gross[kept[out]] = surprise[out]
 
 
-def _excluded(samples: Samples, registration: Registration, out: NDArray[np.bool_]) -> list[dict[str, Any]]:
+def _excluded(samples: Samples, registration: Registration, gross: FloatArray) -> list[dict[str, Any]]:
     assert samples.row is not None
     size = np.linalg.norm(registration.residuals, axis=1)
     return [
-        {"row": int(samples.row[i]), "reason": f"a residual of {size[i]:.3f} mm, unlike its neighbours'"}
-        for i in np.flatnonzero(out)
+        {
+            "row": int(samples.row[i]),
+            "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
+        }
+        for i in np.flatnonzero(gross)
     ]
 
 

@@ -1,11 +1,12 @@
-"""A small virtual cell on disk, made once, and a way to run the command line as its user does."""
+"""A small virtual cell on disk, made once, and a way to run the command line."""
 
 from __future__ import annotations
 
+import io
 import json
-import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,15 +36,22 @@ class Run:
         return self.err
 
 
-def _run(*arguments: object, cwd: Path | None = None) -> Run:
-    command = [sys.executable, "-c", "from truepose.cli import main; main()", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
-    return Run(done.returncode, done.stdout, done.stderr)
+def _run(*arguments: object) -> Run:
+    from truepose.cli import main
+
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["truepose", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return Run(code, out.getvalue(), err.getvalue())
 
 
 @pytest.fixture(scope="session")
 def run() -> Callable[..., Run]:
-    """Run ``truepose`` with arguments, in a process of its own."""
+    """Run ``truepose`` with arguments, as the installed command does, and return what it printed."""
     return _run
 
 
@@ -57,6 +65,15 @@ class CellFiles:
             self.folder
             / {"cell": "cell.toml", "samples": "samples.csv", "test": "test.csv", "map": "map.truepose"}[name]
         )
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory) -> tuple[Path, Any]:
+    """The folder and the figures of a demonstration."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = _run("demo", folder, "--seed", "3", "--json")
+    assert done.code == 0, done.err
+    return folder, done.json
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ def say(*items: Any) -> None:
 
     console = Console(highlight=False)
     for item in items:
-        console.print(item)
+        console.print(item, soft_wrap=isinstance(item, str))
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:

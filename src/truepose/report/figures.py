@@ -18,6 +18,9 @@ FloatArray = NDArray[np.float64]
 BEFORE: Final = "#c2562d"
 AFTER: Final = "#1f77a4"
 _INK: Final = "#010203"  # replaced by the page's own text colour
+_NO_METADATA: Final = dict.fromkeys(
+    ("Date", "Creator", "Format", "Type")
+)  # no name of a web site, same bytes each time
 _STYLE: Final[dict[Any, Any]] = {
     "font.size": 9.0,
     "svg.fonttype": "none",
@@ -32,9 +35,7 @@ def to_svg(figure: Figure) -> str:
     """Return a figure as an SVG element whose text and axes take the page's text colour."""
     buffer = io.StringIO()
     with mpl.rc_context(_STYLE):
-        figure.savefig(
-            buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None}, bbox_inches="tight"
-        )
+        figure.savefig(buffer, format="svg", transparent=True, metadata=_NO_METADATA, bbox_inches="tight")
     text = buffer.getvalue()
     return text[text.index("<svg") :].replace(_INK, "currentColor")
 

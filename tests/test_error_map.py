@@ -1,0 +1,171 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import truepose as tp
+from truepose.errors import DataError, IdentifiabilityError, RefusedError
+from truepose.geometry import make_transform
+from truepose.samples import Poses, Samples
+
+
+@pytest.fixture(scope="module")
+def virtual() -> tp.VirtualCell:
+    return tp.VirtualCell("paper", seed=2)
+
+
+@pytest.fixture(scope="module")
+def samples(virtual) -> Samples:
+    return virtual.measure(virtual.design(100, seed=1))
+
+
+@pytest.fixture(scope="module")
+def error_map(virtual, samples) -> tp.ErrorMap:
+    return tp.fit_cell(virtual.cell, samples, "ordinary-kriging")
+
+
+@pytest.fixture(scope="module")
+def targets(virtual):
+    """Poses inside the region, base to tool."""
+    p = np.asarray(virtual.preset.centre_mm) + np.random.default_rng(0).uniform(-300, 300, size=(30, 3))
+    return make_transform(tp.euler("kuka", virtual.preset.abc_deg), p)
+
+
+def test_corrected_commands_end_at_their_targets(virtual, error_map, targets):
+    """What the map is for: the true robot, sent to the commands, ends nearer to the targets."""
+    corrections = error_map.correct(targets)
+    assert set(corrections.verdict) == {"correct"}
+
+    def miss(p_command):
+        measured = virtual.measure(virtual.reach(p_command))
+        return np.linalg.norm(error_map.registration.apply(measured.p_meas) - targets[:, :3, 3], axis=1)
+
+    before, after = miss(targets[:, :3, 3]), miss(corrections.p_command)
+    assert after.mean() < 0.25 * before.mean()
+    assert after.mean() < 1.6 * virtual.noise_floor
+
+
+def test_solution_reproduces_the_target(error_map, targets):
+    corrections = error_map.correct(targets)
+    predicted = corrections.p_command + error_map.predictor.predict(corrections.p_command)
+    np.testing.assert_allclose(predicted, corrections.p_target, atol=1e-4)
+    # one step (15) is near it, but not the same
+    assert 0 < np.linalg.norm(corrections.p_mirror - corrections.p_command, axis=1).max() < 0.02
+
+
+def test_guards(virtual, error_map, targets):
+    far = targets.copy()
+    far[0, 0, 3] += 5000
+    far[1, :3, :3] = tp.euler("kuka", (180.0, 70.0, 180.0)).as_matrix()
+    tools = np.broadcast_to(virtual.tf_flange_tool, (30, 4, 4)).copy()
+    tools[2, 2, 3] += 80
+    status = np.full(30, 2)
+    status[3] = 7
+    status[4] = -1
+    status[5] = 18  # bit 4 is not about the branch
+    found = error_map.correct(far, tf_flange_tool=tools, status=status)
+    for i, reason in enumerate(
+        ("outside the sampled region", "orientation is 50.0°", "tool point is 80.0 mm", "branch")
+    ):
+        assert reason in found.reason[i]
+        assert found.verdict[i] == "refuse"
+        np.testing.assert_array_equal(found.p_command[i], found.p_target[i])
+    assert set(found.verdict[4:]) == {"correct"}
+
+
+def test_limits_of_the_cell_file_are_used(virtual, samples, targets):
+    strict = virtual.cell.model_copy(
+        update={"correction": virtual.cell.correction.model_copy(update={"max_correction_mm": 0.05})}
+    )
+    found = tp.fit_cell(strict, samples, "ordinary-kriging").correct(targets, on_guard="clip")
+    assert "clip" in found.verdict
+    assert np.linalg.norm(found.correction, axis=1).max() <= 0.05 + 1e-12
+
+
+def test_map_file_comes_back_the_same(error_map, targets, tmp_path):
+    path = tmp_path / "m.truepose"
+    error_map.save(path)
+    again = tp.load_map(path)
+    assert again.hash == error_map.hash
+    np.testing.assert_allclose(again.correct(targets).p_command, error_map.correct(targets).p_command, atol=1e-9)
+    p, std = again.predict_measured(error_map.samples.q)
+    expected, expected_std = error_map.predict_measured(error_map.samples.q)
+    np.testing.assert_allclose(p, expected, atol=1e-9)
+    np.testing.assert_allclose(std, expected_std, atol=1e-9)
+
+
+def test_gross_reading_is_named_and_left_out(virtual, samples):
+    p_meas = samples.p_meas.copy()
+    p_meas[17] += [0.0, 4.0, 0.0]
+    spoiled = Samples(p_meas, q=samples.q, source="spoiled")
+    fitted = tp.fit_cell(virtual.cell, spoiled, "ordinary-kriging")
+    assert [row["row"] for row in fitted.excluded] == [17]
+    assert len(fitted.samples) == 99
+
+
+@pytest.fixture
+def steep(virtual, rng) -> Samples:
+    """Errors that rise steeply towards one corner, where registration alone calls some of them gross."""
+    offset = rng.uniform(-0.5, 0.5, size=(150, 3)) * virtual.preset.size_mm
+    p_cmd = np.add(virtual.preset.centre_mm, offset)
+    to_corner = np.linalg.norm(offset - 0.5 * np.asarray(virtual.preset.size_mm), axis=1)
+    e = 1.6 * np.exp(-((to_corner / 500.0) ** 2))[:, None] * [1.0, 0.0, 0.0] + 0.1 * np.sin(p_cmd / 400.0)
+    return Samples(p_cmd + e + rng.normal(scale=0.02, size=e.shape), p_cmd=p_cmd, source="steep")
+
+
+def test_large_errors_that_neighbours_share_stay(virtual, steep):
+    fitted = tp.fit_cell(virtual.cell, steep, "ordinary-kriging")
+    assert fitted.registration.outliers.sum() >= 5
+    assert fitted.excluded == []
+
+
+def test_gross_readings_among_steep_errors_are_named(virtual, steep):
+    p_meas = steep.p_meas.copy()
+    p_meas[[20, 31]] += [[0.0, 5.0, 0.0], [3.0, 0.0, 0.0]]
+    spoiled = Samples(p_meas, p_cmd=steep.p_cmd, source="spoiled")
+    assert [row["row"] for row in tp.fit_cell(virtual.cell, spoiled, "ordinary-kriging").excluded] == [20, 31]
+
+
+def test_joint_space_maps_predict_and_do_not_correct(virtual, samples, targets):
+    fitted = tp.fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
+    held_out = virtual.measure(virtual.design(40, seed=9))
+    assert fitted.validate(held_out)["reduction_mean_percent"] > 70
+    with pytest.raises(RefusedError, match="joint space and cannot correct poses; fit one in Cartesian space"):
+        fitted.correct(targets)
+
+
+def test_positions_without_joints(virtual, samples):
+    bare = Samples(samples.p_meas, p_cmd=samples.p_cmd, rotation_cmd=samples.rotation_cmd, source="bare")
+    fitted = tp.fit_cell(virtual.cell, bare, "ordinary-kriging")
+    p, _ = fitted.predict_measured(Poses(p_cmd=samples.p_cmd[:5]))
+    np.testing.assert_allclose(p, samples.p_meas[:5], atol=0.2)
+    with pytest.raises(DataError, match="needs joints"):
+        tp.fit_cell(virtual.cell, bare, "ordinary-kriging-joint")
+
+
+def test_tool_cannot_be_told_at_one_orientation(virtual, samples):
+    cell = virtual.cell.model_copy(update={"tool": virtual.cell.tool.model_copy(update={"fit": "position"})})
+    with pytest.raises(IdentifiabilityError, match="tool"):
+        tp.fit_cell(cell, samples)
+
+
+def test_station_as_stated(virtual, samples):
+    x, y, z = virtual.truth.tf_base_tracker[:3, 3]
+    a, b, c = tp.euler("kuka", Rotation.from_matrix(virtual.truth.tf_base_tracker[:3, :3])).tolist()
+    tracker = {"fit": "none", "x_mm": x, "y_mm": y, "z_mm": z, "a_deg": a, "b_deg": b, "c_deg": c}
+    cell = tp.Cell.model_validate({**virtual.cell.model_dump(exclude_defaults=True), "tracker": tracker})
+    fitted = tp.fit_cell(cell, samples, "registration")
+    np.testing.assert_allclose(fitted.registration.tf_base_tracker, virtual.truth.tf_base_tracker, atol=1e-6)
+    assert np.linalg.norm(fitted.e, axis=1).mean() > 1.0  # tool and base errors are no longer absorbed
+
+
+def test_measured_ur10(shared, tmp_path):
+    """Registration with the tool fitted brings the mean to 0.72 ± 0.02 mm with nominal links (the data's README)."""
+    samples = tp.read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+    cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
+    half = np.random.default_rng(0).permutation(len(samples))
+    fitted = tp.fit_cell(cell, samples[half[:316]], "ordinary-kriging")
+    fitted.save(tmp_path / "ur10.truepose")
+    figures = tp.load_map(tmp_path / "ur10.truepose").validate(samples[half[316:]])
+    assert figures["before"]["mean_mm"] == pytest.approx(0.72, abs=0.02)
+    assert figures["after"]["mean_mm"] < 0.5
+    assert figures["seen"] == 0
