@@ -3,6 +3,7 @@
 Every error that a user can cause derives from `TrueposeError`. The command line prints its message on one line and
 exits with 1, so a message stands alone: it names the file with its row or line, or the target, and ends with the
 remedy.
+"""
 
 from __future__ import annotations
 
