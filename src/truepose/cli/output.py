@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import Group
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output on stdout, and nothing else there.")]
 
@@ -30,19 +30,21 @@ def say(*items: Any) -> None:
         console.print(item, soft_wrap=isinstance(item, str))
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    """Return a table whose first column is left-aligned and whose numbers are right-aligned with three decimals."""
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:
+    """Return a titled table whose first column is left-aligned and whose numbers are right-aligned with three decimals."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
-    made = Table(title=title, title_justify="left", header_style="bold")
+    made = Table(header_style="bold")
     for k, column in enumerate(columns):
         made.add_column(column, justify="left" if k == 0 else "right")
     for row in rows:
         made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
-    return made
+    return Group(Text(f"\n{title}", style="bold"), made)  # a table's own title breaks at the table's width
 
 
-def accuracy_table(title: str, figures: Mapping[str, Any]) -> Table:
+def accuracy_table(title: str, figures: Mapping[str, Any]) -> Group:
     """Return the before/after table of `truepose.verification.Accuracy.to_dict`."""
     names = {"mean_mm": "mean", "rms_mm": "RMS", "std_mm": "std", "p95_mm": "P95", "max_mm": "max"}
     before, after = figures["before"], figures["after"]
