@@ -82,7 +82,7 @@ def test_newer_schema_is_told(packed):
     with zipfile.ZipFile(io.BytesIO(packed)) as z:
         manifest = json.loads(z.read("manifest.json"))
     manifest["schema"] = 99
-    with pytest.raises(FileError, match=r"map schema 99 .*reads schema 1"):
+    with pytest.raises(FileError, match=r"map schema 99, this version reads schema 1"):
         archive.unpack(rewrite(packed, "manifest.json", json.dumps(manifest).encode()), "m.truepose")
 
 

@@ -31,7 +31,7 @@ def say(*items: Any) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:
-    """Return a titled table whose first column is left-aligned and whose numbers are right-aligned with three decimals."""
+    """Return a titled table: first column left-aligned, the others right-aligned, numbers with three decimals."""
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
