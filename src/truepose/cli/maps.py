@@ -76,6 +76,7 @@ def fit(
         "predictor": error_map.predictor_name,
         "parameters": error_map.predictor.to_json(),
         "tool_mm": None if tool is None else np.round(tool, 4),
+        "hint": error_map.registration.hint,
         "registered": registered,
         "leave_one_out": left_out,
         "ranking": error_map.ranking,
@@ -87,7 +88,9 @@ def fit(
     if tool is not None:
         std = np.sqrt(np.diag(error_map.registration.covariance)[6:9])
         parts = ", ".join(f"{axis} {value:.3f} ± {s:.3f}" for axis, value, s in zip("xyz", tool, std, strict=True))
-        say(f"Tool found with the station, flange to measured point [mm]: {parts}")
+        say(f"Tool found with the station, flange to measured point: {parts} mm")
+    if error_map.registration.hint:
+        say(f"[yellow]Note[/]: {error_map.registration.hint}.")
     for row in error_map.excluded:
         say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
     if error_map.ranking:
