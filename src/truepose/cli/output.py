@@ -41,7 +41,8 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> 
         made.add_column(column, justify="left" if k == 0 else "right")
     for row in rows:
         made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
-    return Group(Text(f"\n{title}", style="bold", no_wrap=True, overflow="ignore"), made)  # a table's own title breaks at the table's width
+    # a table's own title would break at the width of the table
+    return Group(Text(f"\n{title}", style="bold", no_wrap=True, overflow="ignore"), made)
 
 
 def accuracy_table(title: str, figures: Mapping[str, Any]) -> Group:
