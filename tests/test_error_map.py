@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
-from truepose.errors import DataError, IdentifiabilityError, RefusedError
+from truepose.errors import DataError, IdentifiabilityError, RefusedError, RobotError
 from truepose.geometry import make_transform
 from truepose.samples import Poses, Samples
 
@@ -156,6 +156,22 @@ def test_station_as_stated(virtual, samples):
     fitted = tp.fit_cell(cell, samples, "registration")
     np.testing.assert_allclose(fitted.registration.tf_base_tracker, virtual.truth.tf_base_tracker, atol=1e-6)
     assert np.linalg.norm(fitted.e, axis=1).mean() > 1.0  # tool and base errors are no longer absorbed
+
+
+def test_joints_beyond_limits_name_their_row(virtual, samples):
+    q = samples.q.copy()
+    q[4, 1] = np.deg2rad(20.0)
+    spoiled = Samples(samples.p_meas, q=q, row=np.arange(100) + 500, source="s.csv")
+    with pytest.raises(RobotError, match=r"s\.csv: row 504: .*joint 2 at 20\.000 deg, limits -140 to -5"):
+        tp.fit_cell(virtual.cell, spoiled)
+
+
+def test_radians_read_as_degrees_are_guessed(shared):
+    samples = tp.read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+    cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
+    shrunk = Samples(samples.p_meas, q=np.deg2rad(samples.q), source="s.csv")
+    with pytest.raises(DataError, match=r"are the columns q1_deg … in radians\?"):
+        tp.fit_cell(cell, shrunk)
 
 
 def test_measured_ur10(shared, tmp_path):

@@ -21,7 +21,7 @@ from truepose.compensation import Corrections, Guards, Limits, Policy, apply_pol
 from truepose.errors import DataError, RefusedError, RobotError
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
 from truepose.predictors import PREDICTORS, Predictor, choose, make_predictor
-from truepose.registering import register_samples
+from truepose.registering import check_limits, register_samples
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
 from truepose.verification import accuracy, coverage
@@ -102,7 +102,7 @@ class ErrorMap:
             If joints are beyond the robot's limits.
         """
         if poses.q is not None:
-            self.robot.check_limits(poses.q)
+            check_limits(self.robot, poses)
             p_cmd: FloatArray = self.robot.forward(poses.q, tool=self.tf_flange_tool)[:, :3, 3]
             return p_cmd
         if self.tool_fitted:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
-from truepose.errors import DataError
+from truepose.errors import DataError, RobotError
 from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
 from truepose.robots import Robot
-from truepose.samples import Samples
+from truepose.samples import Poses, Samples
 
 FloatArray = NDArray[np.float64]
+_DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
 
 
 def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
@@ -34,6 +37,37 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
     IdentifiabilityError
         If the samples cannot tell the tool from the station.
     """
+    try:
+        return _register(cell, robot, samples)
+    except DataError as error:
+        if samples.q is not None and np.abs(samples.q).max() < _DEGREES_OF_RADIANS:
+            hint = "all joints lie within 6.3 degrees: are the columns q1_deg … in radians? Then name them q1_rad …"
+            raise DataError(f"{error}; {hint}") from None
+        raise
+
+
+def check_limits(robot: Robot, poses: Poses) -> None:
+    """Refuse joints beyond the robot's limits, by the rows' own names.
+
+    Raises
+    ------
+    RobotError
+        With row, joint, value and limits.
+    """
+    assert poses.q is not None
+    robot.check_joints(poses.q)
+    beyond = np.argwhere(~robot.within_limits(poses.q))
+    if len(beyond):
+        i, j = beyond[0]
+        low, high = np.rad2deg(robot.limits[j])
+        value = f"joint {j + 1} at {np.rad2deg(poses.q[i, j]):.3f} deg, limits {low:g} to {high:g}"
+        rows = poses.rows(np.unique(beyond[:, 0]))
+        raise RobotError(
+            f"{poses.source}: {rows}: {robot.name} cannot be there ({value}); check joint order, sign and unit"
+        )
+
+
+def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
     tf_flange_tool = cell.tf_flange_tool
     if samples.q is None:
         if cell.tool.fit != "none":
@@ -42,7 +76,7 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
             )
         assert samples.p_cmd is not None
         return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
-    robot.check_limits(samples.q)
+    check_limits(robot, samples)
     tf_base_flange = robot.forward(samples.q)
     if cell.tool.fit == "none":
         p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
