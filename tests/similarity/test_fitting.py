@@ -16,7 +16,7 @@ from truepose.similarity import (
 )
 from truepose.similarity.likelihood import restricted_loss
 
-BOUNDED = [name for name, kind in FAMILIES.items() if kind.bounded]
+BOUNDED = ["spherical", "exponential", "gaussian", "matern32", "matern52"]
 
 
 def field(model, x, components, rng):
@@ -33,7 +33,7 @@ def bins(rng):
 
 @pytest.mark.parametrize("family", BOUNDED)
 def test_model_is_recovered_from_its_own_semivariance(bins, family):
-    true = VariogramModel(family, nugget=0.2, sill=1.5, range=400 / FAMILIES[family].practical)
+    true = VariogramModel(family, nugget=0.2, sill=1.5, range=400 / FAMILIES[family].practical_range())
     exact = replace(bins, vector=true.semivariance(bins.lag))
     fitted = fit_variogram(exact, family)
     np.testing.assert_allclose(

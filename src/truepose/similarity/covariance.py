@@ -2,8 +2,11 @@
 
 All compiled code that contains a formula is in this one file, because numba's cache of a kernel is renewed when *its*
 file changes. Distances are without unit: r = h/a, so the coordinates given to the kernels are already divided by the
-range a. To add a family: its formula and its slope here, an entry in both switches, and an entry in
-`truepose.similarity.models.FAMILIES`.
+range a (and turned into the axes of the anisotropy). To add a family: its formula and its slope here, an entry in both
+switches, and an entry in `truepose.similarity.families.FAMILIES`.
+
+Matérn's family is compiled where ν is half an odd number; for another ν the distances are compiled, and the Bessel
+function is scipy's.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import prange, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from truepose.similarity.compiled import BLOCK, REORDER, compiled
 
@@ -27,6 +30,14 @@ GAUSSIAN: Final = 2
 MATERN32: Final = 3
 MATERN52: Final = 4
 LINEAR: Final = 5
+MATERN: Final = 6
+STABLE: Final = 7
+CUBIC: Final = 8
+RATIONAL: Final = 9
+HOLE: Final = 10
+NUGGET: Final = 11
+POWER: Final = 12
+DISTANCE: Final = 13
 
 ROOT3: Final = math.sqrt(3.0)
 ROOT5: Final = math.sqrt(5.0)
@@ -35,37 +46,107 @@ LN2_HIGH: Final = 6.93147180369123816490e-01
 LN2_LOW: Final = 1.90821492927058770002e-10
 ROUND: Final = 6755399441055744.0
 TARGETS: Final = 16
+ROWS: Final = 2**20
+"""Bessel functions in memory at once: 8 MB."""
 
 
-def correlation(family: int, r: FloatArray) -> FloatArray:
+def correlation(family: int, r: FloatArray, shape: float = 0.0) -> FloatArray:
     """Return the correlation rho(r) of a family at scaled distances r >= 0 of any shape."""
+    if _needs_bessel(family, shape):
+        return matern(shape, r)
     flat = np.array(r, dtype=np.float64).reshape(-1)
-    _correlate(family, flat)
+    _correlate(family, shape, flat)
     return flat.reshape(np.shape(r))
 
 
-def slope_over_distance(family: int, r: FloatArray) -> FloatArray:
-    """Return rho'(r)/r of a family at scaled distances r of any shape; 0 at r = 0 where rho has a cusp."""
+def slope_over_distance(family: int, r: FloatArray, shape: float = 0.0) -> FloatArray:
+    """Return rho'(r)/r of a family at scaled distances r of any shape; 0 at r = 0 where that is infinite."""
+    if _needs_bessel(family, shape):
+        return _matern_slope(shape, r)
     flat = np.array(r, dtype=np.float64).reshape(-1)
-    _slope(family, flat)
+    _slope(family, shape, flat)
     return flat.reshape(np.shape(r))
 
 
-def cross_correlation(family: int, u: FloatArray, samples: FloatArray, n: int) -> FloatArray:
+def cross_correlation(family: int, u: FloatArray, samples: FloatArray, n: int, shape: float = 0.0) -> FloatArray:
     """Return rho(‖u_i − v_j‖), (m, n), C order, of scaled coordinates u (m, d) and n samples v as `pack` gives them."""
     out = np.empty((len(u), n))
-    _cross_correlation(family, u, samples, out)
+    if _needs_bessel(family, shape):
+        _cross_correlation(DISTANCE, 0.0, u, samples, out)
+        return matern(shape, out)
+    _cross_correlation(family, shape, u, samples, out)
     return out
 
 
-def weighted_sum(family: int, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
+def weighted_sum(
+    family: int, u: FloatArray, samples: FloatArray, weights: FloatArray, shape: float = 0.0
+) -> FloatArray:
     """Return Σ_j rho(‖u_i − v_j‖) w_jc, (m, c), of samples v and weights w (n, c) as `pack` gives them."""
-    return _weighted_sum(family, u, samples, weights)
+    if not _needs_bessel(family, shape):
+        return _weighted_sum(family, shape, u, samples, weights)
+    w = _unpack(weights)
+    out = np.empty((len(u), w.shape[1]))
+    for part in _chunks(len(u), len(w)):
+        out[part] = cross_correlation(family, u[part], samples, len(w), shape) @ w
+    return out
 
 
-def weighted_gradient(family: int, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
+def weighted_gradient(
+    family: int, u: FloatArray, samples: FloatArray, weights: FloatArray, shape: float = 0.0
+) -> FloatArray:
     """Return ∂/∂u of `weighted_sum`, (m, c, d)."""
-    return _weighted_gradient(family, u, samples, weights)
+    if not _needs_bessel(family, shape):
+        return _weighted_gradient(family, shape, u, samples, weights)
+    v, w = _unpack(samples), _unpack(weights)
+    out = np.empty((len(u), w.shape[1], u.shape[1]))
+    moments = (w[:, :, None] * v[:, None, :]).reshape(len(v), -1)
+    for part in _chunks(len(u), len(w)):
+        slope = _matern_slope(shape, cross_correlation(DISTANCE, u[part], samples, len(w)))
+        out[part] = (slope @ w)[:, :, None] * u[part, None, :] - (slope @ moments).reshape(-1, *out.shape[1:])
+    return out
+
+
+def matern(nu: float, r: ArrayLike) -> FloatArray:
+    """Return 2^(1−ν)/Γ(ν) t^ν K_ν(t), t = √(2ν) r; 1 at r = 0. Source: M. L. Stein, Interpolation (1999), §2.7."""
+    return _bessel(nu, math.sqrt(2 * nu) * np.asarray(r, dtype=np.float64))
+
+
+def _bessel(nu: float, t: FloatArray) -> FloatArray:
+    from scipy.special import gammaln, kve
+
+    tiny = t < 1e-8 * max(1.0, math.sqrt(nu))  # 1 − rho is below 1e-16 there where ν >= 1; a power of t below that
+    safe = np.where(tiny, 1.0, t)
+    value = np.exp((1 - nu) * math.log(2.0) - gammaln(nu) + nu * np.log(safe) - safe) * kve(nu, safe)
+    if not tiny.any():
+        return np.asarray(value, dtype=np.float64)
+    near = 1.0 if nu > 0.9 else 1 - math.exp(gammaln(1 - nu) - gammaln(1 + nu)) * (t / 2) ** (2 * nu)
+    return np.asarray(np.where(tiny, near, value), dtype=np.float64)
+
+
+def _matern_slope(nu: float, r: FloatArray) -> FloatArray:
+    """rho'(r)/r: −ν/(ν − 1) times the function of ν − 1 at the same t; below ν = 1 by K_(1−ν)."""
+    from scipy.special import gammaln, kve
+
+    t = math.sqrt(2 * nu) * r
+    if nu > 1:
+        return -nu / (nu - 1) * _bessel(nu - 1, t)
+    safe = np.where(t > 0, t, 1.0)
+    size = np.exp((2 - nu) * math.log(2.0) - gammaln(nu) + (nu - 1) * np.log(safe) - safe)
+    return np.asarray(np.where(t > 0, -nu * size * kve(1 - nu, safe), 0.0))
+
+
+def _needs_bessel(family: int, shape: float) -> bool:
+    return family == MATERN and not (shape + 0.5).is_integer()
+
+
+def _unpack(packed: FloatArray) -> FloatArray:
+    """Return the rows that `pack` laid in blocks, (n, c), with the zeros that fill the last block."""
+    return packed.transpose(0, 2, 1).reshape(-1, packed.shape[1])
+
+
+def _chunks(m: int, n: int) -> list[slice]:
+    rows = max(1, ROWS // n)
+    return [slice(start, min(start + rows, m)) for start in range(0, m, rows)]
 
 
 # --- exp(-t), written so that it becomes vector instructions --------------------------------------------------------
@@ -168,8 +249,83 @@ def _linear_slope(r: float) -> float:
     return -1 / r if r > 0.0 else 0.0
 
 
+@compiled(forceinline=True)
+def _cubic(r: float) -> float:
+    s = min(r, 1.0)
+    q = s * s
+    return 1 - q * (7 - s * (8.75 - q * (3.5 - 0.75 * q)))
+
+
+@compiled(forceinline=True)
+def _cubic_slope(r: float) -> float:
+    s = min(r, 1.0)
+    return -14 + s * (26.25 - s * s * (17.5 - 5.25 * s * s))
+
+
+@compiled(forceinline=True)
+def _stable(r: float, alpha: float) -> float:
+    value: float = _decay(r**alpha) if r > 0.0 else 1.0
+    return value
+
+
+@compiled(forceinline=True)
+def _stable_slope(r: float, alpha: float) -> float:
+    if r == 0.0:
+        return -2.0 if alpha == 2.0 else 0.0
+    power = r**alpha
+    value: float = -alpha * power * _decay(power) / (r * r)
+    return value
+
+
+@compiled(forceinline=True)
+def _rational(r: float, alpha: float) -> float:
+    return _decay(alpha * math.log1p(r * r / (2 * alpha)))
+
+
+@compiled(forceinline=True)
+def _rational_slope(r: float, alpha: float) -> float:
+    return -_decay((alpha + 1) * math.log1p(r * r / (2 * alpha)))
+
+
+@compiled(forceinline=True)
+def _hole(r: float) -> float:
+    return math.sin(r) / r if r > 0.0 else 1.0
+
+
+@compiled(forceinline=True)
+def _hole_slope(r: float) -> float:
+    if r > 0.3:
+        return (math.cos(r) - math.sin(r) / r) / (r * r)
+    q = r * r
+    return -(1 - q / 10 * (1 - q / 28 * (1 - q / 54 * (1 - q / 88 * (1 - q / 130))))) / 3
+
+
+@compiled(forceinline=True)
+def _power_slope(r: float, alpha: float) -> float:
+    value: float = -alpha * r ** (alpha - 2) if r > 0.0 else 0.0
+    return value
+
+
 @compiled()
-def _correlate(family: int, r: FloatArray) -> None:
+def _half_integer_matern(p: int, root: float, factor: float, r: FloatArray) -> None:
+    """Replace r by factor exp(-t) p!/(2p)! Σ (p + i)!/(i! (p − i)!) (2t)^(p − i), t = root r: Matérn's ν = p + 1/2.
+
+    Source: M. Abramowitz & I. Stegun, 10.2.15.
+    """
+    coefficient = np.empty(p + 1)  # of t^k, k = p − i
+    coefficient[0] = factor
+    for k in range(1, p + 1):
+        coefficient[k] = coefficient[k - 1] * 2 * (p - k + 1) / (k * (2 * p - k + 1))
+    for j in range(r.size):
+        t = root * r[j]
+        total = coefficient[p]
+        for k in range(p - 1, -1, -1):
+            total = total * t + coefficient[k]
+        r[j] = total * _decay(t)
+
+
+@compiled()
+def _correlate(family: int, shape: float, r: FloatArray) -> None:
     """Replace r by rho(r)."""
     if family == SPHERICAL:
         for j in range(r.size):
@@ -186,13 +342,33 @@ def _correlate(family: int, r: FloatArray) -> None:
     elif family == MATERN52:
         for j in range(r.size):
             r[j] = _matern52(r[j])
-    else:
+    elif family == LINEAR:
         for j in range(r.size):
             r[j] = 1 - r[j]
+    elif family == MATERN:
+        _half_integer_matern(int(shape), math.sqrt(2 * shape), 1.0, r)
+    elif family == STABLE:
+        for j in range(r.size):
+            r[j] = _stable(r[j], shape)
+    elif family == CUBIC:
+        for j in range(r.size):
+            r[j] = _cubic(r[j])
+    elif family == RATIONAL:
+        for j in range(r.size):
+            r[j] = _rational(r[j], shape)
+    elif family == HOLE:
+        for j in range(r.size):
+            r[j] = _hole(r[j])
+    elif family == NUGGET:
+        for j in range(r.size):
+            r[j] = 1.0 if r[j] == 0.0 else 0.0
+    elif family == POWER:
+        for j in range(r.size):
+            r[j] = 1 - r[j] ** shape
 
 
 @compiled()
-def _slope(family: int, r: FloatArray) -> None:
+def _slope(family: int, shape: float, r: FloatArray) -> None:
     """Replace r by rho'(r)/r."""
     if family == SPHERICAL:
         for j in range(r.size):
@@ -209,9 +385,33 @@ def _slope(family: int, r: FloatArray) -> None:
     elif family == MATERN52:
         for j in range(r.size):
             r[j] = _matern52_slope(r[j])
-    else:
+    elif family == LINEAR:
         for j in range(r.size):
             r[j] = _linear_slope(r[j])
+    elif family == MATERN:
+        if shape < 1.0:
+            for j in range(r.size):
+                r[j] = _exponential_slope(r[j])
+        else:
+            _half_integer_matern(int(shape) - 1, math.sqrt(2 * shape), -shape / (shape - 1), r)
+    elif family == STABLE:
+        for j in range(r.size):
+            r[j] = _stable_slope(r[j], shape)
+    elif family == CUBIC:
+        for j in range(r.size):
+            r[j] = _cubic_slope(r[j])
+    elif family == RATIONAL:
+        for j in range(r.size):
+            r[j] = _rational_slope(r[j], shape)
+    elif family == HOLE:
+        for j in range(r.size):
+            r[j] = _hole_slope(r[j])
+    elif family == NUGGET:
+        for j in range(r.size):
+            r[j] = 0.0
+    elif family == POWER:
+        for j in range(r.size):
+            r[j] = _power_slope(r[j], shape)
 
 
 # --- kernels over (targets) x (packed samples) ----------------------------------------------------------------------
@@ -246,19 +446,19 @@ def _dot_offset(weight: FloatArray, slope: FloatArray, x: float, row: FloatArray
 
 
 @compiled(parallel=True)
-def _cross_correlation(family: int, u: FloatArray, samples: FloatArray, out: FloatArray) -> None:
+def _cross_correlation(family: int, shape: float, u: FloatArray, samples: FloatArray, out: FloatArray) -> None:
     n = out.shape[1]
     for i in prange(u.shape[0]):
         r = np.empty(BLOCK)
         for b in range(samples.shape[0]):
             _distances(u[i], samples[b], r)
-            _correlate(family, r)
+            _correlate(family, shape, r)
             stop = min(BLOCK, n - b * BLOCK)
             out[i, b * BLOCK : b * BLOCK + stop] = r[:stop]
 
 
 @compiled(parallel=True)
-def _weighted_sum(family: int, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
+def _weighted_sum(family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
     m, columns = u.shape[0], weights.shape[1]
     out = np.zeros((m, columns))
     for tile in prange((m + TARGETS - 1) // TARGETS):
@@ -266,21 +466,23 @@ def _weighted_sum(family: int, u: FloatArray, samples: FloatArray, weights: Floa
         for b in range(samples.shape[0]):
             for i in range(tile * TARGETS, min(m, (tile + 1) * TARGETS)):
                 _distances(u[i], samples[b], r)
-                _correlate(family, r)
+                _correlate(family, shape, r)
                 for c in range(columns):
                     out[i, c] += _dot(weights[b, c], r)
     return out
 
 
 @compiled(parallel=True)
-def _weighted_gradient(family: int, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
+def _weighted_gradient(
+    family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray
+) -> FloatArray:
     m, d, columns = u.shape[0], u.shape[1], weights.shape[1]
     out = np.zeros((m, columns, d))
     for i in prange(m):
         r = np.empty(BLOCK)
         for b in range(samples.shape[0]):
             _distances(u[i], samples[b], r)
-            _slope(family, r)
+            _slope(family, shape, r)
             for c in range(columns):
                 for a in range(d):
                     out[i, c, a] += _dot_offset(weights[b, c], r, u[i, a], samples[b, a])

@@ -140,7 +140,11 @@ def _column(ev: ExperimentalVariogram, component: int) -> FloatArray:
 
 def _families(family: str | Sequence[str], dimensions: int) -> list[str]:
     if family == "best":
-        return [name for name, kind in FAMILIES.items() if kind.bounded and kind.dimensions >= dimensions]
+        return [
+            name
+            for name, kind in FAMILIES.items()
+            if kind.bounded and kind.shape is None and kind.code < 6 and kind.dimensions >= dimensions
+        ]
     names = [family] if isinstance(family, str) else list(family)
     unknown = [name for name in names if name not in FAMILIES]
     if unknown or not names:
@@ -152,7 +156,7 @@ def _range_bounds(name: str, h: FloatArray) -> tuple[float, float]:
     """Return the interval of a: practical ranges from half the shortest lag to five times the longest."""
     if name == "linear":  # only sill/range matters
         return float(h.max()), float(h.max())
-    practical = FAMILIES[name].practical
+    practical = FAMILIES[name].practical_range()
     return h.min() / 2 / practical, LONGEST * h.max() / practical
 
 
@@ -223,9 +227,9 @@ def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, Literal["lowe
         hit["sill"] = "lower"
     elif model.kind.bounded:
         lower, upper = _range_bounds(model.family, h)
-        if model.range <= lower * 1.001:
+        if float(np.min(model.range)) <= lower * 1.001:
             hit["range"] = "lower"
-        elif model.range >= upper * 0.999:
+        elif float(np.max(model.range)) >= upper * 0.999:
             hit["range"] = "upper"
     return hit
 
@@ -238,14 +242,7 @@ def _standard_errors(
     pairs: FloatArray,
 ) -> dict[str, float]:
     """Return sqrt diag s² (JᵀWJ)⁻¹ over the free parameters, s² the weighted mean square left."""
-    from truepose.similarity.covariance import slope_over_distance
-
-    r = h / model.range
-    columns = {
-        "nugget": np.ones_like(h),
-        "sill": 1 - model._correlation(h),
-        "range": model.sill * slope_over_distance(model.kind.code, r) * r * r / model.range,
-    }
+    columns = model.derivatives(h) if model.sill else dict.fromkeys(("nugget", "sill", "range"), np.ones_like(h))
     fixed = set(hit) | ({"range"} if "sill" in hit or model.family == "linear" else set())
     free = [name for name in columns if name not in fixed]
     errors = dict.fromkeys(columns, math.nan)

@@ -115,7 +115,7 @@ def fit_likelihood(
         fits = {name: _most_likely(name, distance, errors) for name in names}
     best = max(fits, key=lambda name: fits[name].log_likelihood)
     found = fits[best]
-    hit = _bounds_hit(found.range * FAMILIES[best].practical / distance.max(), found.ratio)
+    hit = _bounds_hit(found.range * FAMILIES[best].practical_range() / distance.max(), found.ratio)
     record = LikelihoodFit(found.log_likelihood, hit, len(points), {name: f.log_likelihood for name, f in fits.items()})
     sill = float(found.scale.sum()) / components
     return VariogramModel(best, nugget=found.ratio * sill, sill=sill, range=found.range, fit=record)
@@ -131,7 +131,7 @@ class _Optimum:
 
 def _most_likely(name: str, distance: FloatArray, e: FloatArray) -> _Optimum:
     """Return the best optimum over the starts, in log range and log nugget ratio."""
-    unit = distance.max() / FAMILIES[name].practical
+    unit = distance.max() / FAMILIES[name].practical_range()
 
     def loss(theta: FloatArray) -> tuple[float, FloatArray]:
         value, gradient, _ = restricted_loss(name, unit * math.exp(theta[0]), math.exp(theta[1]), distance, e)
