@@ -93,7 +93,7 @@ def test_robot_file_beside_the_cell_file(tmp_path: Path) -> None:
         (KUKA + '[tool]\nfit = "pos"', 4, "[tool] fit: should be 'none', 'position' or 'pose', not 'pos'"),
         (KUKA + "[tracker]\nrange_um = 5\nstd_mm = 0.1", 5, "stands beside range_um; give one or the other"),
         (KUKA + "[frames.tools.3]\nx_m = 0.1", 4, "[frames.tools.3] x_m: unknown key; did you mean x_mm?"),
-        (KUKA + "[frames.tools.a]\nx_mm = 0.1", 3, "[frames.tools] a: should be a valid integer"),
+        (KUKA + "[frames.tools.a]\nx_m = 0.1", 4, "[frames.tools.a] x_m: unknown key; did you mean x_mm?"),
         (KUKA + "[frames.bases.1]\nq1 = 1.0", 4, "[frames.bases.1] q1: is not an angle of a kuka controller"),
         (KUKA + '[frames]\nconfigdat = "a"', 4, "did you mean config_dat?"),
         (KUKA + '[correction]\non_guard = "stop"', 4, "should be 'refuse', 'skip' or 'clip', not 'stop'"),
@@ -178,3 +178,10 @@ def test_reading_std_along_and_across_the_beam() -> None:
     assert cell(KUKA).tracker.reading_std(np.zeros((2, 3))) is None
     constant = cell(KUKA + "[tracker]\nstd_mm = 0.02").tracker.reading_std(np.zeros((2, 3)))
     np.testing.assert_array_equal(constant, np.full((2, 3), 0.02))
+
+
+def test_frames_have_numbers_or_names() -> None:
+    cell = Cell.from_toml(ABB + '[frames.tools.tGrip]\nx_mm = 5\n[frames.bases.2]\n[frames.bases."a b"]\ny_mm = 1')
+    assert (list(cell.tools), list(cell.bases)) == (["tGrip"], [2, "a b"])
+    again = Cell.from_toml(cell.to_toml())
+    assert (list(again.tools), list(again.bases)) == (["tGrip"], ["a b"])  # an empty pose is the default

@@ -205,8 +205,16 @@ class Frames(Section):
     """``[frames]``: the controller's tool and base tables, given here or in its ``$config.dat``."""
 
     config_dat: str | None = None
-    tools: dict[int, Pose] = Field(default_factory=dict)
-    bases: dict[int, Pose] = Field(default_factory=dict)
+    tools: dict[int | str, Pose] = Field(default_factory=dict)
+    bases: dict[int | str, Pose] = Field(default_factory=dict)
+
+    @field_validator("tools", "bases", mode="before")
+    @classmethod
+    def _number_keys(cls, value: object) -> object:
+        """Make numbers of keys that are digits: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
+        if not isinstance(value, dict):
+            return value
+        return {int(key) if isinstance(key, str) and key.isdecimal() else key: pose for key, pose in value.items()}
 
 
 class Correction(Section):
@@ -231,8 +239,8 @@ class Cell(Section):
         The measured point, seen from the flange.
     tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
         Poses as stated; where ``fit`` asks for them, only starting values.
-    tools, bases : dict of int to (4, 4) array [mm]
-        The numbered frames given in this file; those of ``config_dat`` are not among them.
+    tools, bases : dict of int or str to (4, 4) array [mm]
+        The frames given in this file, by number or name; those of ``config_dat`` are not among them.
     """
 
     robot: RobotSection
@@ -329,13 +337,13 @@ class Cell(Section):
         return tf
 
     @property
-    def tools(self) -> dict[int, FloatArray]:
-        """Numbered tools given in this file, flange to tool, (4, 4) [mm]."""
+    def tools(self) -> dict[int | str, FloatArray]:
+        """Tools given in this file, flange to tool, (4, 4) [mm]."""
         return {number: pose.matrix(self._controller) for number, pose in self.frames.tools.items()}
 
     @property
-    def bases(self) -> dict[int, FloatArray]:
-        """Numbered bases given in this file, robot base to frame, (4, 4) [mm]."""
+    def bases(self) -> dict[int | str, FloatArray]:
+        """Bases given in this file, robot base to frame, (4, 4) [mm]."""
         return {number: pose.matrix(self._controller) for number, pose in self.frames.bases.items()}
 
     def to_toml(self) -> str:
@@ -360,7 +368,8 @@ def load_cell(path: str | Path) -> Cell:
 
 def _tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
     values = {key: value for key, value in table.items() if not isinstance(value, dict)}
-    lines = [f"\n[{'.'.join(header)}]"] if values else []
+    names = [name if re.fullmatch(r"[\w-]+", name, re.A) else json.dumps(name, ensure_ascii=False) for name in header]
+    lines = [f"\n[{'.'.join(names)}]"] if values else []
     # a JSON string is a TOML string, as long as non-ASCII letters stay themselves
     lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
     for key, value in table.items():
@@ -456,7 +465,7 @@ robust = true            # gross readings are found and left out of the registra
 # y_mm = 0.0
 # z_mm = 0.0
 
-# [frames]               # the controller's numbered frames, which programs refer to
+# [frames]               # the controller's frames, which programs refer to by number or name
 # config_dat = "$config.dat"
 # [frames.tools.1]
 # x_mm = 0.0

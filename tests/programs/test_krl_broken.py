@@ -68,10 +68,11 @@ def test_no_file_and_other_languages(tmp_path: Path) -> None:
         read_program(tmp_path / "a.src")
     with pytest.raises(FileError, match=r"a\.dat: is the data list of a\.src, which is not beside it"):
         read_program(tmp_path / "a.dat")
+    (tmp_path / "a.txt").touch()
     with pytest.raises(
-        FileError, match=r"a\.mod: is no robot program of a known language; known endings: \.src, \.dat"
+        FileError, match=r"a\.txt: is no robot program of a known language; known endings: \.src, \.dat"
     ):
-        read_program(tmp_path / "a.mod")
+        read_program(tmp_path / "a.txt")
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)
 app.command("report")(maps.report)
+app.command("check")(programs.check)
 app.command("correct")(programs.correct)
 
 

@@ -1,14 +1,22 @@
-"""Commands about robot programs: correct."""
+"""Commands about robot programs: check and correct."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from truepose.cli.output import Json, emit_json, say
+
+if TYPE_CHECKING:
+    from truepose.cell import Cell
+    from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
+
+_LISTED = 40  # targets that a person is shown one by one
 
 
 class OnGuard(StrEnum):
@@ -19,14 +27,98 @@ class OnGuard(StrEnum):
     clip = "clip"
 
 
+class Ambiguous(StrEnum):
+    """What to do with a point whose use is ambiguous."""
+
+    refuse = "refuse"
+    skip = "skip"
+
+
+Programs = Annotated[list[Path], typer.Argument(metavar="PROGRAM...", help="KRL: the .src or .dat of a pair.")]
+CellPath = Annotated[Path | None, typer.Option("--cell", help="Take frames and limits from this cell file.")]
+ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: take tools and bases from this file.")]
+Tool = Annotated[
+    str | None, typer.Option("--tool", help="Number or name of the tool in force where a program sets none.")
+]
+Base = Annotated[
+    str | None, typer.Option("--base", help="Number or name of the base in force where a program sets none; 0: robot.")
+]
+CallsKeepFrames = Annotated[
+    bool, typer.Option("--calls-keep-frames", help="Subprograms in other files leave tool and base as they are.")
+]
+AmbiguousPoints = Annotated[
+    Ambiguous, typer.Option("--ambiguous", help="Points moved to under two frames, or also read by arithmetic.")
+]
+AbsoluteAccuracy = Annotated[
+    bool, typer.Option("--absolute-accuracy", help="The controller's own compensation is off now: correct its points.")
+]
+ExternalAxes = Annotated[
+    bool, typer.Option("--external-axes", help="External axes move neither robot nor base: correct their points.")
+]
+Offsets = Annotated[
+    bool, typer.Option("--offsets", help="One correction for a point and its constant offsets (RAPID Offs, RelTool).")
+]
+Angles = Annotated[
+    str,
+    typer.Option(
+        "--angles", help="G-code: whose angles A B C are (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
+    ),
+]
+
+
+def check(
+    paths: Programs,
+    cell_path: CellPath = None,
+    config_dat: ConfigDat = None,
+    tool: Tool = None,
+    base: Base = None,
+    calls_keep_frames: CallsKeepFrames = False,
+    ambiguous: AmbiguousPoints = Ambiguous.refuse,
+    absolute_accuracy: AbsoluteAccuracy = False,
+    external_axes: ExternalAxes = False,
+    offsets: Offsets = False,
+    angles: Angles = "",
+    as_json: Json = False,
+) -> None:
+    """Tell which targets of programs could be corrected and which not, and why; needs no map."""
+    from truepose.cell import load_cell
+    from truepose.programs import read_program
+
+    frames = _frames(None if cell_path is None else load_cell(cell_path), config_dat, tool, base)
+    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
+    programs = [read_program(path, frames, options) for path in paths]
+    if as_json:
+        emit_json(
+            {
+                "programs": [{"file": path, **_counts(p)} for path, p in zip(paths, programs, strict=True)],
+                "targets": [row for program in programs for row in _rows(program)],
+            }
+        )
+        return
+    for path, program in zip(paths, programs, strict=True):
+        counts = _counts(program)
+        say(f"[bold]{path}[/]: {counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused")
+        _say_reasons([target for target in program.targets if target.verdict != "correct"])
+
+
 def correct(
     map_path: Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")],
-    paths: Annotated[list[Path], typer.Argument(metavar="PROGRAM...", help="KRL: the .src or .dat of a pair.")],
+    paths: Programs,
     out: Annotated[Path, typer.Option("--out", help="Folder for the corrected programs.")] = Path("corrected"),
     on_guard: Annotated[OnGuard | None, typer.Option(help="Instead of the cell file's policy.")] = None,
-    cell_path: Annotated[
-        Path | None, typer.Option("--cell", help="Take frames and limits from this cell file.")
-    ] = None,
+    cell_path: CellPath = None,
+    config_dat: ConfigDat = None,
+    tool: Tool = None,
+    base: Base = None,
+    calls_keep_frames: CallsKeepFrames = False,
+    ambiguous: AmbiguousPoints = Ambiguous.refuse,
+    absolute_accuracy: AbsoluteAccuracy = False,
+    external_axes: ExternalAxes = False,
+    offsets: Offsets = False,
+    angles: Angles = "",
+    in_place: Annotated[
+        bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change, and write nothing.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -38,9 +130,16 @@ def correct(
     error_map = load_map(map_path)
     cell = error_map.cell if cell_path is None else load_cell(cell_path)
     policy = on_guard.value if on_guard is not None else cell.correction.on_guard
+    frames = _frames(cell, config_dat, tool, base)
+    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
     # all are corrected before any is written: a refusal leaves nothing half-done
-    corrected = [correct_program(path, error_map, cell, on_guard=policy) for path in paths]
-    written = [] if dry_run else [file for program in corrected for file in program.write(out)]
+    corrected = [
+        correct_program(path, error_map, cell, frames=frames, on_guard=policy, options=options) for path in paths
+    ]
+    _check_names(corrected, in_place)
+    written: list[Path] = []
+    for one in [] if dry_run else corrected:
+        written += one.write_in_place() if in_place else one.write(out)
     if as_json:
         emit_json({"written": written, "programs": [program.sidecar() for program in corrected]})
         return
@@ -53,8 +152,85 @@ def correct(
             f"{summary['refused']} refused; largest correction "
             f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
         )
-        for target in program.targets:
-            if target.verdict != "correct":
-                say(f"  line {target.line}, {target.name}: {target.verdict}: {target.reason}")
+        _say_reasons([outcome for outcome in program.targets if outcome.verdict != "correct"])
     for file in written:
         say(f"Wrote {file}")
+
+
+def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: str | None) -> FrameTable:
+    """Return the frames that the cell and a $config.dat give; those of the cell file itself win."""
+    from truepose.programs import FrameTable
+
+    known = FrameTable() if cell is None else FrameTable.from_cell(cell)
+    if config_dat is not None:
+        more = FrameTable.from_config_dat(config_dat)
+        own_tools, own_bases = ({}, {}) if cell is None else (cell.tools, cell.bases)
+        known = FrameTable({**known.tools, **more.tools, **own_tools}, {**known.bases, **more.bases, **own_bases})
+    return FrameTable(known.tools, known.bases, tool, base)
+
+
+def _options(
+    calls_keep_frames: bool,
+    ambiguous: Ambiguous,
+    absolute_accuracy: bool,
+    external_axes: bool,
+    offsets: bool,
+    angles: str,
+) -> ReadOptions:
+    from truepose.programs import ReadOptions
+
+    return ReadOptions(
+        ambiguous="skip" if ambiguous is Ambiguous.skip else "refuse",
+        calls_keep_frames=calls_keep_frames,
+        absolute_accuracy=absolute_accuracy,
+        external_axes=external_axes,
+        offsets=offsets,
+        angles=angles,
+    )
+
+
+def _counts(program: Program) -> dict[str, int]:
+    counts = Counter(target.verdict for target in program.targets)
+    return {"correct": counts["correct"], "skip": counts["skip"], "refuse": counts["refuse"]}
+
+
+def _rows(program: Program) -> list[dict[str, Any]]:
+    return [
+        {
+            "file": target.path,
+            "line": target.line,
+            "name": target.name,
+            "verdict": target.verdict,
+            "reason": target.reason,
+            "frame": target.frame,
+            "tool": target.tool,
+            "motion": target.motion,
+        }
+        for target in program.targets
+    ]
+
+
+def _say_reasons(targets: Sequence[Any]) -> None:
+    from rich.markup import escape
+
+    for target in targets[:_LISTED]:
+        say(escape(f"  line {target.line}, {target.name}: {target.verdict}: {target.reason}"))
+    if len(targets) > _LISTED:
+        say(f"  … and {len(targets) - _LISTED} more (--json lists all)")
+
+
+def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
+    """Refuse programs that would be written over each other."""
+    from truepose.errors import RefusedError
+    from truepose.programs.sidecar import names
+
+    taken: dict[str, Path] = {}
+    for one in corrected:
+        folder = str(one.program.path.parent.resolve()) if in_place else ""
+        for name in names(one.program):
+            first = taken.setdefault(f"{folder}/{name.lower()}", one.program.path)
+            if first is not one.program.path:
+                raise RefusedError(
+                    f"{first} and {one.program.path} would both be written as {name}; correct them one by one, "
+                    "each with its own --out"
+                )

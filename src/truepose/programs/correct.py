@@ -18,13 +18,19 @@ from numpy.typing import NDArray
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs import sidecar
 from truepose.programs.source import Patch, apply_patches, format_number, prove, unified_diff
-from truepose.programs.targets import FloatArray, FrameTable, Program, ReadOptions, Target, linked
+from truepose.programs.targets import IDENTITY, FloatArray, FrameTable, Program, ReadOptions, Target, linked
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
 
 Policy = Literal["refuse", "skip", "clip"]
-_DIALECTS: Final = {".src": "krl", ".dat": "krl"}
+_DIALECTS: Final = {
+    **dict.fromkeys((".src", ".dat"), "krl"),
+}
+_REFUSED: Final = {
+    ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
+    ".tp": "is a compiled FANUC program; export it as .ls and correct that",
+}
 _SHOWN: Final = 3  # refused targets that a message names
 _CORRECTED: Final = ("correct", "clip")
 
@@ -163,6 +169,16 @@ class CorrectedProgram:
         """
         return sidecar.write(self, Path(out_dir))
 
+    def write_in_place(self) -> list[Path]:
+        """Write over the program; each file that changes is kept as it was beside it, with ``.original`` added.
+
+        Raises
+        ------
+        FileError
+            If such a copy is there already, or a file cannot be written; the program is as it was then.
+        """
+        return sidecar.write_in_place(self)
+
 
 def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
     r"""Read a robot program; its ending names the language.
@@ -170,7 +186,7 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     Parameters
     ----------
     path : str or Path
-        KUKA: the .src, or the .dat beside it.
+        KUKA: the .src, or the .dat beside it. Others: docs/programs.md.
     frames : FrameTable, optional
         The controller's tools and bases. Without it only number 0 is known.
     options : ReadOptions, optional
@@ -197,6 +213,10 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
         raise FileError(path, "is a folder; name the program's files one by one")
     dialect = _DIALECTS.get(path.suffix.lower())
     if dialect is None:
+        if not path.exists():
+            raise FileError(path, "no such file")
+        if why := _REFUSED.get(path.suffix.lower()):
+            raise FileError(path, why)
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
     module = importlib.import_module(f"truepose.programs.{dialect}")
     program: Program = module.read(path, frames or FrameTable(), options or ReadOptions())
@@ -249,6 +269,7 @@ def correct_program(
         frames = FrameTable.from_cell(cell)
     program = read_program(path, frames, options)
     sidecar.check_not_corrected(program)
+    resolution = max(resolution, program.finest)
     if on_guard == "refuse":
         _refuse(program, {i: t.reason for i, t in enumerate(program.targets) if t.verdict == "refuse"})
     chosen = program.correctable()
@@ -280,7 +301,7 @@ def _correct(
     targets = [program.targets[i] for i in chosen]
     answer = error_map.correct(
         program.poses_base(),
-        tf_flange_tool=program.tools(),
+        tf_flange_tool=program.tools(getattr(error_map, "tf_flange_tool", IDENTITY)),
         status=np.array([-1 if t.status is None else t.status for t in targets]),
         turn=np.array([-1 if t.turn is None else t.turn for t in targets]),
         on_guard=on_guard,
@@ -315,10 +336,10 @@ def _patch(data: bytes, target: Target, moved: FloatArray, resolution: float, pa
     after = target.p
     for axis, (start, end) in enumerate(target.spans[:3]):
         token = data[start:end]
-        written = format_number(token, float(moved[axis]), resolution)
+        written = format_number(token, float(moved[axis]) / target.unit, resolution / target.unit)
         if written != token:
             patches.append(Patch(start, end, written))
-            after[axis] = float(written)
+            after[axis] = float(written) * target.unit
             if abs(after[axis] - target.p[axis] - moved[axis]) > resolution:
                 raise RefusedError(f"{target.where}: {target.name}: {written!r} is not what the correction asks for")
     return after

@@ -7,13 +7,11 @@ The .src is read statement by statement. Points gather what the program does wit
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.krl_flow import Flow, InForce, Structure
+from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.krl_frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl_lexer import LEXER, Statement, shown, statements
 from truepose.programs.krl_motions import Goal, MotionReader, Settings
@@ -31,8 +29,9 @@ from truepose.programs.krl_words import (
     TYPES,
     WITHOUT_USE,
 )
+from truepose.programs.points import join_circles
 from truepose.programs.source import Source
-from truepose.programs.targets import FrameTable, Program, ReadOptions, Target, linked
+from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
 
 _ASSIGN = re.compile(rb"[ \t]*+(\[[^\]]*+\])?+[ \t]*+((?:\.[ \t]*+\w++(?:\[[^\]]*+\])?+[ \t]*+)*+)=(?!=)")
 _CALL = re.compile(rb"[ \t]*+\(")
@@ -337,7 +336,7 @@ class _Reader:
         order = sorted(range(len(targets)), key=lambda i: (targets[i].path != self._src.path, targets[i].line))
         rank = {i: k for k, i in enumerate(order)}
         circles = tuple([tuple(rank[i] for goal in goals for i in places(goal)) for goals in self._motions.circles])
-        ordered = _join_circles([targets[i] for i in order], circles)
+        ordered = join_circles([targets[i] for i in order], circles)
         sources = (self._src,) if self._dat is None else (self._src, self._dat)
         return Program(path, sources, tuple(ordered), circles, LEXER)
 
@@ -355,21 +354,3 @@ def _without_numbers(variable: Variable, src: Source) -> Target:
     else:
         reason = "its value is known at run time only"
     return Target(variable.name, src.path, moves[0].line, tuple(use.word for use in moves), "skip", reason)
-
-
-def _join_circles(targets: list[Target], circles: tuple[tuple[int, ...], ...]) -> Iterator[Target]:
-    left_out = [i for i, target in enumerate(targets) if target.verdict != "correct"]
-    causes = linked(circles, left_out)
-    for i, target in enumerate(targets):
-        if i in causes:
-            cause = targets[_root(causes, i)]
-            reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
-            yield replace(target, verdict=cause.verdict, reason=reason)
-        else:
-            yield target
-
-
-def _root(causes: dict[int, int], i: int) -> int:
-    while i in causes:
-        i = causes[i]
-    return i

@@ -9,12 +9,12 @@ from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.krl_lexer import CARTESIAN, closing_brace, parse_aggregate, statements, strip
 from truepose.programs.source import Source
-from truepose.programs.targets import FloatArray
+from truepose.programs.targets import FloatArray, Key
 
 _ENTRY = re.compile(rb"\s*\[\s*(\d{1,4})\s*\]\s*=\s*(?=\{)")
 
 
-def read_config_dat(path: str | Path) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
+def read_config_dat(path: str | Path) -> tuple[dict[Key, FloatArray], dict[Key, FloatArray]]:
     """Return the tools (flange to tool) and bases (robot base to frame) of a ``$config.dat``, by number.
 
     Everything but ``TOOL_DATA[n]={X …}`` and ``BASE_DATA[n]={X …}`` is passed over; an entry with components missing is
@@ -31,7 +31,7 @@ def read_config_dat(path: str | Path) -> tuple[dict[int, FloatArray], dict[int, 
         If the file cannot be read, has no such entry, gives one twice, or has a broken one; with its line.
     """
     source = Source.read(path)
-    tables: dict[str, dict[int, FloatArray]] = {"TOOL_DATA": {}, "BASE_DATA": {}}
+    tables: dict[str, dict[Key, FloatArray]] = {"TOOL_DATA": {}, "BASE_DATA": {}}
     lines: dict[tuple[str, int], int] = {}
     for word, line, _, rest, end in statements(source):
         entry = _ENTRY.match(source.data, rest, end) if word in tables else None

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from truepose.programs.krl_flow import UNSET, Flow, Frames, InForce
+from truepose.programs.flow import UNSET, Flow, Frames, InForce
 from truepose.programs.krl_lexer import CARTESIAN, closing_brace, parse_aggregate, shown, strip
 from truepose.programs.krl_names import read_fdat
 from truepose.programs.source import Source

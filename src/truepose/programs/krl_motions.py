@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from truepose.programs.krl_flow import Flow, InForce
+from truepose.programs.flow import Flow, InForce
 from truepose.programs.krl_frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl_lexer import Statement, closing_brace, parse_point, shown, split_commas, strip
 from truepose.programs.krl_names import Names, element

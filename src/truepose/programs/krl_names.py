@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final, Literal
 
-from truepose.programs.krl_flow import Frames, InForce
+from truepose.programs.flow import Frames, InForce
 from truepose.programs.krl_lexer import (
     Aggregate,
     closing_brace,

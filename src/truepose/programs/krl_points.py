@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.geometry import euler, make_transform
-from truepose.programs.krl_flow import Frames, InForce, State
+from truepose.programs.flow import Frames, InForce, State
 from truepose.programs.krl_lexer import CARTESIAN, Aggregate
 from truepose.programs.source import Source
 from truepose.programs.targets import FloatArray, FrameTable, ReadOptions, Target, Verdict

@@ -69,12 +69,47 @@ def to_csv(corrected: CorrectedProgram) -> str:
     return out.getvalue()
 
 
+def names(program: Program) -> list[str]:
+    """Return the names of all files that a correction of this program writes to a folder."""
+    stem = program.path.stem
+    return [*(source.path.name for source in program.sources), f"{stem}{_SUFFIX}", f"{stem}.corrections.csv"]
+
+
+def write_in_place(corrected: CorrectedProgram) -> list[Path]:
+    """Write over the program; see `CorrectedProgram.write_in_place`."""
+    changed = [source for source in corrected.program.sources if corrected.files[source.path] != source.data]
+    for source in corrected.program.sources:
+        if files.read_bytes(source.path) != source.data:
+            raise FileError(source.path, "changed while it was being corrected; run again")
+    backups = {source.path: source.path.with_name(source.path.name + ".original") for source in changed}
+    for backup in backups.values():
+        if backup.exists():
+            raise FileError(backup, "is there already, and would be lost; move it away")
+    for source in changed:
+        files.write_atomic(backups[source.path], source.data)
+    # the record first: a program that is corrected is never without it
+    folder, (*_, json_name, csv_name) = corrected.program.path.parent, names(corrected.program)
+    files.write_atomic(folder / json_name, json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n")
+    files.write_atomic(folder / csv_name, to_csv(corrected))
+    done: list[Path] = []
+    try:
+        for source in changed:
+            files.write_atomic(source.path, corrected.files[source.path])
+            done.append(source.path)
+    except FileError:
+        for source in changed:
+            if source.path in done:
+                files.write_atomic(source.path, source.data)
+        raise
+    return [*done, folder / json_name, folder / csv_name, *backups.values()]
+
+
 def write(corrected: CorrectedProgram, out_dir: Path) -> list[Path]:
     """Write the program's files and the record; see `CorrectedProgram.write`."""
-    stem = corrected.program.path.stem
+    *_, json_name, csv_name = names(corrected.program)
     contents: dict[Path, bytes | str] = {out_dir / path.name: data for path, data in corrected.files.items()}
-    contents[out_dir / f"{stem}{_SUFFIX}"] = json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n"
-    contents[out_dir / f"{stem}.corrections.csv"] = to_csv(corrected)
+    contents[out_dir / json_name] = json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n"
+    contents[out_dir / csv_name] = to_csv(corrected)
     new: list[Path] = []
     try:
         for path in contents:
@@ -129,17 +164,17 @@ def _hashes(path: Path) -> list[tuple[str, str]]:
 
 def _target(outcome: Outcome) -> dict[str, Any]:
     target = outcome.target
-    uses = ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in target.uses.items())
     known = bool(np.isfinite(outcome.std).all())
     return {
         "file": str(target.path),
         "line": target.line,
         "name": target.name,
-        "motion": uses,
+        "motion": target.motion,
         "frame": target.frame,
         "tool": target.tool,
         "status": target.status,
         "turn": target.turn,
+        "configuration": target.configuration,
         "before_mm": _numbers(outcome.p_before),
         "after_mm": _numbers(outcome.p_after),
         "correction_mm": _numbers(outcome.correction),

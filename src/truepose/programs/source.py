@@ -30,6 +30,8 @@ LONGEST: Final = 40
 """Characters of a number; 17 digits say everything about a double."""
 
 _NUMBER = re.compile(NUMBER)
+PLAIN_LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]")
+"""Words, numbers, blanks and single characters: enough for the proof in most languages."""
 _LINE_END = re.compile(rb"\r\n|\n|\r")
 _CHUNK = 1 << 20
 _CONTEXT = 3

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.errors import DataError
 from truepose.geometry import euler, make_transform
 from truepose.geometry.transforms import check_transforms
 from truepose.programs.source import Source, Span
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["correct", "skip", "refuse"]
+Key = int | str
+"""Of a tool or base: controllers number them or name them."""
 IDENTITY: Final = np.eye(4)
 IDENTITY.flags.writeable = False
 
@@ -40,31 +43,38 @@ class ReadOptions:
         Correct targets taught on an absolutely accurate robot (KUKA Status bit 4): only if that option is off now.
     external_axes : bool
         Correct targets with an external axis away from zero: only if it moves neither the robot nor the base.
+    offsets : bool
+        Correct points that are also moved to with a constant offset: one correction for both.
+    angles : str
+        Whose angles A, B, C are in G-code ("kuka", "fanuc", "staubli", "yaskawa"); how the tool axis i, j, k of APT
+        lies: "z" along the tool's z, "-z" against it.
     """
 
     ambiguous: Literal["refuse", "skip"] = "refuse"
     calls_keep_frames: bool = False
     absolute_accuracy: bool = False
     external_axes: bool = False
+    offsets: bool = False
+    angles: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameTable:
-    """The controller's numbered tools and bases. Number 0 is the null frame on every controller.
+    """The controller's tools and bases, by number or by name. Number 0 is the null frame on every controller.
 
     Parameters
     ----------
-    tools : mapping of int to (4, 4) array [mm]
+    tools : mapping of int or str to (4, 4) array [mm]
         Flange to tool.
-    bases : mapping of int to (4, 4) array [mm]
+    bases : mapping of int or str to (4, 4) array [mm]
         Robot base to the frame that targets are given in.
-    tool, base : int, optional
+    tool, base : int or str, optional
         In force where a program sets none.
 
     Raises
     ------
     DataError
-        If a frame is not a rigid transform.
+        If a frame is not a rigid transform, or the one in force is not among those given.
 
     Examples
     --------
@@ -73,15 +83,23 @@ class FrameTable:
     [0, 3]
     """
 
-    tools: Mapping[int, FloatArray] = field(default_factory=dict)
-    bases: Mapping[int, FloatArray] = field(default_factory=dict)
-    tool: int | None = None
-    base: int | None = None
+    tools: Mapping[Key, FloatArray] = field(default_factory=dict)
+    bases: Mapping[Key, FloatArray] = field(default_factory=dict)
+    tool: Key | None = None
+    base: Key | None = None
 
     def __post_init__(self) -> None:
         for kind in ("tools", "bases"):
-            given = {int(n): check_transforms(f"{kind} {n}", tf) for n, tf in getattr(self, kind).items()}
+            given = {frame_key(n): check_transforms(f"{kind} {n}", tf) for n, tf in getattr(self, kind).items()}
             object.__setattr__(self, kind, {0: IDENTITY, **given})
+        for which, kind in (("tool", "tools"), ("base", "bases")):
+            if (given_default := getattr(self, which)) is None:
+                continue
+            key = frame_key(given_default)
+            if key not in (known := getattr(self, kind)):
+                shown = ", ".join(map(str, known))
+                raise DataError(f"{which} {key} is not among those given ({shown}); give it in [frames.{kind}.{key}]")
+            object.__setattr__(self, which, key)
 
     @classmethod
     def from_config_dat(cls, path: str | Path) -> Self:
@@ -123,10 +141,15 @@ class Target:
     controller : str
         Whose angles they are, for `truepose.geometry.euler`.
     tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
+        No tool: that of the measurements.
     status, turn : int, optional
-        Configuration, where the target names it.
+        Configuration, where the target names it as KUKA does.
+    configuration : str
+        As other controllers name it.
     spans : tuple of (start, end)
-        Bytes of the numbers X, Y, Z and the angles.
+        Bytes of the numbers X, Y, Z and the angles, with the blanks in front where the column is kept.
+    unit : float [mm]
+        Of the position's digits.
     """
 
     name: str
@@ -146,7 +169,9 @@ class Target:
     tf_flange_tool: FloatArray | None = None
     status: int | None = None
     turn: int | None = None
+    configuration: str = ""
     spans: tuple[Span, ...] = ()
+    unit: float = 1.0
 
     @property
     def p(self) -> FloatArray:
@@ -162,6 +187,11 @@ class Target:
     def uses(self) -> dict[str, int]:
         """How often each kind of motion goes to it."""
         return dict(Counter(self.motions))
+
+    @property
+    def motion(self) -> str:
+        """The kinds of motion in words."""
+        return ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in self.uses.items())
 
     @property
     def where(self) -> str:
@@ -184,6 +214,8 @@ class Program:
         Indices of targets that are corrected together or not at all.
     lexer : compiled pattern
         Of the dialect, for the proof.
+    finest : float [mm]
+        The controller keeps no smaller step.
     """
 
     path: Path
@@ -191,6 +223,7 @@ class Program:
     targets: tuple[Target, ...]
     circles: tuple[tuple[int, ...], ...]
     lexer: re.Pattern[bytes]
+    finest: float = 0.0
 
     def correctable(self) -> NDArray[np.intp]:
         """Return the indices of the targets whose verdict is ``correct``."""
@@ -211,9 +244,19 @@ class Program:
         """Return the positions of the correctable targets, (n, 3) [mm], base frame."""
         return self.poses_base()[:, :3, 3]
 
-    def tools(self) -> FloatArray:
-        """Return the tools of the correctable targets, flange to tool, (n, 4, 4) [mm]."""
-        return np.array([self.targets[i].tf_flange_tool for i in self.correctable()]).reshape(-1, 4, 4)
+    def tools(self, measured: FloatArray = IDENTITY) -> FloatArray:
+        """Return the tools of the correctable targets, flange to tool, (n, 4, 4) [mm].
+
+        `measured`, (4, 4) [mm], stands where the program names none.
+        """
+        tools = [self.targets[i].tf_flange_tool for i in self.correctable()]
+        return np.array([measured if tool is None else tool for tool in tools]).reshape(-1, 4, 4)
+
+
+def frame_key(key: Key) -> Key:
+    """Return a number or a name as tables hold it: ``"3"`` is number 3, names are folded to lower case."""
+    text = str(key).strip()
+    return int(text) if text.isdecimal() and len(text) < 6 else text.lower()
 
 
 def linked(circles: Sequence[tuple[int, ...]], left_out: Iterable[int]) -> dict[int, int]:

@@ -1,0 +1,283 @@
+"""What readers share: points with their numbers, what a program does with them, and the verdict that follows.
+
+A dialect's reader makes a `Point` for each target that it finds, and `Judge` gives the verdicts of the catalogue
+(docs/programs.md) when the whole program is read. KRL, which knows more ways to a frame, has its own judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
+
+from truepose.geometry import ANGLES
+from truepose.programs.source import Source, Span, parse_number
+from truepose.programs.targets import FloatArray, FrameTable, Key, ReadOptions, Target, Verdict, frame_key, linked
+
+AS_MEASURED: Final = "as measured"
+"""Tool of targets in languages that name none: the point that the map was measured with."""
+
+
+class Problem(NamedTuple):
+    """Why a target is not corrected."""
+
+    verdict: Verdict
+    reason: str
+
+
+JOINTS: Final = Problem("skip", "joint target")
+RUN_TIME: Final = Problem("skip", "target known at run time only")
+
+
+class Frame(NamedTuple):
+    """A tool or base as a program names it.
+
+    Attributes
+    ----------
+    text : str
+        For people.
+    key : int or str, optional
+        In the frame table.
+    tf : bytes, optional
+        Its (4, 4) array [mm] where the program itself gives the values; the table wins.
+    """
+
+    text: str
+    key: Key | None = None
+    tf: bytes | None = None
+
+
+class Use(NamedTuple):
+    """A motion to a point; without tool or frame, the one that the user says is in force."""
+
+    word: str
+    line: int
+    tool: Frame | None = None
+    frame: Frame | None = None
+    problem: Problem | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Point:
+    """A target and what the program does with it.
+
+    Attributes
+    ----------
+    name : str
+    source : Source
+    line : int
+        Where its numbers stand.
+    values, spans : tuples
+        Position and orientation in the controller's own numbers, and their bytes; empty where there are none.
+    problem : Problem, optional
+        That lies in the numbers themselves.
+    configuration : str
+        As the program says it.
+    uses : list of Use
+    reads, writes : list of (line, how)
+    """
+
+    name: str
+    source: Source
+    line: int
+    values: tuple[float, ...] = ()
+    spans: tuple[Span, ...] = ()
+    problem: Problem | None = None
+    configuration: str = ""
+    uses: list[Use] = field(default_factory=list)
+    reads: list[tuple[int, str]] = field(default_factory=list)
+    writes: list[tuple[int, str]] = field(default_factory=list)
+
+
+class _Stop(Exception):  # noqa: N818 - ends the questions about one target
+    def __init__(self, verdict: Verdict, reason: str) -> None:
+        self.problem = Problem(verdict, reason)
+        super().__init__(reason)
+
+
+class Judge:
+    """Gives points their frame, tool and verdict.
+
+    Parameters
+    ----------
+    frames : FrameTable
+    options : ReadOptions
+    controller : str
+        Whose orientation numbers the points have.
+    unit : float [mm]
+        Of the position's digits.
+    tool_default, frame_default : Frame, optional
+        What a motion that names none has, if the user says nothing else. None: such a target is refused.
+    changed : mapping of ("tool" or "base", key or None) to int
+        Lines where the program changes a frame; None: some frame.
+    """
+
+    def __init__(
+        self,
+        frames: FrameTable,
+        options: ReadOptions,
+        controller: str,
+        *,
+        unit: float = 1.0,
+        tool_default: Frame | None = None,
+        frame_default: Frame | None = None,
+        changed: Mapping[tuple[str, Key | None], int] | None = None,
+    ) -> None:
+        self._frames, self._options = frames, options
+        self._controller, self.unit = controller, unit
+        self._default = {"tool": tool_default, "base": frame_default}
+        self._changed = changed or {}
+
+    def target(self, point: Point) -> Target:
+        """Return the target of a point."""
+        tool = frame = tf_flange_tool = tf_base_frame = None
+        problem: Problem | None = None
+        try:
+            self._check(point)
+            tool, frame = self._in_force(point.uses)
+            tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
+        except _Stop as stop:
+            problem = stop.problem
+        known = len(point.values) == 3 + len(ANGLES[self._controller].names)
+        return Target(
+            name=point.name,
+            path=point.source.path,
+            line=point.line,
+            motions=tuple([use.word for use in point.uses]),
+            verdict=problem.verdict if problem else "correct",
+            reason=problem.reason if problem else "",
+            frame=frame.text if frame else "",
+            tool=tool.text if tool else "",
+            frame_number=frame.key if frame and isinstance(frame.key, int) else None,
+            tool_number=tool.key if tool and isinstance(tool.key, int) else None,
+            xyz=tuple([value * self.unit for value in point.values[:3]]) if known else None,
+            angles=point.values[3:] if known else None,
+            controller=self._controller,
+            tf_base_frame=tf_base_frame,
+            tf_flange_tool=tf_flange_tool,
+            configuration=point.configuration,
+            spans=point.spans if known else (),
+            unit=self.unit,
+        )
+
+    def _check(self, point: Point) -> None:
+        if point.problem is not None and (point.uses or point.problem.verdict == "skip"):
+            raise _Stop(*point.problem)
+        if point.reads:
+            line, how = point.reads[0]
+            if point.uses:
+                use = point.uses[0]
+                raise _Stop(self._options.ambiguous, f"both moved to (line {use.line}) and {how} (line {line})")
+            raise _Stop("skip", f"{how} (line {line})")
+        if point.writes:
+            line, how = point.writes[0]
+            raise _Stop("skip", f"{how} at run time (line {line})")
+        if not point.uses:
+            raise _Stop("skip", "no motion of this program goes to it")
+        if not point.values:
+            raise _Stop(*RUN_TIME)
+        problems = {use.problem for use in point.uses}
+        hindered = [use for use in point.uses if use.problem is not None]
+        if not hindered:
+            return
+        first = hindered[0]
+        assert first.problem is not None
+        if None in problems and first.problem.verdict == "skip":
+            other = next(use for use in point.uses if use.problem is None)
+            reason = f"moved to (line {other.line}) and, in line {first.line}, {first.problem.reason}: teach two points"
+            raise _Stop(self._options.ambiguous, reason)
+        raise _Stop(*first.problem)
+
+    def _in_force(self, uses: Sequence[Use]) -> tuple[Frame, Frame]:
+        found: dict[tuple[Frame, Frame], Use] = {}
+        for use in uses:
+            found.setdefault((self._of("tool", use.tool), self._of("base", use.frame)), use)
+        if len(found) > 1:
+            (first, a), (second, b) = list(found.items())[:2]
+            k = 0 if first[0] != second[0] else 1
+            reason = f"moved to under {first[k].text} (line {a.line}) and {second[k].text} (line {b.line})"
+            raise _Stop(self._options.ambiguous, f"{reason}: teach two points")
+        return next(iter(found))
+
+    def _of(self, which: str, frame: Frame | None) -> Frame:
+        if frame is not None:
+            return frame
+        default = getattr(self._frames, which)
+        if default is not None:
+            return Frame(str(default), default)
+        if (known := self._default[which]) is not None:
+            return known
+        raise _Stop("refuse", f"the program names no {which}; say which is in force (--{which} NAME)")
+
+    def _transform(self, which: str, frame: Frame) -> FloatArray | None:
+        if frame.text == AS_MEASURED:
+            return None
+        table = self._frames.tools if which == "tool" else self._frames.bases
+        key = None if frame.key is None else frame_key(frame.key)
+        line = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
+        if line and key is not None:
+            raise _Stop("refuse", f"{frame.text} is changed by the program (line {line})")
+        if key is not None and key in table:
+            return table[key]
+        if frame.tf is not None:
+            return _array(frame.tf)
+        remedy = f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
+        raise _Stop("refuse", f"{which} {frame.text} is not known; {remedy}")
+
+    def program_targets(
+        self, points: Sequence[Point], circles: Iterable[Sequence[Point]]
+    ) -> tuple[tuple[Target, ...], tuple[tuple[int, ...], ...]]:
+        """Return the targets in the order of the text, and the circles as their indices.
+
+        Parameters
+        ----------
+        points : sequence of Point
+        circles : iterable of sequences of Point
+            Corrected together or not at all.
+        """
+        ordered = sorted(points, key=lambda point: (point.line, point.spans))
+        place = {id(point): i for i, point in enumerate(ordered)}
+        joined = tuple([tuple([place[id(point)] for point in circle]) for circle in circles])
+        return tuple(join_circles([self.target(point) for point in ordered], joined)), joined
+
+
+def _array(tf: bytes) -> FloatArray:
+    import numpy as np
+
+    return np.frombuffer(tf).reshape(4, 4)
+
+
+def join_circles(targets: Sequence[Target], circles: tuple[tuple[int, ...], ...]) -> Iterator[Target]:
+    """Yield the targets; one whose circle has a point that is left out is left out for that."""
+    left_out = [i for i, target in enumerate(targets) if target.verdict != "correct"]
+    causes = linked(circles, left_out) if circles else {}
+    for i, target in enumerate(targets):
+        if i in causes:
+            k = i
+            while k in causes:
+                k = causes[k]
+            cause = targets[k]
+            reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
+            yield replace(target, verdict=cause.verdict, reason=reason)
+        else:
+            yield target
+
+
+def numbers_at(
+    source: Source, line: int, names: Sequence[str], tokens: Sequence[bytes], starts: Sequence[int]
+) -> tuple[tuple[float, ...], tuple[Span, ...]]:
+    """Return the values of number tokens and their spans.
+
+    Raises
+    ------
+    FileError
+        If one is broken; it is named.
+    """
+    values = []
+    for name, token in zip(names, tokens, strict=True):
+        try:
+            values.append(parse_number(token))
+        except ValueError as error:
+            raise source.error(line, f"{name}: {error}; correct the file") from None
+    spans = [(start, start + len(token)) for start, token in zip(starts, tokens, strict=True)]
+    return tuple(values), tuple(spans)

@@ -1,0 +1,101 @@
+"""Commands about programs: check without a map, and what keeps a user from losing a file."""
+
+import numpy as np
+import pytest
+
+POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
+SRC = f"DEF a()\nBAS(#TOOL,0)\n$BASE=$NULLFRAME\nLIN {POSE}\nPTP XHOME\nBAS(#TOOL,9)\nLIN {POSE}\nEND\n"
+
+
+@pytest.fixture
+def program(tmp_path):
+    path = tmp_path / "a.src"
+    path.write_text(SRC)
+    return path
+
+
+def test_check_lists_every_target(run, program):
+    done = run("check", program, "--json")
+    assert done.code == 0
+    assert done.json["programs"] == [{"file": str(program), "correct": 1, "skip": 1, "refuse": 1}]
+    assert [(t["line"], t["name"], t["verdict"], t["motion"]) for t in done.json["targets"]] == [
+        (4, "LIN:4", "correct", "LIN"),
+        (5, "XHOME", "skip", "PTP"),
+        (7, "LIN:7", "refuse", "LIN"),
+    ]
+    first, _, last = done.json["targets"]
+    assert (first["frame"], first["tool"], first["reason"]) == ("BASE_DATA[0]", "TOOL_DATA[0]", "")
+    assert "tool 9 is not known" in last["reason"]
+    shown = run("check", program).out
+    assert "1 to correct, 1 to skip, 1 refused" in shown
+    assert "line 7, LIN:7: refuse: tool 9 is not known; give it in [frames]" in shown
+
+
+def test_check_takes_frames_from_a_cell_or_the_controller(run, program, tmp_path):
+    (tmp_path / "config.dat").write_text("TOOL_DATA[9]={X 1,Y 2,Z 3,A 0,B 0,C 0}\n")
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nmodel = "kuka-kr210-r2700-extra"\n[frames.tools.9]\nx_mm = 3\n[frames.bases.2]\n'
+    )
+    for option in (("--config-dat", tmp_path / "config.dat"), ("--cell", tmp_path / "cell.toml")):
+        assert [t["verdict"] for t in run("check", program, *option, "--json").json["targets"]][2] == "correct"
+    program.write_text(f"DEF a()\nLIN {POSE}\nEND\n")
+    assert "no $TOOL is set" in run("check", program).out
+    target = run("check", program, "--tool", "0", "--base", "0", "--json").json["targets"][0]
+    assert (target["verdict"], target["frame"]) == ("correct", "BASE_DATA[0]")
+    assert "tool 7 is not among those given" in run("check", program, "--tool", "7").failed()
+
+
+def test_check_says_what_it_cannot_read(run, tmp_path):
+    assert "no such file" in run("check", tmp_path / "absent.src").failed()
+    assert "no such file" in run("check", tmp_path / "absent.xyz").failed()
+    (tmp_path / "a.urp").write_bytes(b"\x1f\x8b")
+    assert "save it as .script" in run("check", tmp_path / "a.urp").failed()
+    (tmp_path / "a.txt").write_text("LIN")
+    assert "is no robot program of a known language" in run("check", tmp_path / "a.txt").failed()
+    (tmp_path / "loop.src").symlink_to(tmp_path / "loop.src")
+    assert "loop.src" in run("check", tmp_path / "loop.src").failed()
+
+
+@pytest.fixture
+def near_samples(cell_files, tmp_path):
+    """A program whose targets the map may correct: two samples' own places."""
+    from truepose.geometry import euler
+
+    samples = cell_files.virtual.measure(cell_files.virtual.design(80, seed=1))
+    poses = cell_files.virtual.robot.forward(samples.q, tool=cell_files.virtual.tf_flange_tool)[:2]
+    from scipy.spatial.transform import Rotation
+
+    abc = euler("kuka", Rotation.from_matrix(poses[:, :3, :3]))
+    rows = np.column_stack([poses[:, :3, 3], abc])
+    lines = ["LIN {" + ",".join(f"{k} {v:.3f}" for k, v in zip("XYZABC", row, strict=True)) + "}" for row in rows]
+    (tmp_path / "config.dat").write_text(
+        "TOOL_DATA[1]={"
+        + ",".join(f"{k} {v:.4f}" for k, v in zip("XYZ", cell_files.virtual.tf_flange_tool[:3, 3], strict=True))
+        + ",A 0,B 0,C 0}\n"
+    )
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.src").write_text("DEF a()\n" + "\n".join(lines) + "\nEND\n")
+    return [tmp_path / folder / "a.src" for folder in ("one", "two")]
+
+
+def test_correct_in_place_keeps_the_original(run, cell_files, near_samples):
+    path = near_samples[0]
+    before = path.read_bytes()
+    options = ("--config-dat", path.parents[1] / "config.dat", "--tool", "1", "--base", "0", "--on-guard", "skip")
+    done = run("correct", cell_files.map, path, *options, "--in-place", "--json")
+    assert done.code == 0, done.err
+    assert path.read_bytes() != before
+    assert path.with_name("a.src.original").read_bytes() == before
+    assert "was corrected already" in run("correct", cell_files.map, path, *options, "--in-place").failed()
+    path.write_bytes(before)
+    assert "is there already" in run("correct", cell_files.map, path, *options, "--in-place").failed()
+    assert path.read_bytes() == before
+
+
+def test_programs_of_one_name_are_not_written_over_each_other(run, cell_files, near_samples, tmp_path):
+    options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--on-guard", "skip")
+    refused = run("correct", cell_files.map, *near_samples, *options, "--out", tmp_path / "out")
+    assert "would both be written as a.src" in refused.failed()
+    assert not (tmp_path / "out").exists()
+    assert run("correct", cell_files.map, *near_samples, *options, "--in-place").code == 0
