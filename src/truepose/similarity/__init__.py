@@ -5,6 +5,7 @@ from __future__ import annotations
 from truepose.similarity.envelope import Envelope, permutation_envelope, verdict
 from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
 from truepose.similarity.fitting import VariogramFit, fit_variogram
+from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
 from truepose.similarity.models import FAMILIES, VariogramModel
 from truepose.similarity.plot import draw_variogram, plot_variogram
@@ -17,6 +18,7 @@ __all__ = [
     "LikelihoodFit",
     "VariogramFit",
     "VariogramModel",
+    "as_variogram",
     "draw_variogram",
     "experimental_variogram",
     "fit_likelihood",
