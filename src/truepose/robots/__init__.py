@@ -1,14 +1,25 @@
 """Robots: chains, the library of nominal robots, URDF, inverse kinematics, KUKA's Status and Turn."""
 
 from truepose.robots.chain import Robot
+from truepose.robots.conventions import CONVENTIONS
 from truepose.robots.convert import to_mdh
+from truepose.robots.error_model import ErrorModel, Parameter, error_model
 from truepose.robots.inverse import nearest_branch
 from truepose.robots.kuka import joints_of_pose, select, status_turn
 from truepose.robots.library import list_robots, load_robot, parse_robot
+from truepose.robots.nongeometric import JointTerms, Load, gravity_torque, joint_terms, thermal_columns
 from truepose.robots.urdf import load_urdf
 
 __all__ = [
+    "CONVENTIONS",
+    "ErrorModel",
+    "JointTerms",
+    "Load",
+    "Parameter",
     "Robot",
+    "error_model",
+    "gravity_torque",
+    "joint_terms",
     "joints_of_pose",
     "list_robots",
     "load_robot",
@@ -17,5 +28,6 @@ __all__ = [
     "parse_robot",
     "select",
     "status_turn",
+    "thermal_columns",
     "to_mdh",
 ]

@@ -5,7 +5,7 @@ One engine lies underneath every convention: fixed transforms between rotations 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -230,6 +230,76 @@ class Robot:
         from truepose.robots.inverse import inverse
 
         return inverse(self, poses, tool)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the columns of `error_jacobian`: theta1 …, d1 …, a1 …, alpha1 …, beta1 …, as in method.md (1)."""
+        kinds = ("theta", "d", "a", "alpha", "beta")
+        return tuple(f"{kind}{j}" for kind in kinds for j in range(1, self.dof + 1))
+
+    def error_jacobian(
+        self,
+        q: ArrayLike,
+        outputs: Literal["position", "pose"] = "position",
+        *,
+        tool: ArrayLike | None = None,
+        convention: str = "hayati",
+        parameters: Sequence[str] | None = None,
+    ) -> FloatArray:
+        """Return the derivative of the TCP by the kinematic parameters, method.md (3), at their nominal values.
+
+        Parameters
+        ----------
+        q : (dof,) or (n, dof) array [rad]
+        outputs : {"position", "pose"}
+            Rows: the position [mm], or position and rotation vector [rad], base frame.
+        tool : (4, 4) array or (3,) array [mm], optional
+            tf_flange_tool, or the TCP in the flange frame.
+        convention : str
+            Whose parameters: "hayati" is method.md (1), to which another chain is converted; see
+            `truepose.robots.CONVENTIONS`.
+        parameters : sequence of str, optional
+            Names of columns, in that order, or of groups ("theta", "base", "tool"). When not given: `parameter_names`,
+            or for another convention all but base and tool.
+
+        Returns
+        -------
+        (3 or 6, p) or (n, 3 or 6, p) array
+            Per mm, or per rad, of each parameter.
+
+        Raises
+        ------
+        DataError
+            As `forward`.
+        RobotError
+            If there is no such convention or parameter, or the convention cannot describe this arm.
+
+        Examples
+        --------
+        >>> arm = Robot("two-links", alpha=[0, 0], a=[0, 300], d=[0, 0], offset=[0, 0])
+        >>> arm.error_jacobian([0, 0], tool=[200, 0, 0], parameters=["theta1", "a2"])[:2].round(6) + 0.0
+        array([[  0.,   1.],
+               [500.,   0.]])
+        """
+        from truepose.robots.error_model import GROUPS, error_model
+
+        model = error_model(self, convention, tool)
+        if parameters is None:
+            parameters = [parameter.name for parameter in model.parameters if parameter.group not in GROUPS]
+        found = model.jacobian(q, outputs=outputs, parameters=parameters)
+        return found[0] if np.ndim(q) == 1 else found
+
+    def joint_jacobian(
+        self, q: ArrayLike, outputs: Literal["position", "pose"] = "position", *, tool: ArrayLike | None = None
+    ) -> FloatArray:
+        """Return the derivative of the TCP by the joints: (3 or 6, dof) or (n, 3 or 6, dof) [mm/rad], base frame.
+
+        Parameters and errors are those of `error_jacobian`.
+        """
+        from truepose.robots.error_model import error_model
+
+        found = error_model(self, "poe", tool).joint_jacobian(q, outputs=outputs)
+        return found[0] if np.ndim(q) == 1 else found
 
     def within_limits(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Return whether each joint lies within its limits: bool, shape of `q`; False where `q` is NaN."""
