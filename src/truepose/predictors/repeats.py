@@ -1,24 +1,42 @@
-"""Repeated measurements of one point: averaged, with their scatter as an estimate of the noise."""
+"""Repeated measurements of one point: averaged, with their scatter as an estimate of the noise.
+
+Points nearer to each other than the last digits of their coordinates are one point. Points that are only near must not
+contradict each other where a prediction is to pass through both.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from truepose.errors import KrigingError
+from truepose.similarity import VariogramModel
 
 FloatArray = NDArray[np.float64]
 
-AGREE = 1e-9
+AGREE: Final = 1e-9
 """Repeats agree when they differ by less than this share of the largest error."""
+
+SAME: Final = 1e-10
+"""Points are one point when they are apart by less than this share of the points' extent."""
+
+NEAR: Final = 0.01
+"""Points are near when they are apart by less than this share of the usual distance to the nearest point; the errors
+of near points differ when they do so by more than this share of the standard deviation of all."""
+
+CONTRADICTION: Final = 30.0
+"""Near points contradict each other when their errors differ by this many standard deviations of the variogram."""
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """The distinct points among n samples; a repeat has exactly the coordinates of another sample.
+    """The distinct points among n samples; a repeat has the coordinates of another sample, to their last digits.
 
     Attributes
     ----------
@@ -36,10 +54,12 @@ class Points:
     @classmethod
     def of(cls, x: FloatArray) -> Self:
         """Find the distinct rows of x (n, d)."""
-        points, inverse, count = np.unique(x, axis=0, return_inverse=True, return_counts=True)
-        if len(points) == len(x):
+        points, inverse = np.unique(x, axis=0, return_inverse=True)
+        first, group = _alike(points)
+        if len(first) == len(x):
             return cls(x, np.arange(len(x)), np.ones(len(x), np.int64))
-        return cls(points, inverse.reshape(-1), count)
+        inverse = group[inverse.reshape(-1)]
+        return cls(points[first], inverse, np.bincount(inverse))
 
     @property
     def repeated(self) -> bool:
@@ -78,7 +98,48 @@ class Points:
                 "use exact=False, give noise_std, or average them"
             )
 
+    def refuse_near_contradictions(self, e: FloatArray, models: tuple[VariogramModel, ...]) -> None:
+        """Raise KrigingError, naming the rows, where near points differ more than the variograms allow.
+
+        Parameters
+        ----------
+        e : (u, k) array
+            Errors of the points, which have no noise.
+        """
+        if len(self.x) < 3:
+            return
+        found = KDTree(self.x).query(self.x, k=2)
+        distance, nearest = np.asarray(found[0])[:, 1], np.asarray(found[1])[:, 1]
+        i = np.flatnonzero(distance < NEAR * np.median(distance))
+        j = nearest[i]
+        for c, model in enumerate(models):
+            scale = e[:, c].var() / (model.nugget + model.sill) if model.bounded else 1.0
+            expected = 2 * scale * model.semivariance(distance[i])
+            difference = np.abs(e[i, c] - e[j, c])
+            ratio = np.where(difference > NEAR * e[:, c].std(), difference / np.sqrt(np.maximum(expected, 1e-30)), 0.0)
+            if ratio.size and ratio.max() > CONTRADICTION:
+                worst = int(np.argmax(ratio))
+                rows = sorted(int(np.flatnonzero(self.inverse == point)[0]) for point in (i[worst], j[worst]))
+                raise KrigingError(
+                    f"rows {rows[0]} and {rows[1]} are {distance[i[worst]]:.3g} apart, but their errors differ by "
+                    f"{difference[worst]:.3g}, {ratio[worst]:.3g} standard deviations of the "
+                    "variogram, and exact Kriging would swing between them; use exact=False with a nugget, give "
+                    "noise_std, or drop one"
+                )
+
     def _sum(self, values: FloatArray) -> FloatArray:
         total = np.zeros((len(self.x), values.shape[1]))
         np.add.at(total, self.inverse, values)
         return total
+
+
+def _alike(points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first of each group of points that differ in their last digits only, and the group of each point."""
+    alone = np.arange(len(points))
+    reach = SAME * float(np.linalg.norm(np.ptp(points, axis=0)))
+    pairs = KDTree(points).query_pairs(reach, output_type="ndarray") if len(points) > 1 else np.empty((0, 2), np.int64)
+    if not len(pairs):
+        return alone, alone
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    _, group = connected_components(graph, directed=False)
+    return np.unique(group, return_index=True)[1], group.astype(np.int64)

@@ -1,18 +1,20 @@
 """One factorised covariance matrix, and all that generalised least squares takes from it.
 
-For e = F beta + Z with Cov(Z) = s² K: equation (7) in covariance form, with any drift F (ordinary Kriging: a column of
-ones). K = L Lᵀ, and L⁻¹F = Q R. Source: P. K. Kitanidis, Introduction to Geostatistics (1997), chapter 6;
-leave-one-out: O. Dubrule, "Cross validation of kriging in a unique neighborhood", Mathematical Geology 15 (1983).
+For e = F beta + Z with Cov(Z) = s² K: equations (7) and (8) in covariance form, with any drift F: a column of ones for
+ordinary Kriging, none for simple Kriging. K = L Lᵀ, W = L⁻¹, and W F = Q R. Everything that is left of the others when
+the drift is taken out goes through P = Wᵀ(I − Q Qᵀ)W. Source: P. K. Kitanidis, Introduction to Geostatistics (1997),
+chapter 6; leave-one-out: O. Dubrule, "Cross validation of kriging in a unique neighborhood", Mathematical Geology 15
+(1983).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from threading import Lock
 from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import blas, lapack, solve_triangular
 from scipy.spatial import KDTree
 
 from truepose.errors import KrigingError
@@ -22,27 +24,28 @@ FloatArray = NDArray[np.float64]
 WORST: Final = 1e-14
 """Smallest reciprocal condition number with which a solution still has digits."""
 
+WORST_DRIFT: Final = 1e-10
+"""Smallest ratio of singular values with which the columns of a drift can be told apart."""
+
 PANEL: Final = 256
+_INVERTING: Final = Lock()
 
 
-@dataclass(frozen=True, eq=False)
 class System:
     """A factorised covariance matrix of n points, with a drift of p columns.
 
     Attributes
     ----------
-    factor : (n, n) array
-        L, lower.
     q, r : (n, p) and (p, p) arrays
-        L⁻¹F = Q R.
+        W F = Q R.
     condition : float
         Condition number of K in the 1-norm.
     """
 
-    factor: FloatArray
-    q: FloatArray
-    r: FloatArray
-    condition: float
+    def __init__(self, factor: FloatArray, q: FloatArray, r: FloatArray, condition: float) -> None:
+        self.q, self.r, self.condition = q, r, condition
+        self._factor = factor  # L until `inverse` replaces it in place
+        self._inverted = False
 
     @classmethod
     def factorise(cls, covariance: FloatArray, drift: FloatArray, x: FloatArray) -> Self:
@@ -58,7 +61,7 @@ class System:
         Raises
         ------
         KrigingError
-            If the matrix is singular or not positive definite in 64 bits.
+            If the matrix is singular or not positive definite in 64 bits, or columns of the drift cannot be told apart.
         """
         matrix = covariance.T  # the same numbers in Fortran order: factorised in place
         norm = lapack.dlange("1", matrix)  # type: ignore[call-arg]
@@ -71,49 +74,102 @@ class System:
         reciprocal = lapack.dpocon(factor, norm, uplo="L")[0]
         if reciprocal < WORST:
             raise _singular(reciprocal, x)
+        if not drift.shape[1]:
+            return cls(factor, drift, np.zeros((0, 0)), 1 / reciprocal)
         q, r = np.linalg.qr(solve_triangular(factor, drift, lower=True, check_finite=False))
+        if len(drift) < drift.shape[1] or np.linalg.cond(r / np.linalg.norm(r, axis=0)) > 1 / WORST_DRIFT:
+            raise KrigingError(
+                f"the {drift.shape[1]} columns of the drift cannot be told apart at {len(drift)} points; "
+                "use a simpler drift, or measure points that differ in every coordinate of it"
+            )
         return cls(factor, q, r, 1 / reciprocal)
 
     def solve(self, e: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return beta (p, k), the weights K⁻¹(e − F beta) (n, k), and the variance scale s² (k,) of e (n, k) by GLS."""
-        half = solve_triangular(self.factor, e, lower=True, check_finite=False)
-        beta = solve_triangular(self.r, self.q.T @ half, check_finite=False)
-        half -= self.q @ (self.q.T @ half)
+        """Return beta (p, k), the weights K⁻¹(e − F beta) (n, k), and the scale s² (k, k) of e (n, k) by GLS.
+
+        The scale is the restricted estimate of the covariance of the components in units of K.
+        """
+        half = self.whiten(e)
         n, p = self.q.shape
-        weights = solve_triangular(self.factor, half, lower=True, trans="T", check_finite=False)
-        return beta, weights, (half**2).sum(axis=0) / (n - p)
+        beta = solve_triangular(self.r, self.q.T @ half, check_finite=False) if p else np.zeros((0, e.shape[1]))
+        half -= self.q @ (self.q.T @ half)
+        return beta, self.whiten(half, transposed=True), half.T @ half / max(n - p, 1)
+
+    def reduce(self, cross: FloatArray, drift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return W c (n, m) and the drift that it leaves unexplained, R⁻ᵀ f − Qᵀ W c (p, m).
+
+        The unit covariance of two predictions is their prior covariance, less the product of the first, plus that of
+        the second.
+
+        Parameters
+        ----------
+        cross : (m, n) array, C order
+            Covariance c of targets and points; overwritten.
+        drift : (m, p) array
+        """
+        half = blas.dtrmm(1.0, self.inverse, cross.T, lower=1, overwrite_b=1)
+        if not drift.shape[1]:
+            return half, np.zeros((0, half.shape[1]))
+        return half, solve_triangular(self.r, drift.T, trans="T", check_finite=False) - self.q.T @ half
 
     def variance(self, cross: FloatArray, drift: FloatArray, prior: float | FloatArray) -> FloatArray:
         """Return the unit variance of the best linear unbiased prediction at m targets, (m,).
 
         Parameters
         ----------
-        cross : (m, n) array, C order
-            Covariance of targets and points; overwritten.
-        drift : (m, p) array
+        cross, drift
+            As for `reduce`.
         prior : float or (m,) array
             Variance of the field at the targets.
         """
-        half = solve_triangular(self.factor, cross.T, lower=True, overwrite_b=True, check_finite=False)
-        spread = solve_triangular(self.r, drift.T, trans="T", check_finite=False) - self.q.T @ half
+        half, spread = self.reduce(cross, drift)
         kept: FloatArray = prior - np.einsum("ij,ij->j", half, half) + np.einsum("ij,ij->j", spread, spread)
         return np.maximum(kept, 0.0)
 
+    @property
+    def inverse(self) -> FloatArray:
+        """W = L⁻¹ (n, n), lower, Fortran order; the first call computes it in the place of L."""
+        with _INVERTING:
+            if not self._inverted:
+                self._factor, _ = lapack.dtrtri(self._factor, lower=1, overwrite_c=1)
+                for start in range(0, len(self._factor), PANEL):
+                    stop = start + PANEL
+                    self._factor[:start, start:stop] = 0.0
+                    self._factor[start:stop, start:stop] = np.tril(self._factor[start:stop, start:stop])
+                self._inverted = True
+        return self._factor
+
     def left_out_variance(self) -> FloatArray:
-        """Return 1/P_ii (n,), P = K⁻¹ − K⁻¹F(FᵀK⁻¹F)⁻¹FᵀK⁻¹: the unit variance of e_i given all others."""
-        n = len(self.factor)
-        diagonal = np.empty(n)
-        for start in range(0, n, PANEL):  # columns of L⁻¹ are zero above the diagonal
-            stop = min(start + PANEL, n)
-            unit = np.zeros((n - start, stop - start), order="F")
-            unit[: stop - start] = np.eye(stop - start)
-            columns = solve_triangular(
-                self.factor[start:, start:], unit, lower=True, overwrite_b=True, check_finite=False
-            )
-            diagonal[start:stop] = np.einsum("ij,ij->j", columns, columns)
-        influence = solve_triangular(self.factor, self.q, lower=True, trans="T", check_finite=False)
-        precision: FloatArray = diagonal - np.einsum("ij,ij->i", influence, influence)
+        """Return 1/P_ii (n,): the unit variance of e_i given all others."""
+        w = self.inverse
+        influence = self.whiten(self.q, transposed=True)
+        precision: FloatArray = np.einsum("ij,ij->j", w, w) - np.einsum("ij,ij->i", influence, influence)
         return 1 / precision
+
+    def left_out_precision(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Return P_II: the inverse of the unit covariance of the points I given all others."""
+        columns = self.inverse[rows.min() :, rows]  # W is zero above its diagonal
+        influence = self.q[rows.min() :].T @ columns
+        return columns.T @ columns - influence.T @ influence
+
+    def whiten(self, b: FloatArray, transposed: bool = False) -> FloatArray:
+        """Return W b, or Wᵀ b."""
+        if self._inverted:
+            return self._factor.T @ b if transposed else self._factor @ b
+        whitened: FloatArray = solve_triangular(
+            self._factor, b, lower=True, trans="T" if transposed else "N", check_finite=False
+        )
+        return whitened
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of |K|."""
+        sign = -2.0 if self._inverted else 2.0
+        return sign * float(np.log(self._factor.diagonal()).sum())
+
+    def __getstate__(self) -> dict[str, object]:
+        with _INVERTING:
+            return self.__dict__.copy()
 
 
 def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:
