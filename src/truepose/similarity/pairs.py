@@ -17,14 +17,23 @@ from truepose.similarity.compiled import BLOCK, REORDER, compiled, pack
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-CellArray = NDArray[np.uint32]
+CellArray = NDArray[np.int32]
 
 TASKS: Final = 64
 CELLS: Final = 1024
+LANES: Final = 4
+"""Columns that are summed as one vector."""
 
 
 def pair_sums(
-    x: FloatArray, e: FloatArray, edges: FloatArray, axis: FloatArray, tolerance: float, bandwidth: float
+    x: FloatArray,
+    e: FloatArray,
+    edges: FloatArray,
+    axis: FloatArray,
+    tolerance: float,
+    bandwidth: float,
+    *,
+    roots: bool = False,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return, by bin, the number of pairs, the sum of their distances and the sums of their squared differences.
 
@@ -42,6 +51,8 @@ def pair_sums(
         Largest angle between a pair and the axis.
     bandwidth : float
         Largest distance of one point from the axis through the other.
+    roots : bool
+        Sum square roots of absolute differences in place of squares.
 
     Returns
     -------
@@ -51,26 +62,36 @@ def pair_sums(
     squares : (k + 1, c) array
     """
     n, c = e.shape
-    groups = -(-c // 4)
+    groups = -(-(c + 1) // LANES)
     blocks = -(-n // BLOCK)
-    values = np.zeros((blocks * BLOCK, groups * 4))
+    values = np.zeros((blocks * BLOCK, groups * LANES))
     values[:n, :c] = e
+    values[:, c] = 1.0  # the lane in which pairs are counted: nothing is taken off it
+    home = values.copy()
+    home[:, c] = 0.0
     upper = np.append(edges, np.inf)
     width = edges[-1] / CELLS
-    first = np.searchsorted(upper, np.arange(CELLS + 1) * width * (1 - 1e-12), side="left")
-    pairs, distance, squares = _pair_sums(
+    cells = np.arange(CELLS + 2) * width
+    first = np.searchsorted(upper, cells[:-1] * (1 - 1e-12), side="left").astype(np.int32)
+    steps = int((np.searchsorted(upper[:-1], cells[1:] * (1 + 1e-12), side="left") - first).max())
+    shape = (blocks, BLOCK, groups * LANES)
+    distance, sums = _pair_sums(
         pack(x),
-        values.reshape(blocks, BLOCK, groups, 4),
+        home.reshape(shape),
+        values.reshape(shape),
         n,
         upper,
         first,
+        max(steps, 1),
         1 / width,
         axis,
         math.cos(tolerance) ** 2,
         bandwidth**2,
+        roots,
     )
     k = len(edges)
-    return pairs.sum(axis=0)[:k], distance.sum(axis=0)[:k], squares.sum(axis=0).reshape(k + 1, -1)[:k, :c]
+    total = sums.sum(axis=0)[:k]
+    return np.rint(total[:, c]).astype(np.int64), distance.sum(axis=0)[:k], total[:, :c]
 
 
 def largest_distance(x: FloatArray) -> float:
@@ -111,68 +132,92 @@ def _leave_out_other_directions(
 
 
 @compiled(fastmath=REORDER)
-def _distances_and_cells(square: FloatArray, per_cell: float, last: float, cell: CellArray) -> None:
+def _distances_and_bins(
+    square: FloatArray, per_cell: float, first: CellArray, upper: FloatArray, steps: int, bins: CellArray
+) -> None:
+    """Replace squared distances by distances, and find the bin of each: from a table of cells, then step by step."""
+    last = first.size - 1.0
     for j in range(square.size):
         square[j] = math.sqrt(square[j])
     for j in range(square.size):
-        cell[j] = np.uint32(min(square[j] * per_cell, last))
+        bins[j] = np.int32(min(square[j] * per_cell, last))
+    for j in range(square.size):
+        q = first[bins[j]]
+        bins[j] = q + (1 if square[j] > upper[q] else 0)
+    for _ in range(1, steps):
+        for j in range(square.size):
+            bins[j] += 1 if square[j] > upper[bins[j]] else 0
 
 
 @compiled(fastmath=REORDER)
-def _accumulate(
-    h: FloatArray, cell: CellArray, first: IntArray, upper: FloatArray, mine: FloatArray, theirs: FloatArray,
-    start: int, stop: int, pairs: IntArray, distance: FloatArray, squares: FloatArray,
+def _add_squares(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    m0, m1, m2, m3 = mine[0], mine[1], mine[2], mine[3]
+    for j in range(start, stop):  # loads before stores, so that the four columns become one vector
+        q = bins[j]
+        distance[q] += h[j]
+        z0, z1, z2, z3 = theirs[j, 0] - m0, theirs[j, 1] - m1, theirs[j, 2] - m2, theirs[j, 3] - m3
+        s0, s1 = sums[q, 0] + z0 * z0, sums[q, 1] + z1 * z1
+        s2, s3 = sums[q, 2] + z2 * z2, sums[q, 3] + z3 * z3
+        sums[q, 0], sums[q, 1], sums[q, 2], sums[q, 3] = s0, s1, s2, s3
+
+
+@compiled(fastmath=REORDER)
+def _add_many_squares(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
 ) -> None:  # fmt: skip
     for j in range(start, stop):
-        q = first[cell[j]]
-        while h[j] > upper[q]:
-            q += 1
-        pairs[q] += 1
+        q = bins[j]
         distance[q] += h[j]
-        for g in range(mine.shape[0]):  # four columns at a time: loads before stores, so that they become one vector
-            z0, z1 = mine[g, 0] - theirs[j, g, 0], mine[g, 1] - theirs[j, g, 1]
-            z2, z3 = mine[g, 2] - theirs[j, g, 2], mine[g, 3] - theirs[j, g, 3]
-            s0, s1 = squares[q, g, 0] + z0 * z0, squares[q, g, 1] + z1 * z1
-            s2, s3 = squares[q, g, 2] + z2 * z2, squares[q, g, 3] + z3 * z3
-            squares[q, g, 0], squares[q, g, 1], squares[q, g, 2], squares[q, g, 3] = s0, s1, s2, s3
+        for a in range(mine.size):
+            z = theirs[j, a] - mine[a]
+            sums[q, a] += z * z
+
+
+@compiled(fastmath=REORDER)
+def _add_roots(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    for j in range(start, stop):
+        q = bins[j]
+        distance[q] += h[j]
+        for a in range(mine.size):
+            sums[q, a] += math.sqrt(abs(theirs[j, a] - mine[a]))
 
 
 @compiled(parallel=True)
 def _pair_sums(
-    points: FloatArray, values: FloatArray, n: int, upper: FloatArray, first: IntArray, per_cell: float,
-    axis: FloatArray, cosine2: float, bandwidth2: float,
-) -> tuple[IntArray, FloatArray, FloatArray]:  # fmt: skip
+    points: FloatArray, home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray, first: CellArray,
+    steps: int, per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     blocks, d, width = points.shape
-    groups = values.shape[2]
-    pairs = np.zeros((TASKS, upper.size), np.int64)
+    lanes = values.shape[2]
     distance = np.zeros((TASKS, upper.size))
-    squares = np.zeros((TASKS, upper.size, groups, 4))
+    sums = np.zeros((TASKS, upper.size, lanes))
     for task in prange(TASKS):
-        h, along, cell, x = np.empty(width), np.empty(width), np.empty(width, np.uint32), np.empty(d)
+        h, along, bins, x = np.empty(width), np.empty(width), np.empty(width, np.int32), np.empty(d)
         for i in range(task, n, TASKS):
             home, place = i // width, i % width
             x[:] = points[home, :, place]
+            mine = home_values[home, place]
             for b in range(home, blocks):
                 _squared_distances(x, points[b], h)
                 if axis.size > 0:
                     _leave_out_other_directions(x, points[b], axis, cosine2, bandwidth2, h, along)
-                _distances_and_cells(h, per_cell, first.size - 1.0, cell)
+                _distances_and_bins(h, per_cell, first, upper, steps, bins)
                 start = place + 1 if b == home else 0
                 stop = min(width, n - b * width)
-                _accumulate(
-                    h,
-                    cell,
-                    first,
-                    upper,
-                    values[home, place],
-                    values[b],
-                    start,
-                    stop,
-                    pairs[task],
-                    distance[task],
-                    squares[task],
-                )
-    return pairs, distance, squares
+                if roots:
+                    _add_roots(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+                elif lanes == LANES:
+                    _add_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+                else:
+                    _add_many_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+    return distance, sums
 
 
 @compiled(parallel=True)
