@@ -130,7 +130,7 @@ NAN[1, 0], INFINITE[2, 0] = np.nan, np.inf
         ({"x": X3, "e": X3, "bins": [1.0, 1.0]}, DataError, "increasing"),
         ({"x": X3, "e": X3, "bins": [0.0, 1.0], "max_lag": 1.0}, DataError, "leave max_lag out"),
         ({"x": X3, "e": X3, "max_lag": -1.0}, DataError, "max_lag is -1.0"),
-        ({"x": X3, "e": X3, "estimator": "mean"}, DataError, "'mean' is not known"),
+        ({"x": X3, "e": X3, "estimator": "mean"}, DataError, "'mean' is not known; use one of matheron, cressie"),
         ({"x": X3, "e": X3, "direction": [0.0, 0, 0]}, DataError, "not zero"),
         ({"x": X3, "e": X3, "direction": Direction([1, 0, 0], tolerance=2.0)}, DataError, "tolerance 2.0 rad"),
         ({"x": X3, "e": X3, "weights": [1.0, 1.0]}, DataError, "weights"),

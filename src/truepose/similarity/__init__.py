@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from truepose.similarity.coordinates import equal_count_bins, joint_coordinates, lever_arm_weights
 from truepose.similarity.envelope import Envelope, permutation_envelope, verdict
 from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
 from truepose.similarity.fitting import VariogramFit, fit_variogram
@@ -9,6 +10,8 @@ from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
 from truepose.similarity.models import FAMILIES, VariogramModel
 from truepose.similarity.plot import draw_variogram, plot_variogram
+from truepose.similarity.theory import model_based_variogram
+from truepose.similarity.trend import Trend, remove_drift
 
 __all__ = [
     "FAMILIES",
@@ -16,14 +19,20 @@ __all__ = [
     "Envelope",
     "ExperimentalVariogram",
     "LikelihoodFit",
+    "Trend",
     "VariogramFit",
     "VariogramModel",
     "as_variogram",
     "draw_variogram",
+    "equal_count_bins",
     "experimental_variogram",
     "fit_likelihood",
     "fit_variogram",
+    "joint_coordinates",
+    "lever_arm_weights",
+    "model_based_variogram",
     "permutation_envelope",
     "plot_variogram",
+    "remove_drift",
     "verdict",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -58,6 +59,8 @@ class ExperimentalVariogram:
     dimensions : int
         Number of coordinates d of the points.
     estimator : str
+    cross : (k, c, c) array [mm²]
+        Cross-semivariances of the component pairs, where asked for; the diagonal is `semivariance`. Else empty.
     """
 
     lag: FloatArray
@@ -69,6 +72,7 @@ class ExperimentalVariogram:
     repeat_semivariance: FloatArray
     dimensions: int
     estimator: str = "matheron"
+    cross: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     @property
     def weak(self) -> NDArray[np.bool_]:
@@ -85,6 +89,7 @@ def experimental_variogram(
     direction: Direction | ArrayLike | None = None,
     *,
     weights: ArrayLike | None = None,
+    cross: bool = False,
 ) -> ExperimentalVariogram:
     """Return the semivariogram of e over the distances of x, equation (4).
 
@@ -98,11 +103,15 @@ def experimental_variogram(
         Number of equal bins between 0 and `max_lag`, or the increasing edges of the bins. A bin is closed on the right.
     max_lag : float, optional
         Largest distance, in the unit of x; half the largest distance between two points when not given.
-    estimator : {"matheron"}
+    estimator : {"matheron", "cressie", "dowd", "genton"}
+        Matheron is equation (4). The others resist gross errors: Cressie and Hawkins by fourth powers of mean square
+        roots, Dowd by the median, Genton by the quartile of the differences' differences; see `robust`.
     direction : Direction or (d,) array_like, optional
         Count only pairs along this axis.
     weights : (d,) array_like, optional
         w of the joint-space distance sqrt(Σ w_k (x_k - x'_k)²), not negative.
+    cross : bool
+        Also return the cross-semivariances ½ mean (Δe_a Δe_b), as (γ(e_a + e_b) − γ(e_a − e_b))/4.
 
     Raises
     ------
@@ -117,16 +126,18 @@ def experimental_variogram(
     >>> ev.lag, ev.semivariance[:, 0], ev.pairs
     (array([1., 2.]), array([1., 2.]), array([2, 1]))
     """
-    from truepose.similarity.pairs import pair_sums
+    from truepose.similarity.robust import estimate
 
-    if estimator != "matheron":
-        raise DataError(f"variogram estimator {estimator!r} is not known; use 'matheron'")
     points, errors = check_points(x, e, weights)
     edges = bin_edges(points, bins, max_lag)
-    pairs, distance, squares = pair_sums(points, errors, edges, *_cone(direction, weights, points.shape[1]))
+    cone = _cone(direction, weights, points.shape[1])
+    c = errors.shape[1]
+    duos = list(combinations(range(c), 2)) if cross else []
+    sides = [errors[:, a] + sign * errors[:, b] for a, b in duos for sign in (1, -1)]
+    pairs, distance, gamma = estimate(estimator, points, np.column_stack([errors, *sides]), edges, *cone)
     with np.errstate(invalid="ignore"):
-        semivariance = squares / (2 * pairs[:, None])
         lag = distance[1:] / pairs[1:]
+    semivariance = gamma[:, :c]
     return ExperimentalVariogram(
         lag=lag,
         semivariance=semivariance[1:],
@@ -137,7 +148,17 @@ def experimental_variogram(
         repeat_semivariance=semivariance[0],
         dimensions=points.shape[1],
         estimator=estimator,
+        cross=_cross(semivariance[1:], gamma[1:, c:], duos) if cross else np.empty((0, 0, 0)),
     )
+
+
+def _cross(direct: FloatArray, sides: FloatArray, duos: list[tuple[int, int]]) -> FloatArray:
+    k, c = direct.shape
+    out = np.empty((k, c, c))
+    out[:, range(c), range(c)] = direct
+    for number, (a, b) in enumerate(duos):
+        out[:, a, b] = out[:, b, a] = (sides[:, 2 * number] - sides[:, 2 * number + 1]) / 4
+    return out
 
 
 def check_points(x: ArrayLike, e: ArrayLike, weights: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:

@@ -84,7 +84,7 @@ class VariogramModel:
     (1.01, 1.01)
     >>> nested = vm + VariogramModel("matern", sill=0.5, range=(2000.0, 2000.0, 300.0), shape=2.0)
     >>> float(nested.semivariance(300.0, direction=[0, 0, 1]).round(4))
-    1.0888
+    1.0482
     """
 
     family: str
