@@ -8,21 +8,28 @@ from truepose.predictors.folds import block_folds, random_folds
 from truepose.predictors.inverse_distance import InverseDistance
 from truepose.predictors.kriging import OrdinaryKriging, SimpleKriging, UniversalKriging
 from truepose.predictors.local_kriging import LocalKriging
+from truepose.predictors.nearest import GridCell, Nearest
+from truepose.predictors.radial_basis import RadialBasis
 from truepose.predictors.named import PREDICTORS, make_predictor
 from truepose.predictors.registration_only import RegistrationOnly
 from truepose.predictors.vecchia import VecchiaKriging
+from truepose.predictors.vector_kriging import VectorKriging
 
 __all__ = [
     "PREDICTORS",
+    "GridCell",
     "InverseDistance",
     "LeaveOneOut",
     "LocalKriging",
+    "Nearest",
     "OrdinaryKriging",
     "Predictor",
+    "RadialBasis",
     "RegistrationOnly",
     "SimpleKriging",
     "UniversalKriging",
     "VecchiaKriging",
+    "VectorKriging",
     "block_folds",
     "choose",
     "make_predictor",

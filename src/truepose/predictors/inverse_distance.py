@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from truepose.errors import DataError
-from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.interpolator import Interpolator
 
 FloatArray = NDArray[np.float64]
 
 CHUNK = 2**22  # distances in memory at once
 
 
-class InverseDistance(Predictor):
+class InverseDistance(Interpolator):
     """Weighted mean of the samples' errors with weights h^-power, equation (12).
 
     It passes through the samples and knows no noise: `noise_std` is not used. Its standard deviation is the root mean
@@ -40,29 +40,11 @@ class InverseDistance(Predictor):
         self.power = power
         self.neighbours = neighbours
 
-    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+    def _prepare(self) -> None:
         if not (math.isfinite(self.power) and self.power > 0):
             raise DataError(f"InverseDistance: power is {self.power}; expected a number above 0")
         if self.neighbours is not None and self.neighbours < 1:
             raise DataError(f"InverseDistance: neighbours is {self.neighbours}; expected at least 1, or None for all")
-        self._x, self._e = X, e
-        self.std_ = np.sqrt(np.mean(self._left_out() ** 2, axis=0))
-
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
-        e = self._interpolate(X)
-        return e, np.broadcast_to(self.std_, e.shape).copy() if return_std else None
-
-    def _leave_one_out(self) -> LeaveOneOut:
-        residual = self._left_out()
-        return LeaveOneOut(residual, np.broadcast_to(self.std_, residual.shape).copy())
-
-    def _left_out(self) -> FloatArray:
-        """Return the leave-one-out residuals (n, k); a point is left out with all its repeats."""
-        points, inverse = np.unique(self._x, axis=0, return_inverse=True)
-        alone = len(points) == 1
-        others = self._e.mean(axis=0) if alone else self._interpolate(points, leave_out=True)[inverse.reshape(-1)]
-        residual: FloatArray = self._e - others
-        return residual
 
     def _interpolate(self, X: FloatArray, leave_out: bool = False) -> FloatArray:
         n, k = self._e.shape
@@ -76,15 +58,14 @@ class InverseDistance(Predictor):
                 h[h == 0] = np.inf
             if near < n:
                 h[h > np.partition(h, near - 1, axis=1)[:, near - 1 : near]] = np.inf
-            out[part] = self._weights(h) @ self._e
+            out[part] = inverse_power(h, self.power) @ self._e
         return out
 
-    def _weights(self, h: FloatArray) -> FloatArray:
-        """Return h^-power, each row with the sum 1; a sample at the target takes all weight."""
-        nearest = h.min(axis=1, keepdims=True)
-        at_sample = nearest == 0
-        weights = np.where(
-            at_sample, h == 0, (np.where(at_sample, 1.0, nearest) / np.where(h == 0, 1.0, h)) ** self.power
-        )
-        share: FloatArray = weights / weights.sum(axis=1, keepdims=True)
-        return share
+
+def inverse_power(h: FloatArray, power: float) -> FloatArray:
+    """Return h^-power (m, n), each row with the sum 1; a sample at the target takes all weight."""
+    nearest = h.min(axis=1, keepdims=True)
+    at_sample = nearest == 0
+    weights = np.where(at_sample, h == 0, (np.where(at_sample, 1.0, nearest) / np.where(h == 0, 1.0, h)) ** power)
+    share: FloatArray = weights / weights.sum(axis=1, keepdims=True)
+    return share

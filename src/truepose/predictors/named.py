@@ -10,8 +10,13 @@ from typing import Any, Final, Literal
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.inverse_distance import InverseDistance
-from truepose.predictors.kriging import OrdinaryKriging
+from truepose.predictors.kriging import OrdinaryKriging, UniversalKriging
+from truepose.predictors.local_kriging import LocalKriging
+from truepose.predictors.nearest import GridCell, Nearest
+from truepose.predictors.radial_basis import RadialBasis
 from truepose.predictors.registration_only import RegistrationOnly
+from truepose.predictors.vecchia import VecchiaKriging
+from truepose.predictors.vector_kriging import VectorKriging
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,19 @@ PREDICTORS: Final[dict[str, Named]] = {
     "idw-joint": Named(InverseDistance, "joint"),
     "ordinary-kriging": Named(OrdinaryKriging),
     "ordinary-kriging-joint": Named(OrdinaryKriging, "joint"),
+    "universal-kriging": Named(UniversalKriging),
+    "universal-kriging-joint": Named(UniversalKriging, "joint"),
+    "vector-kriging": Named(VectorKriging),
+    "vector-kriging-joint": Named(VectorKriging, "joint"),
+    "local-kriging": Named(LocalKriging),
+    "local-kriging-joint": Named(LocalKriging, "joint"),
+    "vecchia-kriging": Named(VecchiaKriging),
+    "vecchia-kriging-joint": Named(VecchiaKriging, "joint"),
+    "radial-basis": Named(RadialBasis),
+    "radial-basis-joint": Named(RadialBasis, "joint"),
+    "grid-cell": Named(GridCell),
+    "nearest": Named(Nearest),
+    "nearest-joint": Named(Nearest, "joint"),
 }
 """All predictors by name."""
 

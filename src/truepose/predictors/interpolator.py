@@ -1,0 +1,51 @@
+"""What interpolators without a statistical model have in common: a standard deviation from leave-one-out (12)."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.predictors.base import LeaveOneOut, Predictor
+
+FloatArray = NDArray[np.float64]
+
+
+class Interpolator(Predictor):
+    """Base of interpolators that know no noise.
+
+    `noise_std` is not used. The standard deviation is the root mean square of the leave-one-out residuals, the same
+    everywhere.
+
+    Attributes
+    ----------
+    std_ : (k,) array [mm]
+    """
+
+    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+        self._x, self._e = X, e
+        self._prepare()
+        self.std_ = np.sqrt(np.mean(self._left_out() ** 2, axis=0))
+
+    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+        e = self._interpolate(X)
+        return e, np.broadcast_to(self.std_, e.shape).copy() if return_std else None
+
+    def _leave_one_out(self) -> LeaveOneOut:
+        residual = self._left_out()
+        return LeaveOneOut(residual, np.broadcast_to(self.std_, residual.shape).copy())
+
+    def _left_out(self) -> FloatArray:
+        """Return the leave-one-out residuals (n, k); a point is left out with all its repeats."""
+        points, inverse = np.unique(self._x, axis=0, return_inverse=True)
+        if len(points) == 1:
+            return np.asarray(self._e - self._e.mean(axis=0))
+        return np.asarray(self._e - self._interpolate(points, leave_out=True)[inverse.reshape(-1)])
+
+    def _prepare(self) -> None:
+        """Check the parameters; prepare what all targets need."""
+
+    @abstractmethod
+    def _interpolate(self, X: FloatArray, leave_out: bool = False) -> FloatArray:
+        """Return the errors at X (m, k); of the samples that are not at the target, with `leave_out`."""
