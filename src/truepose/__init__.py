@@ -16,7 +16,18 @@ if TYPE_CHECKING:
     from truepose.error_map import ErrorMap, fit_cell, load_map
     from truepose.errors import TrueposeError
     from truepose.geometry import euler, register, register_with_tool
-    from truepose.predictors import InverseDistance, OrdinaryKriging
+    from truepose.predictors import (
+        GridCell,
+        InverseDistance,
+        LocalKriging,
+        Nearest,
+        OrdinaryKriging,
+        RadialBasis,
+        SimpleKriging,
+        UniversalKriging,
+        VecchiaKriging,
+        VectorKriging,
+    )
     from truepose.programs import correct_program, read_program
     from truepose.robots import Robot, list_robots, load_robot
     from truepose.samples import Samples, read_samples, write_samples
@@ -28,12 +39,20 @@ if TYPE_CHECKING:
 _HOME = {
     "Cell": "cell",
     "ErrorMap": "error_map",
+    "GridCell": "predictors",
     "InverseDistance": "predictors",
+    "LocalKriging": "predictors",
+    "Nearest": "predictors",
     "OrdinaryKriging": "predictors",
+    "RadialBasis": "predictors",
     "Robot": "robots",
     "Samples": "samples",
+    "SimpleKriging": "predictors",
     "TrueposeError": "errors",
+    "UniversalKriging": "predictors",
     "VariogramModel": "similarity",
+    "VecchiaKriging": "predictors",
+    "VectorKriging": "predictors",
     "VirtualCell": "simulation",
     "accuracy": "verification",
     "correct_program": "programs",
@@ -57,12 +76,20 @@ _HOME = {
 __all__ = [
     "Cell",
     "ErrorMap",
+    "GridCell",
     "InverseDistance",
+    "LocalKriging",
+    "Nearest",
     "OrdinaryKriging",
+    "RadialBasis",
     "Robot",
     "Samples",
+    "SimpleKriging",
     "TrueposeError",
+    "UniversalKriging",
     "VariogramModel",
+    "VecchiaKriging",
+    "VectorKriging",
     "VirtualCell",
     "__version__",
     "accuracy",
