@@ -26,6 +26,14 @@ if TYPE_CHECKING:
 Policy = Literal["refuse", "skip", "clip"]
 _DIALECTS: Final = {
     **dict.fromkeys((".src", ".dat"), "krl"),
+    **dict.fromkeys((".mod", ".prg", ".sys", ".modx"), "rapid"),
+    ".ls": "fanuc",
+    ".script": "urscript",
+    ".jbi": "inform",
+    ".dtx": "val3",
+    ".csv": "table",
+    **dict.fromkeys((".apt", ".cls"), "apt"),
+    **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
 }
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",

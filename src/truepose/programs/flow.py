@@ -187,6 +187,11 @@ class Flow:
             raise Structure(f"{kind} without {opener}")
         return self._blocks[-1]
 
+    @property
+    def innermost(self) -> str:
+        """What opened the innermost block; empty outside all."""
+        return self._blocks[-1].kind if self._blocks else ""
+
     def exit(self) -> None:
         """Leave the innermost loop."""
         for block in reversed(self._blocks):
@@ -208,6 +213,11 @@ class Flow:
         """Jump within the routine."""
         self._gotos.append((name, self.node))
         self._new()
+
+    def may_go(self, name: str) -> None:
+        """Jump within the routine, or not: a condition decides."""
+        self._gotos.append((name, self.node))
+        self._advance()
 
     def solve(self) -> State:
         """Follow all ways until nothing new arrives; return what interrupt handlers may set, which holds everywhere."""

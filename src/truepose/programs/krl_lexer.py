@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from truepose.programs.source import LARGEST, LONGEST, NUMBER, Source, Span, parse_number
+from truepose.programs.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number
 
 LEXER: Final = re.compile(
     rb"\r\n|[\r\n]|[ \t]++|;[^\r\n]*+|\"[^\"\r\n]*+\"?|'[^'\r\n]*+'?|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]"
@@ -50,11 +50,6 @@ _COMMON = re.compile(
 )
 """The dress that nearly all points wear, for speed; `parse_aggregate` reads it too."""
 _PREFIX = re.compile(rb"\{" + _WS + rb"(?:([A-Za-z_]\w*+)" + _WS + rb":)?")
-_ARITHMETIC = re.compile(rb"[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?(?:\s*[-+*/]\s*[\d.]+(?:[eE][+-]?\d+)?)*")
-_DIGITS = re.compile(rb"[-+\d.eE\s]+")
-_BROKEN = re.compile(
-    rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
-)
 _LITERAL = re.compile(rb"'\s*(?:B\s*([01]+)|H\s*([0-9A-F]+))\s*'", re.I)
 _BRACE = re.compile(rb"[{}]|\"[^\"]*\"")
 _SEPARATOR = re.compile(rb"[{}()\[\],]|\"[^\"]*\"|'[^']*'")
@@ -169,7 +164,7 @@ def parse_aggregate(source: Source, start: int, end: int, line: int) -> Aggregat
             spans[key] = m.span(2)
         else:
             text = m[3].strip()
-            if not text or _BROKEN.search(text) or (_DIGITS.fullmatch(text) and not _ARITHMETIC.fullmatch(text)):
+            if is_broken(text):
                 raise source.error(line, f"{key} {shown(text, 0, len(text))} is not a number; correct the file")
             loose[key] = text
         position = m.end()

@@ -33,6 +33,11 @@ _NUMBER = re.compile(NUMBER)
 PLAIN_LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]")
 """Words, numbers, blanks and single characters: enough for the proof in most languages."""
 _LINE_END = re.compile(rb"\r\n|\n|\r")
+_ARITHMETIC = re.compile(rb"[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?(?:\s*[-+*/]\s*[\d.]+(?:[eE][+-]?\d+)?)*")
+_DIGITS = re.compile(rb"[-+\d.eE\s]+")
+_BROKEN = re.compile(
+    rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
+)
 _CHUNK = 1 << 20
 _CONTEXT = 3
 
@@ -74,6 +79,15 @@ class Source:
         """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
         return bisect.bisect_right(self._line_starts, offset)
 
+    def lines(self) -> Iterator[tuple[int, int, int]]:
+        """Yield each line's number, start and end, without its line end."""
+        start = 0
+        for number, m in enumerate(_LINE_END.finditer(self.data), 1):
+            yield number, start, m.start()
+            start = m.end()
+        if start < len(self.data):
+            yield len(self._line_starts), start, len(self.data)
+
     def error(self, line: int, message: str) -> FileError:
         """Return an error that names the file and a line."""
         return FileError(self.path, message, line=line)
@@ -103,6 +117,18 @@ def parse_number(token: bytes) -> float:
     if not _NUMBER.fullmatch(token):
         raise ValueError(f"{shown} is not a number")
     raise ValueError(f"number {shown} is beyond {LARGEST:g}: no position or angle")
+
+
+def is_broken(text: bytes) -> bool:
+    """Return whether what stands for a number is neither one nor an expression: nothing, ``1.2.3``, ``--5``, ``12mm``.
+
+    Examples
+    --------
+    >>> is_broken(b"1.2.3"), is_broken(b"x+1.5"), is_broken(b"2*10")
+    (True, False, False)
+    """
+    text = text.strip()
+    return bool(not text or _BROKEN.search(text) or (_DIGITS.fullmatch(text) and not _ARITHMETIC.fullmatch(text)))
 
 
 def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes:

@@ -1,0 +1,145 @@
+"""APT / CL data (.apt, .cls): ``GOTO/x,y,z,i,j,k`` in the frame and with the orientation rule that the user states.
+
+The rule (`ReadOptions.angles`) says whether the tool's z lies along the axis i, j, k ("z") or against it ("-z"). The
+axis leaves the turn about itself open: the tool's x is taken as near to the frame's x as it can be.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import FileError
+from truepose.geometry import euler
+from truepose.programs.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.source import PLAIN_LEXER, Source
+from truepose.programs.targets import FloatArray, FrameTable, Program, ReadOptions
+
+_STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
+_GOTO: Final = ("GOTO", "FROM")
+_ARCS: Final = (
+    "MOVARC",
+    "ARCMOV",
+    "CIRCLE",
+    "HELIX",
+    "GOFWD",
+    "GOBACK",
+    "GOLFT",
+    "GORGT",
+    "GOUP",
+    "GODOWN",
+    "NURBS",
+    "SPLINE",
+)
+_CHANGES: Final = ("TRANS", "ORIGIN", "ROTABL", "ROTHED", "COPY", "TRACUT", "REFSYS", "CUTCOM", "MCS")
+_KEYS: Final = ("x", "y", "z", "i", "j", "k")
+_MM: Final = {"MM": 1.0, "MILLIMETER": 1.0, "MILLIMETERS": 1.0, "CM": 10.0, "INCH": 25.4, "INCHES": 25.4, "IN": 25.4}
+_RULES: Final = {"z": 1.0, "-z": -1.0}
+
+
+class _Statement(NamedTuple):
+    line: int
+    word: str
+    pieces: list[tuple[bytes, int]]
+
+
+def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+    """Read APT or CL data.
+
+    Raises
+    ------
+    FileError
+        If there is no GOTO, or one is broken; with its line.
+    """
+    source = Source.read(path)
+    points: list[Point] = []
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    unit, unit_line = 1.0, 0
+    changed = ""
+    for line, word, pieces in _statements(source):
+        words = [token.decode("latin-1").strip().upper() for token, _ in pieces]
+        name = f"{word}:{line}"
+        problem = None
+        if word == "UNITS" and words:
+            if words[0] not in _MM:
+                raise source.error(line, f"UNITS/{words[0][:20]}: expected MM, CM or INCHES")
+            if points and _MM[words[0]] != unit:
+                raise source.error(line, f"the unit changes from line {unit_line or 1} on; split the file")
+            unit, unit_line = _MM[words[0]], line
+        elif word in _GOTO:
+            if len(pieces) not in (3, 6):
+                raise source.error(line, f"{name} has {len(pieces)} numbers, expected 3 or 6; correct the file")
+            tokens, starts = zip(*pieces, strict=True)
+            values, spans = numbers_at(source, line, _KEYS[: len(pieces)], tokens, starts)
+            axis = values[3:] or axis
+            if abs(sum(a * a for a in axis) - 1.0) > 1e-2:
+                raise source.error(line, f"{name}: the tool axis has not the length 1; correct the file")
+            if options.angles not in _RULES:
+                problem = Problem("refuse", "say how the tool axis lies on the tool (--angles z or -z)")
+            elif changed:
+                problem = Problem("refuse", f"{changed} changes the coordinates before it")
+            angles = tuple(_angles(np.array(axis) * _RULES.get(options.angles, 1.0)).tolist())
+            # three digits of a position; those of the axis are not numbers of a controller
+            padded = (spans + spans[:1] * 3)[:6]
+            point = Point(name, source, line, values[:3] + angles, padded, problem, uses=[Use(word, line)])
+            points.append(point)
+        elif word == "GODLTA":
+            problem = Problem("skip", "relative: it starts from a target that is corrected already")
+            points.append(Point(name, source, line, problem=problem, uses=[Use(word, line)]))
+        elif word in _ARCS:
+            problem = Problem("refuse", f"{word} is a motion that is not supported")
+            points.append(Point(name, source, line, problem=problem, uses=[Use(word, line)]))
+        elif word in _CHANGES and not changed and words[:1] not in (["OFF"], ["NOMORE"]):
+            changed = f"{word} (line {line})"
+    if not points:
+        raise FileError(path, "has no GOTO: it is no APT or CL data")
+    judge = Judge(frames, options, "kuka", unit=unit, tool_default=Frame(AS_MEASURED))
+    targets, circles = judge.program_targets(points, [])
+    return Program(path, (source,), targets, circles, PLAIN_LEXER)
+
+
+def _statements(source: Source) -> Iterator[_Statement]:
+    """Yield the statements; one goes on in the next line after a ``$``."""
+    data = source.data
+    open_: _Statement | None = None
+    for line, start, end in source.lines():
+        comment = data.find(b"$$", start, end)
+        end = comment if comment >= 0 else end
+        code = data[start:end]
+        goes_on = code.rstrip().endswith(b"$")
+        if goes_on:
+            end = start + len(code.rstrip()) - 1
+            code = data[start:end]
+        if open_ is None:
+            m = _STATEMENT.match(data, start, end)
+            if m is None or not code.strip():
+                continue
+            open_ = _Statement(line, m[1].decode().upper(), [])
+            slash = code.find(b"/")
+            start = start + slash + 1 if slash >= 0 else end
+        pieces, position = open_.pieces, start
+        parts = data[start:end].split(b",")
+        for k, part in enumerate(parts):
+            text = part.strip()
+            if text or (k < len(parts) - 1):
+                pieces.append((text, position + len(part) - len(part.lstrip())))
+            position += len(part) + 1
+        if not goes_on:
+            yield open_
+            open_ = None
+    if open_ is not None:
+        raise source.error(open_.line, "a statement goes on after $ but the file ends: it is truncated")
+
+
+def _angles(z: FloatArray) -> FloatArray:
+    """Return KUKA's A, B, C [deg] of a tool whose z is given and whose x is as near to (1, 0, 0) as it can be."""
+    z = z / np.linalg.norm(z)
+    near = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
+    x = near - z * (z @ near)
+    x /= np.linalg.norm(x)
+    return euler("kuka", Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])))

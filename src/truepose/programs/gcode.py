@@ -1,0 +1,230 @@
+"""G-code of robots in machining: ``G1 X Y Z A B C`` in the frame and with the orientation rule that the user states.
+
+The frame is ``--base``, or G54 … G59 by name in the frame table. `ReadOptions.angles` says whose angles A, B, C are.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from truepose.errors import FileError
+from truepose.programs.points import AS_MEASURED, Frame, Judge, Point, Problem, Use
+from truepose.programs.source import Source, Span, is_broken, parse_number
+from truepose.programs.targets import FrameTable, Program, ReadOptions, frame_key
+
+_NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
+LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + _NUMBER + rb"|[^\r\n]")
+_WORD = re.compile(rb"([A-Za-z])[ \t]*+(" + _NUMBER + rb")(?![.\d])")
+_EXPRESSION = re.compile(
+    rb"([A-Za-z])[ \t]*+(=[^\r\n;(]*+(?:\([^)]*\))?|[+-]?[ \t]*+[#\[][^\r\nXYZABCIJKFxyzabcijkf]*+|[+-]?R\d++)"
+)
+_NAME = re.compile(rb"[A-Za-z_][A-Za-z_]++\w*+(?:[ \t]*+\([^\r\n()]*+\)|[ \t]*+=[^\r\n]*+)?")
+_BROKEN = re.compile(rb"([A-Za-z])[ \t]*+([^A-Za-z\s]*+)")
+_COMMENT = re.compile(rb"\([^\r\n)]*\)|;[^\r\n]*")
+_AXES: Final = "XYZABC"
+_WHOLE: Final = (0, 1, 2, 3, 4, 9, *range(17, 22), 28, 30, *range(40, 44), 49, *range(53, 63), 64, 70, 71, 80, 90, 91)
+_KNOWN: Final = frozenset([*map(str, (*_WHOLE, *range(93, 100), 500)), "43.4", "43.5"])
+_CHANGES: Final = frozenset(["10", "16", "50", "51", "51.1", "52", "54.1", "68", "68.2", "92"])
+_CALLS: Final = frozenset(["M98", "M97", "G65", "G66"])
+_TRANSFORMS: Final = (b"TRANS", b"ATRANS", b"ROT", b"AROT", b"SCALE", b"MIRROR", b"CYCLE800", b"PLANE", b"TOFRAME")
+_STRAY: Final = [b"%c" % c for c in b":,*\"'@$&.<>_-"]
+_ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
+
+
+def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+    """Read G-code.
+
+    Raises
+    ------
+    FileError
+        If no word of it is G-code, or a number is broken; with its line.
+    """
+    return _Reader(Source.read(path), frames, options).program(path)
+
+
+class _Reader:
+    def __init__(self, source: Source, frames: FrameTable, options: ReadOptions) -> None:
+        self._source, self._frames, self._options = source, frames, options
+        self._points: list[Point] = []
+        self._circles: list[list[Point]] = []
+        self._offset = ""
+        self._offsets: set[str] = set()
+        self._motion = ""
+        self._relative = False
+        self._angles: dict[str, float] = {}
+        self._unit = 0.0
+        self._problem: Problem | None = None
+        self._compensated = 0
+        self._words = 0
+
+    def program(self, path: Path) -> Program:
+        for line, start, end in self._source.lines():
+            self._line(line, start, end)
+        if not self._words:
+            raise FileError(path, "has no word such as G1 or M30: it is no G-code")
+        known = self._options.angles
+        judge = Judge(
+            self._frames,
+            self._options,
+            known if known in _ANGLES else "kuka",
+            unit=self._unit or 1.0,
+            tool_default=Frame(AS_MEASURED),
+        )
+        for point in self._points:
+            point.uses = [self._in_frame(use) for use in point.uses]
+        targets, circles = judge.program_targets(self._points, self._circles)
+        return Program(path, (self._source,), targets, circles, LEXER)
+
+    def _in_frame(self, use: Use) -> Use:
+        """Leave the work offset to the user's base where the program has only one and the table none of its name."""
+        named = use.frame is not None and use.frame.key is not None and frame_key(use.frame.key) in self._frames.bases
+        return use if named or len(self._offsets) > 1 else use._replace(frame=None)
+
+    def _line(self, line: int, start: int, end: int) -> None:
+        code = _COMMENT.sub(lambda m: b" " * len(m[0]), self._source.data[start:end])
+        words, spans, strange = self._parse(line, code, start)
+        self._words += sum(key in "GM" for key, _ in words)
+        codes = [f"{key}{_plain(value)}" for key, value in words if key in "GMO"]
+        axes = {key: value for key, value in words if key in _AXES}
+        loose = [key for key in strange if key in _AXES]
+        if [key for key, _ in words if key in _AXES] != list(dict.fromkeys(key for key, _ in words if key in _AXES)):
+            raise self._source.error(line, "names an axis twice; correct the file")
+        self._modal(line, codes)
+        if any(name.startswith(_TRANSFORMS) for name in strange.values()):
+            self._problem = Problem("refuse", f"coordinates are changed in line {line}")
+        gs = [c[1:] for c in codes if c[0] == "G"]
+        if "4" in gs or not (axes or loose):
+            return
+        position = [key for key in "XYZ" if key in axes]
+        if not position and not [key for key in loose if key in "XYZ"] and not {"28", "30"} & set(gs):
+            self._turn(axes, loose)
+            if self._motion:
+                self._add(line, Problem("skip", "an orientation alone: the position stays as before"))
+            return
+        self._turn(axes, loose)
+        problem = self._judge(line, gs, axes, loose)
+        point = self._add(line, problem)
+        if all(key in axes for key in "XYZ") and all(key in self._angles for key in "ABC"):
+            first = spans["X"]
+            point.values = tuple(axes[key] for key in "XYZ") + tuple(self._angles[key] for key in "ABC")
+            point.spans = (first, spans["Y"], spans["Z"], *(spans.get(key, first) for key in "ABC"))
+
+    def _judge(self, line: int, gs: list[str], axes: dict[str, float], loose: list[str]) -> Problem | None:
+        unknown = [g for g in gs if g not in _KNOWN and g not in _CHANGES]
+        if unknown:
+            return Problem("refuse", f"G{unknown[0]} is not known here")
+        if {"28", "30"} & set(gs):
+            return Problem("skip", "a reference point of the machine")
+        if self._relative:
+            return Problem("skip", "G91: it starts from a target that is corrected already")
+        if self._motion not in ("0", "1", "2", "3"):
+            what = f"G{self._motion} is a motion that is not supported" if self._motion else "no G0 or G1 before it"
+            return Problem("refuse", what)
+        if self._problem:
+            return self._problem
+        if loose:
+            return Problem("skip", f"{', '.join(loose)}: an expression, known at run time only")
+        missing = [key for key in "XYZ" if key not in axes]
+        if missing:
+            return Problem("skip", f"partial: {', '.join(missing)} as before, from another target")
+        if self._motion in ("2", "3"):
+            return Problem("skip", "an arc by its centre or radius, which would no longer fit")
+        if "53" in gs:
+            return Problem("refuse", "G53: coordinates of the machine")
+        if self._compensated:
+            return Problem("refuse", f"tool radius compensation since line {self._compensated}")
+        if self._options.angles not in _ANGLES:
+            return Problem("refuse", f"say whose angles A, B, C are (--angles {', '.join(_ANGLES)})")
+        without = [key for key in "ABC" if key not in self._angles]
+        if without:
+            return Problem("refuse", f"no {', '.join(without)} on this line or before: its orientation is not known")
+        return None
+
+    def _turn(self, axes: dict[str, float], loose: list[str]) -> None:
+        """Follow the modal orientation."""
+        for key in "ABC":
+            if key in loose or (self._relative and key in axes):
+                self._angles.pop(key, None)
+            elif key in axes:
+                self._angles[key] = axes[key]
+
+    def _modal(self, line: int, codes: list[str]) -> None:
+        for code in codes:
+            number = code[1:]
+            if code[0] == "O" or code in _CALLS:
+                if not self._options.calls_keep_frames and (code[0] != "O" or self._points):
+                    self._problem = Problem("refuse", f"what is in force after line {line} ({code}) is not known")
+            elif code[0] != "G":
+                continue
+            elif number in ("90", "91"):
+                self._relative = number == "91"
+            elif number in ("20", "21", "70", "71"):
+                unit = 25.4 if number in ("20", "70") else 1.0
+                if self._points and unit != (self._unit or 1.0):
+                    raise self._source.error(line, f"{code} changes the unit within the program; split it")
+                self._unit = unit
+            elif number in ("54", "55", "56", "57", "58", "59"):
+                self._offset = code
+                self._offsets.add(code)
+            elif number in ("41", "42"):
+                self._compensated = line
+            elif number == "40":
+                self._compensated = 0
+            elif number in _CHANGES:
+                self._problem = Problem("refuse", f"{code} changes the coordinates in line {line}")
+            elif number == "80":
+                self._motion = ""
+            elif number in ("0", "1", "2", "3") or re.fullmatch(r"5|6\.\d|33|7[346]|8[1-9]", number):
+                self._motion = number
+
+    def _add(self, line: int, problem: Problem | None) -> Point:
+        word = f"G{self._motion}" if self._motion else "move"
+        frame = Frame(self._offset, self._offset) if self._offset else None
+        point = Point(f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line, None, frame)])
+        if self._motion in ("2", "3") and self._points:
+            self._circles.append([self._points[-1], point])  # the arc starts at the target before it
+        self._points.append(point)
+        return point
+
+    def _parse(
+        self, line: int, code: bytes, start: int
+    ) -> tuple[list[tuple[str, float]], dict[str, Span], dict[str, bytes]]:
+        """Return the words with numbers, the spans of the axes, and what stands for numbers or words otherwise."""
+        words: list[tuple[str, float]] = []
+        spans: dict[str, Span] = {}
+        strange: dict[str, bytes] = {}
+        position = 0
+        while position < len(code):
+            if code[position : position + 1] in (b" ", b"\t", b"/", b"%", b"\x1a"):
+                position += 1
+            elif m := _WORD.match(code, position):
+                key = m[1].decode().upper()
+                try:
+                    value = float(m[2]) if key not in _AXES else parse_number(m[2])
+                except ValueError as error:
+                    raise self._source.error(line, f"{key}: {error}; correct the file") from None
+                words.append((key, value))
+                spans[key] = (start + m.start(2), start + m.end(2))
+                position = m.end()
+            elif m := _EXPRESSION.match(code, position):
+                strange[m[1].decode().upper()] = m[2]
+                position = m.end()
+            elif m := _NAME.match(code, position):
+                strange[f"name{position}"] = m[0].upper()
+                position = m.end()
+            elif (m := _BROKEN.match(code, position)) and m[1].decode().upper() in _AXES and is_broken(m[2]):
+                shown = m[2][:20].decode("latin-1")
+                raise self._source.error(line, f"{m[1].decode()} {shown} is not a number; correct the file")
+            elif code[position : position + 1] in _STRAY or code[position : position + 1].isalpha():
+                position += 1
+            else:
+                raise self._source.error(
+                    line, f"is not understood: {code[position : position + 20].decode('latin-1')!r}"
+                )
+        return words, spans, strange
+
+
+def _plain(value: float) -> str:
+    return f"{value:g}"

@@ -1,0 +1,248 @@
+"""Yaskawa INFORM (.jbi): positions under //POS, whose kind, tool and frame are modal, and instructions under //INST."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from truepose.errors import FileError
+from truepose.programs.flow import Flow, Structure
+from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.source import PLAIN_LEXER, Source
+from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
+
+_POSITION = re.compile(rb"[ \t]*(B?E?[CP])(\d{3,6})[ \t]*=[ \t]*")
+_MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
+_MOTION = re.compile(rb"[ \t]*[+*]?[ \t]*S?(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CP]X?\d+)*)", re.I)
+_OPERAND = re.compile(rb"(?<![\w#$])(C|P)X?(\d{3,6})\b")
+_RELATIVE = re.compile(rb"[ \t]*(?:S|E)?IMOV\w*", re.I)
+_SPEED = re.compile(rb"\bV[JRE]?[ \t]*=", re.I)
+_LABEL = re.compile(rb"[ \t]*\*([^\s]+)")
+_JUMP = re.compile(rb"[ \t]*JUMP[ \t]+(\*([^\s]+)|[^\s]+)([ \t]+IF\b)?", re.I)
+_STRUCTURED = re.compile(rb"[ \t]*(?:IFTHEN|WHILE|FOR|SWITCH)\b", re.I)
+_FRAME_CHANGE = re.compile(rb"[ \t]*(?:MFRAME|SETUF|GETUF)\b[^#]*UF#\([ \t]*(\d+)?", re.I)
+_TOOL_CHANGE = re.compile(rb"[ \t]*(?:SETTOOL|MTOOL)\b[^#]*TL#\([ \t]*(\d+)?", re.I)
+_KEYS: Final = ("X", "Y", "Z", "Rx", "Ry", "Rz")
+_BASES: Final = ("BASE", "ROBOT")
+
+
+def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+    """Read a .jbi file.
+
+    Raises
+    ------
+    FileError
+        If it is no job, truncated, or has a broken position; with its line.
+    """
+    return _Reader(Source.read(path), options).program(path, frames)
+
+
+class _Reader:
+    def __init__(self, source: Source, options: ReadOptions) -> None:
+        self._source, self._options = source, options
+        self._flow = Flow()
+        self._points: dict[tuple[str, int], Point] = {}
+        self._frames_of: dict[int, tuple[Frame | None, Frame | None]] = {}
+        self._external: set[tuple[str, int]] = set()
+        self._others: list[Point] = []
+        self._moves: list[tuple[Point, str, int, int, Problem | None]] = []
+        self._circles: list[list[Point]] = []
+        self._arc: list[Point] = []
+        self._changed: dict[tuple[str, Key | None], int] = {}
+        self._modal: dict[str, str] = {}
+
+    def program(self, path: Path, frames: FrameTable) -> Program:
+        data, section, ended = self._source.data, "", False
+        instructions: list[tuple[int, bytes]] = []
+        if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):
+            raise FileError(path, "does not start with /JOB: it is no INFORM job")
+        for line, start, end in self._source.lines():
+            code = data[start:end]
+            if code.lstrip().startswith(b"//") and not code.lstrip().startswith(b"///"):
+                section = code.strip()[2:].split()[0].decode("latin-1").upper() if code.strip()[2:].split() else ""
+            elif section == "POS":
+                self._position_line(line, start, end)
+            elif section == "INST":
+                if code.strip().upper() == b"END":
+                    ended = True
+                    break
+                instructions.append((line, code))
+        if not ended:
+            raise FileError(path, "has no END: the file is truncated")
+        self._read(instructions)
+        judge = Judge(frames, self._options, "yaskawa", changed=self._changed)
+        targets, circles = judge.program_targets([*self._points.values(), *self._others], self._circles)
+        return Program(path, (self._source,), targets, circles, PLAIN_LEXER, finest=1e-3)
+
+    def _position_line(self, line: int, start: int, end: int) -> None:
+        data = self._source.data
+        if m := _MODAL.match(data, start, end):
+            key, text = m[1].decode("latin-1").upper(), m[2].decode("latin-1").strip()
+            self._modal[key] = text
+            return
+        m = _POSITION.match(data, start, end)
+        if m is None:
+            if data[start:end].strip():
+                raise self._source.error(line, f"a line under //POS that is not understood: {_shown(data[start:end])}")
+            return
+        kind, number = m[1].decode(), int(m[2])
+        pieces, position = [], m.end()
+        for piece in data[m.end() : end].split(b","):
+            pieces.append((piece.strip(), position + len(piece) - len(piece.lstrip())))
+            position += len(piece) + 1
+        name = data[m.start(1) : m.end(2)].decode("latin-1")
+        if kind not in ("C", "P"):
+            if any(token.strip(b"+-0.") for token, _ in pieces):
+                self._external.add((kind, number))
+            return
+        if (kind, number) in self._points:
+            raise self._source.error(line, f"{name} is there twice, first in line {self._points[kind, number].line}")
+        point = self._points[kind, number] = Point(name, self._source, line)
+        self._fill(point, pieces, line)
+
+    def _fill(self, point: Point, pieces: list[tuple[bytes, int]], line: int) -> None:
+        postype = self._modal.get("POSTYPE", "").upper()
+        point.configuration = self._modal.get("RCONF", "")
+        if postype == "PULSE":
+            point.problem = Problem("skip", f"{JOINTS.reason} (pulses)")
+            return
+        if len(pieces) < 6:
+            raise self._source.error(line, f"{point.name} has {len(pieces)} numbers, expected 6; correct the file")
+        tokens, starts = zip(*pieces[:6], strict=True)
+        point.values, point.spans = numbers_at(self._source, line, _KEYS, tokens, starts)
+        tool, user = self._modal.get("TOOL", ""), self._modal.get("USER", "")
+        tool_frame = Frame(f"TOOL {int(tool)}", int(tool)) if _small(tool) else None
+        if postype in _BASES:
+            frame = Frame(postype, 0)
+        elif postype == "USER" and _small(user):
+            frame = Frame(f"USER {int(user)}", int(user))
+        else:
+            frame = None
+            shown = f"///POSTYPE {postype or 'missing'}" + (" without ///USER" if postype == "USER" else "")
+            point.problem = Problem("refuse", f"{shown}: the frame of its numbers is not known")
+        if tool_frame is None and point.problem is None:
+            point.problem = Problem("refuse", f"///TOOL {tool or 'missing'}: its tool is not known")
+        self._frames_of[id(point)] = (tool_frame, frame)
+
+    def _read(self, instructions: list[tuple[int, bytes]]) -> None:
+        flow = self._flow
+        shifted = next((line for line, code in instructions if re.match(rb"[ \t]*SFTON\b", code, re.I)), 0)
+        # with structures or without: nothing is guessed about where a shift ends
+        structured = shifted if any(_STRUCTURED.match(code) for _, code in instructions) else 0
+        labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
+        flow.begin_routine("JOB", outside=True)
+        line = 1
+        try:
+            if structured:
+                flow.change(ipo=f"SFTON (line {structured})")
+            for line, code in instructions:
+                if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
+                    continue
+                self._instruction(line, code.split(b" '")[0], labels, bool(structured))
+            flow.end_routine()
+        except Structure as error:
+            raise self._source.error(line, f"{error}; correct the file") from None
+        flow.solve()
+        self._end_arc()
+        for point, word, line, node, problem in self._moves:
+            tool, frame = self._frames_of.get(id(point), (None, None))
+            shifts = [ipo for ipo in flow.states[node].ipo if ipo != "BASE"]
+            if problem is None and shifts:
+                problem = Problem("skip", f"{min(shifts)} shifts it at run time")
+            point.uses.append(Use(word, line, tool, frame, problem))
+
+    def _instruction(self, line: int, code: bytes, labels: set[bytes], structured: bool) -> None:
+        flow = self._flow
+        if m := _LABEL.match(code):
+            flow.label(m[1].decode("latin-1"))
+            code = code[m.end() :]
+        if m := _MOTION.match(code):
+            self._motion(m, line)
+            return
+        if _OPERAND.search(code):
+            self._end_arc()
+        if m := _JUMP.match(code):
+            for label in [m[2]] if m[2] in labels else labels if m[2] is None else ():
+                flow.may_go(label.decode("latin-1"))
+            if not m[3] and m[2] in labels:
+                flow.leave()
+        elif re.match(rb"[ \t]*SFTON\b", code, re.I):
+            flow.change(ipo=f"SFTON (line {line})")
+        elif re.match(rb"[ \t]*SFTOF\b", code, re.I) and not structured:
+            flow.change(ipo="BASE")
+        elif re.match(rb"[ \t]*RET\b(?![^\r\n]*\bIF\b)", code, re.I):
+            flow.leave()
+        elif m := _FRAME_CHANGE.match(code):
+            self._changed.setdefault(("base", int(m[1]) if m[1] else None), line)
+        elif m := _TOOL_CHANGE.match(code):
+            self._changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
+        self._operands(line, code)
+
+    def _motion(self, m: re.Match[bytes], line: int) -> None:
+        word, operand = m[1].decode().upper(), m[2]
+        found = _OPERAND.fullmatch(operand)
+        point = self._points.get((found[1].decode(), int(found[2]))) if found else None
+        if point is None:
+            reason = "target known at run time only"
+            self._others.append(
+                Point(
+                    operand.decode("latin-1"),
+                    self._source,
+                    line,
+                    problem=Problem("skip", reason),
+                    uses=[Use(word, line)],
+                )
+            )
+            self._end_arc()
+            return
+        external = [e for e in re.findall(rb"([BE][CP])X?(\d+)", m[3]) if (e[0].decode(), int(e[1])) in self._external]
+        problem = None
+        if external and not self._options.external_axes:
+            name = b"".join(external[0]).decode()
+            problem = Problem("refuse", f"external axis {name} is in use and has no model; allow external_axes")
+        self._moves.append((point, word, line, self._flow.node, problem))
+        if word == "MOVC":
+            self._arc.append(point)
+        else:
+            self._end_arc()
+
+    def _operands(self, line: int, code: bytes) -> None:
+        """Take the positions in an instruction that is no motion."""
+        relative = _RELATIVE.match(code) is not None
+        word = (code.split() or [b"?"])[0].decode("latin-1")
+        for m in _OPERAND.finditer(code):
+            point = self._points.get((m[1].decode(), int(m[2])))
+            if relative:
+                reason = "relative: it starts from a target that is corrected already"
+                other = Point(
+                    f"{word}:{line}", self._source, line, problem=Problem("skip", reason), uses=[Use(word, line)]
+                )
+                self._others.append(other)
+                if point is not None:
+                    point.reads.append((line, "used by a relative motion"))
+                return
+            if _SPEED.search(code):
+                reason = f"looks like a motion that is not known: {_shown(code)}"
+                other = Point(
+                    f"{word}:{line}", self._source, line, problem=Problem("refuse", reason), uses=[Use(word, line)]
+                )
+                self._others.append(other)
+                return
+            if point is not None and m[1] == b"P":
+                point.writes.append((line, f"written or read by {word}"))
+            elif point is not None:
+                point.reads.append((line, f"read by {word}"))
+
+    def _end_arc(self) -> None:
+        if len(self._arc) > 1:
+            self._circles.append(self._arc)
+        self._arc = []
+
+
+def _small(text: str) -> bool:
+    return text.isdecimal() and text.isascii() and len(text) < 5
+
+
+def _shown(code: bytes) -> str:
+    return "".join(c if c.isprintable() else "?" for c in code.decode("latin-1").strip()[:40])

@@ -1,0 +1,364 @@
+"""URScript (.script): poses ``p[…]`` in m and rad, targets only where a motion goes to them.
+
+The frame is the robot's base. The tool is what the last ``set_tcp(p[…])`` says, followed through the program; where the
+program sets none it is the one that the user names, or that of the measurements.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from truepose.errors import DataError, FileError
+from truepose.geometry import euler, make_transform
+from truepose.programs.flow import Flow, InForce, State, Structure
+from truepose.programs.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
+from truepose.programs.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
+from truepose.programs.targets import FrameTable, Program, ReadOptions
+
+_PIECE = re.compile(
+    rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
+)
+_ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(([^)]*)\)\s*:")
+_BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
+_WORD = re.compile(rb"\s*(\w+)")
+_ASSIGN = re.compile(rb"\s*(?:(?:global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
+_NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
+_MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
+_STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
+_AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "speedl", "speedj"])
+_TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
+_POSE = re.compile(rb"p\s*\[")
+_INVERSE = re.compile(rb"get_inverse_kin\s*\(")
+_KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_BASE: Final = Frame("base", 0)
+
+
+class _Statement(NamedTuple):
+    line: int
+    start: int
+    end: int
+    code: bytes
+    """With texts and comments blanked, byte by byte in place."""
+
+
+class _Named(NamedTuple):
+    points: list[Point]
+    uses: list[tuple[Use, int]]
+    reads: list[tuple[int, str]]
+    writes: list[tuple[int, str]]
+
+
+def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+    """Read a .script file.
+
+    Raises
+    ------
+    FileError
+        If it is no URScript, truncated, or has a broken pose; with its line.
+    """
+    return _Reader(Source.read(path), options).program(path, frames)
+
+
+class _Reader:
+    def __init__(self, source: Source, options: ReadOptions) -> None:
+        self._source, self._options = source, options
+        self._flow = Flow()
+        self._named: dict[str, _Named] = {}
+        self._inline: list[tuple[Point, Use, int]] = []
+        self._others: list[Point] = []
+        self._circles: list[list[Point | str]] = []
+        self._threads: list[str] = []
+
+    def program(self, path: Path, frames: FrameTable) -> Program:
+        routines = self._routines()
+        if not any(_MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
+            raise FileError(self._source.path, "has neither a def nor a motion: it is no URScript")
+        for body in routines.values():  # a pose may be used above its assignment in the text
+            for statement in body:
+                self._assign(statement)
+        line = 1
+        try:
+            for name, body in routines.items():
+                self._flow.begin_routine(name or "(file)", outside=True)
+                for statement in body:
+                    line = statement.line
+                    self._statement(statement, set(routines))
+                self._flow.end_routine()
+        except Structure as error:
+            raise self._source.error(line, f"{error}; correct the file") from None
+        self._flow.handlers = self._threads
+        ambient = self._flow.solve()
+        points = self._attach(ambient)
+        judge = Judge(frames, self._options, "ur", unit=1000.0, tool_default=Frame(AS_MEASURED), frame_default=_BASE)
+        circles = [[self._point(goal) for goal in circle] for circle in self._circles]
+        whole = [[p for p in circle if p is not None] for circle in circles]
+        targets, joined = judge.program_targets(points, whole)
+        return Program(path, (self._source,), targets, joined, PLAIN_LEXER)
+
+    def _routines(self) -> dict[str, list[_Statement]]:
+        """Return the statements of each routine, those of the file itself under an empty name."""
+        routines: dict[str, list[_Statement]] = {"": []}
+        stack: list[tuple[str, str, int]] = []
+        for statement in _statements(self._source):
+            code, line = statement.code, statement.line
+            owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
+            word = m[1] if (m := _WORD.match(code)) else b""
+            if m := _ROUTINE.match(code):
+                name = m[2].decode()
+                if name in routines:
+                    raise self._source.error(line, f"{name} is defined twice; give one another name")
+                routines[name] = []
+                if m[1] == b"thread":
+                    self._threads.append(name)
+                stack.append(("def", name, line))
+            elif word == b"end" and code.strip() == b"end":
+                if not stack:
+                    raise self._source.error(line, "end closes nothing; correct the file")
+                kind, name, _ = stack.pop()
+                if kind != "def":
+                    routines[owner].append(statement)
+            else:
+                if word in (b"if", b"while") and _BLOCK.match(code):
+                    stack.append((word.decode(), "", line))
+                routines[owner].append(statement)
+        if stack:
+            kind, name, line = stack[-1]
+            raise self._source.error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
+        return routines
+
+    def _assign(self, statement: _Statement) -> None:
+        """Note names that hold poses."""
+        m = _ASSIGN.match(statement.code)
+        if m is None:
+            return
+        name, start = m[1].decode(), statement.start + m.end()
+        end = statement.start + len(statement.code.rstrip())
+        pose = None if m[2] else self._literal(name, start, end, statement.line)
+        if pose is not None:
+            known = self._named.setdefault(name, _Named([], [], [], []))
+            known.points.append(pose)
+        elif name in self._named:
+            how = "component set" if m[2] else "assigned"
+            self._named[name].writes.append((statement.line, how))
+
+    def _statement(self, statement: _Statement, routines: set[str]) -> None:
+        code, line = statement.code, statement.line
+        block = m[1] if (m := _BLOCK.match(code)) else b""
+        word = m[1] if (m := _WORD.match(code)) else b""
+        flow = self._flow
+        if block in (b"elif", b"else"):
+            flow.branch("ELSE", last=block == b"else")
+        assigned = _ASSIGN.match(code)
+        pose_name = assigned is not None and assigned[1].decode() in self._named
+        masked = bytearray(code)
+        if pose_name and assigned is not None:
+            masked[: assigned.end()] = b" " * assigned.end()
+        if _TCP.search(code):
+            self._tcp(statement)
+        for m in _MOTION.finditer(code):
+            self._motion(m, statement, masked)
+        if (m := _STRANGE.search(code)) and not _MOTION.match(code, m.start()):
+            reason = f"looks like a motion that is not known: {_shown(code)}"
+            self._other(m[1].decode(), line, Problem("refuse", reason))
+        for m in _NAME.finditer(bytes(masked)):
+            name = m[1].decode()
+            if m[2] and name in routines:
+                flow.call(name, "")
+            elif not m[2] and name in self._named:
+                self._named[name].reads.append((line, "read by arithmetic"))
+        if block in (b"if", b"while"):
+            flow.begin(block.decode().upper(), line)
+        elif word == b"end" and code.strip() == b"end":
+            opener = flow.innermost
+            flow.end("end", opener)
+        elif word == b"break":
+            flow.exit()
+        elif word in (b"return", b"halt"):
+            flow.leave()
+
+    def _tcp(self, statement: _Statement) -> None:
+        code = statement.code
+        m = _TCP.search(code)
+        assert m is not None
+        spans = _arguments(code, m.end())
+        value = InForce("unknown", f"set_tcp({_shown(code[m.end() :])} (line {statement.line})")
+        if spans and _POSE.match(code, spans[0][0]):
+            start, end = (statement.start + k for k in spans[0])
+            pose = self._literal("set_tcp", start, end, statement.line)
+            if pose is not None and pose.values:
+                text = self._source.data[start:end].decode("latin-1")
+                value = InForce("literal", f"set_tcp({text})", None, pose.values)
+        self._flow.change(tool=value)
+
+    def _motion(self, m: re.Match[bytes], statement: _Statement, masked: bytearray) -> None:
+        word, code, line = m[1].decode(), statement.code, statement.line
+        spans = _arguments(code, m.end())
+        if word in _AT_RUN_TIME:
+            self._other(word, line, Problem("skip", f"{word}: followed at run time"))
+            return
+        goals = 2 if word == "movec" else 1
+        if len(spans) < goals or any(a == b for a, b in spans[:goals]):
+            self._other(word, line, Problem("refuse", f"a motion that is not understood: {_shown(code)}"))
+            return
+        found: list[Point | str] = []
+        for k, (a, b) in enumerate(spans[:goals]):
+            name = f"{word}:{line}" + ("" if goals == 1 else (" via", " end")[k])
+            if inverse := _INVERSE.match(code, a, b):  # only chooses the branch near qnear
+                inner = _arguments(code, inverse.end())
+                a, b = inner[0] if inner else (a, b)
+            found.append(self._goal(name, word, statement, a, b, masked))
+        if goals == 2:
+            self._circles.append(found)
+
+    def _goal(self, name: str, word: str, statement: _Statement, a: int, b: int, masked: bytearray) -> Point | str:
+        line, text = statement.line, statement.code[a:b]
+        use = Use(word, line, None, _BASE)
+        variable = text.decode("latin-1")
+        if variable in self._named:
+            masked[a:b] = b" " * (b - a)
+            self._named[variable].uses.append((use, self._flow.node))
+            return variable
+        if _POSE.match(text):
+            pose = self._literal(name, statement.start + a, statement.start + b, line)
+            if pose is not None:
+                self._inline.append((pose, use, self._flow.node))
+                return pose
+        if text.startswith(b"["):
+            return self._other(word, line, JOINTS, name)
+        return self._other(word, line, Problem("skip", f"target computed at run time: {_shown(text)}"), name)
+
+    def _other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
+        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line)])
+        self._others.append(point)
+        return point
+
+    def _literal(self, name: str, start: int, end: int, line: int) -> Point | None:
+        """Return the pose of ``p[…]`` that fills the span; None if it is anything else."""
+        data = self._source.data
+        m = _POSE.match(data, start, end)
+        if m is None or data[end - 1 : end] != b"]" or b"]" in data[m.end() : end - 1]:
+            return None
+        cuts = [m.end() - 1, *(m.end() + k for k, c in enumerate(data[m.end() : end - 1]) if c == 0x2C), end - 1]
+        spans = [_strip(data, a + 1, b) for a, b in itertools.pairwise(cuts)]
+        if len(spans) != 6:
+            raise self._source.error(line, f"{name}: a pose has 6 numbers, this has {len(spans)}; correct the file")
+        line = self._source.line(spans[0][0])
+        values = []
+        for key, (a, b) in zip(_KEYS, spans, strict=True):
+            token = data[a:b]
+            if b"{{" not in token and is_broken(token):
+                raise self._source.error(line, f"{name}: {key} {_shown(token)!r} is not a number; correct the file")
+            try:
+                values.append(parse_number(token))
+            except ValueError as error:
+                if (len(token) > 40 and token[:20].isdigit()) or "beyond" in str(error):
+                    raise self._source.error(line, f"{name}: {key}: {error}; correct the file") from None
+                return Point(
+                    name, self._source, line, problem=Problem("skip", f"{key}: an expression, known at run time only")
+                )
+        try:
+            euler("ur", values[3:])
+        except DataError as error:
+            raise self._source.error(line, f"{name}: {error}") from None
+        return Point(name, self._source, line, tuple(values), tuple(spans))
+
+    def _attach(self, ambient: State) -> list[Point]:
+        points = list(self._others)
+        for point, use, node in self._inline:
+            point.uses.append(self._with_tool(use, node, ambient))
+            points.append(point)
+        for known in self._named.values():
+            if not known.uses and not known.reads:
+                continue  # a pose that no motion goes to: a feature, a wrench, a speed
+            if len(known.points) > 1:
+                known.writes.append((known.points[1].line, "assigned again"))
+            for point in known.points:
+                point.uses += [self._with_tool(use, node, ambient) for use, node in known.uses]
+                point.reads += known.reads if known.uses else []
+                point.writes += known.writes
+                if known.uses:
+                    points.append(point)
+        return points
+
+    def _with_tool(self, use: Use, node: int, ambient: State) -> Use:
+        values = self._flow.states[node].tool | ambient.tool
+        if len(values) > 1:
+            shown = " or ".join(sorted(value.text for value in values)[:2])
+            return use._replace(problem=Problem("refuse", f"the TCP depends on the way through the program: {shown}"))
+        for value in values:
+            if value.pose is not None:
+                tf = make_transform(euler("ur", value.pose[3:]), 1000.0 * np.array(value.pose[:3]))
+                return use._replace(tool=Frame(value.text, None, tf.tobytes()))
+            if value.kind == "unknown":
+                return use._replace(problem=Problem("refuse", f"the TCP is known at run time only: {value.text}"))
+        return use
+
+    def _point(self, goal: Point | str) -> Point | None:
+        return goal if isinstance(goal, Point) else self._named[goal].points[0]
+
+
+def _statements(source: Source) -> Iterator[_Statement]:
+    """Yield the statements: a line, or several where brackets are open."""
+    data = source.data
+    start = depth = done = opened = 0
+    parts: list[bytes] = []
+    for m in _PIECE.finditer(data):
+        if m["open"]:
+            raise source.error(
+                source.line(m.start()), f"a text that starts with {m[0].decode()} is not closed; close it"
+            )
+        if m["bracket"]:
+            depth += 1 if m[0] in b"([" else -1
+            opened = m.start() if depth == 1 and m[0] in b"([" else opened
+            if depth < 0:
+                raise source.error(source.line(m.start()), f"{m[0].decode()} closes nothing; correct the file")
+            continue
+        parts += [data[done : m.start()], b" " * len(m[0])]
+        done = m.end()
+        if m["end"] and depth == 0:
+            code = b"".join(parts)
+            if code.strip():
+                yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, m.end(), code)
+            start, parts = m.end(), []
+    if depth:
+        raise source.error(source.line(opened), "a bracket is not closed: the file is truncated or broken")
+    code = b"".join([*parts, data[done:]])
+    if code.strip():
+        yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, len(data), code)
+
+
+def _arguments(code: bytes, start: int) -> list[Span]:
+    """Return the spans of a call's arguments, `start` behind its bracket."""
+    depth, begin, spans = 0, start, []
+    for k in range(start, len(code)):
+        c = code[k : k + 1]
+        if c in b"([":
+            depth += 1
+        elif c in b")]" and depth:
+            depth -= 1
+        elif c == b")":
+            spans.append(_strip(code, begin, k))
+            break
+        elif c == b"," and depth == 0:
+            spans.append(_strip(code, begin, k))
+            begin = k + 1
+    return spans
+
+
+def _strip(data: bytes, start: int, end: int) -> Span:
+    while start < end and data[start] in b" \t\r\n":
+        start += 1
+    while end > start and data[end - 1] in b" \t\r\n":
+        end -= 1
+    return start, end
+
+
+def _shown(code: bytes) -> str:
+    text = code.strip().decode("latin-1")
+    return "".join(c if c.isprintable() else "?" for c in text[:40]) + ("…" if len(text) > 40 else "")

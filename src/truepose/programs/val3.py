@@ -1,0 +1,244 @@
+"""Stäubli VAL3 (.dtx): points of an application's data, with the frames and tools of the same file.
+
+What the application does with a point is read from the programs (.pgx) beside the file. Without any, every point counts
+as one that is moved to. The XML is never written again: only digits of attributes change.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+from xml.parsers import expat
+
+import numpy as np
+
+from truepose import files
+from truepose.errors import FileError
+from truepose.geometry import euler, make_transform
+from truepose.programs.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.source import PLAIN_LEXER, Source
+from truepose.programs.targets import FloatArray, FrameTable, Key, Program, ReadOptions
+
+_ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
+_KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
+_MOVE = re.compile(rb"(?<![\w:])mov(?:e)?([jlc])\s*\(\s*", re.I)
+_ROOTS: Final = {"world": 0, "flange": 0}
+_FATHER = re.compile(r"(\w+)(?:\[(\d+)\])?")
+_POINTS: Final = ("pointRx", "point")
+
+
+class _Value:
+    """One <Value> of one <Data>: its attributes with their bytes."""
+
+    def __init__(self, data: str, key: str, attributes: dict[str, tuple[bytes, int]], line: int) -> None:
+        self.data, self.key, self.attributes, self.line = data, key, attributes, line
+
+    @property
+    def name(self) -> str:
+        return self.data if self.key in ("0", "") else f"{self.data}[{self.key}]"
+
+    def text(self, key: str) -> str:
+        return self.attributes[key][0].decode("latin-1") if key in self.attributes else ""
+
+
+def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+    """Read a .dtx file.
+
+    Raises
+    ------
+    FileError
+        If it is no XML, no VAL3 data, or a point is broken; with its line.
+    """
+    source = Source.read(path)
+    values = _values(source)
+    tables: dict[str, dict[str, _Value]] = {"frame": {}, "tool": {}}
+    points: list[Point] = []
+    named: dict[str, list[Point]] = {}
+    for kind, value in values:
+        if kind in tables:
+            tables[kind][value.name] = value
+    chains = {kind: _Frames(source, table) for kind, table in tables.items()}
+    for kind, value in values:
+        if kind.startswith("joint"):
+            points.append(Point(value.name, source, value.line, problem=JOINTS))
+        elif kind in _POINTS:
+            points.append(_point(source, value))
+        else:
+            continue
+        named.setdefault(value.data.lower(), []).append(points[-1])
+        frame = chains["frame"].named(value.text("fatherId")) if kind in _POINTS else None
+        if kind in _POINTS and frame is None and points[-1].problem is None:
+            points[-1].problem = Problem("refuse", "it has no fatherId: its frame is not known")
+        points[-1].uses.append(Use(kind, value.line, None, frame))
+    changed = _uses(path, named, chains["tool"], tables["frame"])
+    judge = Judge(frames, options, "staubli", tool_default=Frame(AS_MEASURED), changed=changed)
+    targets, circles = judge.program_targets(points, [])
+    return Program(path, (source,), targets, circles, PLAIN_LEXER)
+
+
+def _values(source: Source) -> list[tuple[str, _Value]]:
+    """Return every <Value>, with the type of its <Data>."""
+    found: list[tuple[str, _Value]] = []
+    data: list[tuple[str, str]] = []
+    seen: dict[tuple[str, str], int] = {}
+    names: dict[str, int] = {}
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        line = parser.CurrentLineNumber
+        if tag == "Data":
+            name = attributes.get("name", "")
+            if name in names:
+                raise source.error(line, f"{name} is declared twice, first in line {names[name]}; keep one")
+            names[name] = line
+            data.append((attributes.get("type", ""), name))
+        elif tag == "Value" and data:
+            kind, name = data[-1]
+            key = attributes.get("key", "0")
+            if (name, key) in seen:
+                raise source.error(line, f"{name}[{key}] is there twice, first in line {seen[name, key]}; keep one")
+            seen[name, key] = line
+            found.append((kind, _Value(name, key, _attributes(source, parser.CurrentByteIndex), line)))
+
+    def end(tag: str) -> None:
+        if tag == "Data":
+            data.pop()
+
+    def doctype(*_: object) -> None:
+        raise source.error(parser.CurrentLineNumber, "has a DOCTYPE, which VAL3 data never have; remove it")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    try:
+        parser.Parse(source.data, True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise source.error(error.lineno, f"is broken XML: {reason}; correct the file") from None
+    except (ValueError, LookupError) as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(source.path, "has an encoding that is not known; save it as UTF-8") from None
+    if not names:
+        raise FileError(source.path, "has no <Data>: it is no VAL3 data file")
+    return found
+
+
+def _attributes(source: Source, start: int) -> dict[str, tuple[bytes, int]]:
+    """Return the attributes of the tag at a byte, each with its value's first byte."""
+    data = source.data
+    found: dict[str, tuple[bytes, int]] = {}
+    position = start + len(b"<Value")
+    while True:
+        while data[position : position + 1].isspace():
+            position += 1
+        m = _ATTRIBUTE.match(data, position)
+        if m is None:
+            return found
+        k = 2 if m[2] is not None else 3
+        found[m[1].decode("latin-1")] = (m[k], m.start(k))
+        position = m.end()
+
+
+def _point(source: Source, value: _Value) -> Point:
+    point = Point(value.name, source, value.line)
+    point.values, point.spans = _numbers(source, value)
+    words = [value.text(key) for key in ("shoulder", "elbow", "wrist")]
+    point.configuration = " ".join(word for word in words if word)
+    return point
+
+
+def _numbers(source: Source, value: _Value) -> tuple[tuple[float, ...], tuple[tuple[int, int], ...]]:
+    missing = [key for key in _KEYS if key not in value.attributes]
+    if missing:
+        raise source.error(value.line, f"{value.name} has no {', '.join(missing)}; correct the file")
+    tokens, starts = zip(*(value.attributes[key] for key in _KEYS), strict=True)
+    line = source.line(starts[0])
+    return numbers_at(source, line, [f"{value.name} {key}" for key in _KEYS], tokens, starts)
+
+
+class _Frames:
+    """Frames, or tools, of the file, followed to world or flange."""
+
+    def __init__(self, source: Source, table: dict[str, _Value]) -> None:
+        self._source = source
+        self._table = {name.lower(): value for name, value in table.items()}
+
+    def named(self, father: str) -> Frame | None:
+        """Return what a fatherId names; None if it names nothing."""
+        m = _FATHER.fullmatch(father.strip())
+        if m is None:
+            return None
+        name = m[1] if m[2] in (None, "0") else f"{m[1]}[{int(m[2])}]"
+        if name.lower() in _ROOTS:
+            return Frame(name, 0)
+        tf = self._follow(name, ())
+        return Frame(name, name, None if tf is None else tf.tobytes())
+
+    def _follow(self, name: str, above: tuple[str, ...]) -> FloatArray | None:
+        if name.lower() in _ROOTS:
+            return np.eye(4)
+        value = self._table.get(name.lower())
+        if value is None or name in above:
+            return None
+        m = _FATHER.fullmatch(value.text("fatherId"))
+        if m is None:
+            return None
+        father = self._follow(m[1] if m[2] in (None, "0") else f"{m[1]}[{int(m[2])}]", (*above, name))
+        if father is None:
+            return None
+        numbers, _ = _numbers(self._source, value)
+        tf: FloatArray = father @ make_transform(euler("staubli", numbers[3:]), numbers[:3])
+        return tf
+
+
+def _uses(
+    path: Path, named: dict[str, list[Point]], tools: _Frames, frames: dict[str, _Value]
+) -> dict[tuple[str, Key | None], int]:
+    """Replace the points' uses by what the programs beside the file say; return the frames that they change."""
+    changed: dict[tuple[str, Key | None], int] = {}
+    programs = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == ".pgx" and p.is_file())
+    if not programs or not named:
+        return changed
+    frame_of = {id(point): point.uses[0].frame for points in named.values() for point in points}
+    for points in named.values():
+        for point in points:
+            point.uses = []
+    name = re.compile(
+        rb"(?<![\w.:])(" + b"|".join(re.escape(n.encode()) for n in named) + rb")\b(?:\[\s*(\d+)\s*\])?", re.I
+    )
+    for program in programs:
+        data = re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), files.read_bytes(program))
+        source = Source(program, data)
+        for value in frames.values():
+            pattern = rb"(?<![\w.:])" + re.escape(value.data.encode()) + rb"(?:\[[^\]]*\])?(?:\.\w+)*\s*=(?!=)"
+            if m := re.search(pattern, data, re.I):
+                changed.setdefault(("base", value.name.lower()), source.line(m.start()))
+        direct: dict[int, tuple[str, Frame | None]] = {}
+        for m in _MOVE.finditer(data):
+            position, goals = m.end(), 2 if m[1] in b"cC" else 1
+            starts: list[int] = []
+            while len(starts) < goals and (goal := name.match(data, position)):
+                starts.append(goal.start())
+                position = goal.end()
+                comma = re.compile(rb"\s*,\s*").match(data, position)
+                if comma is None:
+                    starts = []
+                    break
+                position = comma.end()
+            tool = re.compile(rb"(\w+(?:\[\s*\d+\s*\])?)\s*[,)]").match(data, position)
+            for start in starts if tool else ():
+                assert tool is not None
+                direct[start] = (f"move{m[1].decode().lower()}", tools.named(tool[1].decode().replace(" ", "")))
+        for m in name.finditer(data):
+            line = source.line(m.start())
+            every = named[m[1].decode().lower()]
+            wanted = f"[{int(m[2])}]" if m[2] and int(m[2]) else ""
+            chosen = [p for p in every if p.name.endswith(wanted)] if m[2] else every
+            chosen = [p for p in chosen if ("[" in p.name) == bool(wanted)] if m[2] else chosen
+            for point in chosen:
+                if m.start() in direct:
+                    word, frame = direct[m.start()]
+                    point.uses.append(Use(word, line, frame, frame_of[id(point)]))
+                else:
+                    point.reads.append((line, f"read by arithmetic in {program.name}"))
+    return changed
