@@ -144,9 +144,9 @@ class ErrorModel:
             tf = np.eye(4)
             for motion in motions:
                 for parameter, v, w in _local_twists(motion, values):
-                    turn = tf[:3, :3] @ w
-                    out[k, :3, parameter] += tf[:3, :3] @ v + np.cross(tf[:3, 3], turn)
-                    out[k, 3:, parameter] += turn
+                    spin = tf[:3, :3] @ w
+                    out[k, :3, parameter] += tf[:3, :3] @ v + _cross(tf[:3, 3], spin)
+                    out[k, 3:, parameter] += spin
                 tf = tf @ _transform(motion, values)
         return out
 
@@ -316,7 +316,13 @@ def _local_twists(motion: Motion, values: FloatArray) -> list[tuple[int, FloatAr
     found = []
     for parameter, i in zip(motion.parameters, free, strict=True):
         db = np.eye(3)[i] - b[i] / b[motion.axis] * np.eye(3)[motion.axis]
-        moved = np.cross(b, db)
+        moved = _cross(b, db)
         # the smallest rotation to b does not turn about b on its way from z: ω·b = −z·(b × db) / (1 + b_z)
         found.append((parameter, zero, moved - b * moved[2] / (1.0 + b[2])))
     return found
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a × b of two vectors; numpy's is made for arrays of them."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

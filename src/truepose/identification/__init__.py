@@ -1,0 +1,28 @@
+"""Identification of an arm's parameters from measurements, and what the measurements can tell (method.md §1, (11))."""
+
+from truepose.identification.arm import Arm, tolerance
+from truepose.identification.kalman import KalmanFilter, filtered
+from truepose.identification.observability import Observability, observability, poses_to_add
+from truepose.identification.observations import Distances, Observations, Poses, Positions
+from truepose.identification.solve import Solution, finish, least_squares, levenberg_marquardt, minimal_subset
+from truepose.identification.table import parameter_table
+
+__all__ = [
+    "Arm",
+    "Distances",
+    "KalmanFilter",
+    "Observability",
+    "Observations",
+    "Poses",
+    "Positions",
+    "Solution",
+    "filtered",
+    "finish",
+    "least_squares",
+    "levenberg_marquardt",
+    "minimal_subset",
+    "observability",
+    "parameter_table",
+    "poses_to_add",
+    "tolerance",
+]

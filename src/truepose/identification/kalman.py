@@ -1,0 +1,132 @@
+"""Sequential identification, method.md (11): the parameters as the state of a Kalman filter that does not move.
+
+Each observation corrects x and its covariance P; before the first they are the tolerances. Extended: linearised at the
+current x. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical linearisation H = P_xyᵀ P⁻¹ in its
+place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays positive definite in rounding.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.identification.arm import Arm
+from truepose.identification.observations import Observations
+from truepose.identification.solve import estimate_misfit
+
+FloatArray = NDArray[np.float64]
+
+Kind = Literal["ekf", "ukf"]
+
+_ALPHA: Final = 0.1  # spread of the sigma points
+_BETA: Final = 2.0  # normal prior
+_ROUNDS: Final = 6
+_SETTLED: Final = 0.01
+
+
+class KalmanFilter:
+    """A filter of an arm's parameters.
+
+    Parameters
+    ----------
+    arm : Arm
+    tolerance : (p,) array, optional
+        Standard deviations before the first observation; the arm's own when not given.
+    kind : {"ekf", "ukf"}
+
+    Attributes
+    ----------
+    x : (p,) array
+        Changes from the nominal values.
+    covariance : (p, p) array
+    n : int
+        Observations seen.
+    """
+
+    def __init__(self, arm: Arm, tolerance: FloatArray | None = None, kind: Kind = "ekf") -> None:
+        self.arm, self.kind, self.n = arm, kind, 0
+        self._scale = arm.tolerance if tolerance is None else tolerance  # x = scale z: P of z is the identity
+        self._z = np.zeros(len(self._scale))
+        self._p = np.eye(len(self._scale))
+
+    @property
+    def x(self) -> FloatArray:
+        """Changes from the nominal values: (p,)."""
+        return self._scale * self._z
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the changes: (p, p)."""
+        return np.asarray(self._scale[:, None] * self._p * self._scale)
+
+    def update(self, data: Observations, misfit: FloatArray) -> None:
+        """Take observations, one after the other, with what the model cannot explain as noise.
+
+        Parameters
+        ----------
+        data : Observations
+        misfit : (kinds,) array [mm] or [mm], [rad]
+        """
+        extra = np.diag(np.asarray(misfit, float)[data.kind] ** 2)
+        for i in range(len(data)):  # a filter is a loop: each step needs the one before
+            step = self._extended if self.kind == "ekf" else self._unscented
+            innovation, columns, linearisation = step(data, i)
+            noise = data.covariance[i] + extra + linearisation
+            gain = np.linalg.solve(columns @ self._p @ columns.T + noise, columns @ self._p).T
+            self._z = self._z + gain @ innovation
+            kept = np.eye(len(self._z)) - gain @ columns
+            self._p = kept @ self._p @ kept.T + gain @ noise @ gain.T
+            self.n += 1
+
+    def _extended(self, data: Observations, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        one, x = data.one(i), self.x
+        innovation, columns = one.residual(self.arm, x)[0], one.jacobian(self.arm, x)[0]
+        return innovation, columns * self._scale, np.zeros((len(innovation), len(innovation)))
+
+    def _unscented(self, data: Observations, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        n = len(self._z)
+        spread = _ALPHA * np.sqrt(n)
+        root = np.linalg.cholesky(self._p)
+        points = self._z + spread * np.concatenate([np.zeros((1, n)), root.T, -root.T])
+        residual = data.residuals_of(self.arm, i, self._scale * points)
+        # weights of the mean: w_0 = 1 − 1/α², the others 1 / (2 α² n); differences to the first avoid cancellation
+        off = residual[1:] - residual[0]
+        innovation = residual[0] + off.sum(axis=0) / (2 * spread**2)
+        first = residual[0] - innovation
+        away = residual[1:] - innovation
+        weight = 1 - 1 / _ALPHA**2 + 1 - _ALPHA**2 + _BETA
+        covariance = weight * np.outer(first, first) + away.T @ away / (2 * spread**2)
+        cross = -(points[1:] - self._z).T @ away / (2 * spread**2)  # the prediction is minus the residual
+        columns = np.linalg.solve(root.T, np.linalg.solve(root, cross)).T
+        return innovation, columns, covariance - columns @ self._p @ columns.T
+
+
+def filtered(
+    arm: Arm,
+    data: Observations,
+    tolerance: FloatArray | None = None,
+    *,
+    kind: Kind = "ekf",
+    misfit: FloatArray | None = None,
+) -> tuple[KalmanFilter, FloatArray]:
+    """Return a filter that has seen all observations, and the misfit.
+
+    When the misfit is not given the series is filtered again with the one that its own end leaves, until it settles.
+    """
+    known = misfit is not None
+    residual = data.residual(arm, np.zeros(len(arm.parameters)))
+    level = estimate_misfit(data, residual, np.zeros(residual.shape)) if misfit is None else np.asarray(misfit, float)
+    for _ in range(_ROUNDS):
+        found = KalmanFilter(arm, tolerance, kind)
+        found.update(data, level)
+        if known:
+            break
+        columns = data.jacobian(arm, found.x)
+        noise = np.einsum("nkk->nk", data.covariance) + level[data.kind] ** 2
+        leverage = np.einsum("nkp,pr,nkr->nk", columns, found.covariance, columns) / noise
+        before, level = level, estimate_misfit(data, data.residual(arm, found.x), leverage)
+        if (np.abs(level - before) <= _SETTLED * before).all():
+            break
+    return found, level

@@ -1,0 +1,155 @@
+"""What measurements can tell: rank, condition number, observability indices, and names of what cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr, solve_triangular
+
+from truepose.errors import DataError
+from truepose.identification.arm import Arm
+
+FloatArray = NDArray[np.float64]
+
+_RANK: Final = 1e-8  # singular values of scaled columns, relative to the largest
+_UNSEEN: Final = 1e-9  # length of a column, relative to the longest
+_PART: Final = 0.05  # of the largest share: parameters with less are not named
+_NAMED: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """What n observations say about p parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+    rank : int
+    singular_values : (p,) array
+        Of the columns, each scaled to unit length.
+    condition : float
+        Largest over smallest of the singular values that count.
+    indices : dict of str to float
+        O1 (volume, Borm and Menq 1989), O2 (inverse condition number, Driels and Pathre 1990), O3 (smallest, Nahvi et
+        al. 1994), O4 (noise amplification, Nahvi and Hollerbach 1996), O5 (inverse sum, Sun and Hollerbach 2008), of
+        the `rank` singular values of the columns scaled by `scale`; with full rank they are the indices as published.
+    apart : dict of str to tuple of str
+        For each parameter that others can imitate: these others. Empty for one that is not seen at all.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    singular_values: FloatArray
+    condition: float
+    indices: dict[str, float]
+    apart: dict[str, tuple[str, ...]]
+
+    def told(self) -> str:
+        """Return the parameters that cannot be told apart, for a message: "d2 with d3; theta1 with base rz"."""
+        lines = [f"{name} with {', '.join(others)}" if others else name for name, others in self.apart.items()]
+        more = f" and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
+        return "; ".join(lines[:_NAMED]) + more
+
+
+def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray | None = None) -> Observability:
+    """Analyse a Jacobian by the singular values of its scaled columns.
+
+    Parameters
+    ----------
+    columns : (n, k, p) array
+        As `Robot.error_jacobian` gives it, or whitened.
+    names : sequence of p str
+    scale : (p,) array, optional
+        Size of an ordinary change of each parameter, for the indices O1–O5; unit columns when not given.
+
+    Raises
+    ------
+    DataError
+        If shapes disagree or a number is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from truepose.robots import load_robot
+    >>> robot = load_robot("kuka-kr150-2")
+    >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (50, 6))
+    >>> seen = observability(robot.error_jacobian(q, tool=[100, 0, 200]), robot.parameter_names)
+    >>> seen.rank, seen.apart["d2"]
+    (25, ('d3',))
+    """
+    rows = np.asarray(columns, float).reshape(-1, np.shape(columns)[-1])
+    if len(names) != rows.shape[1] or not np.isfinite(rows).all():
+        raise DataError(f"{rows.shape[1]} columns and {len(names)} names; expected as many, of finite numbers")
+    length = np.linalg.norm(rows, axis=0)
+    seen = length > _UNSEEN * length.max()
+    unit = rows[:, seen] / length[seen]
+    singular = np.zeros(rows.shape[1])
+    values = np.linalg.svd(unit, compute_uv=False)
+    singular[: len(values)] = values
+    rank = int((values > _RANK * values[0]).sum())
+    sized = np.asarray(values if scale is None else np.linalg.svd(rows * scale, compute_uv=False), dtype=np.float64)
+    return Observability(
+        names=tuple(names),
+        rank=rank,
+        singular_values=singular,
+        condition=float(values[0] / values[rank - 1]),
+        indices=_indices(sized[:rank], len(columns)),
+        apart=_apart(unit, [name for name, s in zip(names, seen, strict=True) if s], rank)
+        | {name: () for name, s in zip(names, seen, strict=True) if not s},
+    )
+
+
+def poses_to_add(arm: Arm, q: FloatArray, count: int = 3, candidates: int = 300, random_state: int = 0) -> FloatArray:
+    """Return configurations (count, dof) [rad] whose positions would tell most of what those at q cannot.
+
+    Greedy: of random configurations within the limits (±180 degrees where there are none), the one that lowers the
+    uncertainty of the parameters most, in the sense of the determinant, is taken first.
+    """
+    robot = arm.model.robot
+    limits = np.clip(robot.limits, -np.pi, np.pi)
+    pool = np.random.default_rng(random_state).uniform(limits[:, 0], limits[:, 1], (candidates, robot.dof))
+    zero, scale = np.zeros(len(arm.parameters)), arm.tolerance / 0.1  # mm: of what a reading tells
+
+    def rows(q: FloatArray) -> FloatArray:
+        return arm.jacobian(q, zero, np.ones_like(q) if arm.terms.needs_approach else None) * scale
+
+    known = rows(q).reshape(-1, len(scale))
+    information = np.eye(len(scale)) + known.T @ known
+    offered, taken = rows(pool), []
+    for _ in range(count):
+        inner = np.eye(3) + offered @ np.linalg.solve(information, np.swapaxes(offered, 1, 2))
+        taken.append(int(np.argmax(np.linalg.slogdet(inner)[1])))
+        information = information + offered[taken[-1]].T @ offered[taken[-1]]
+    return np.asarray(pool[taken])
+
+
+def _indices(singular: FloatArray, n: int) -> dict[str, float]:
+    first, last = singular[0], singular[-1]
+    return {
+        "O1": float(np.exp(np.log(singular).mean()) / np.sqrt(n)),
+        "O2": float(last / first),
+        "O3": float(last),
+        "O4": float(last**2 / first),
+        "O5": float(1.0 / (1.0 / singular).sum()),
+    }
+
+
+def _apart(unit: FloatArray, names: list[str], rank: int) -> dict[str, tuple[str, ...]]:
+    """Write each column outside a basis (pivoted QR) by the basis, and name all that take part."""
+    if rank == len(names):
+        return {}
+    # base and tool first: then a link's parameter is named with them, not they with several links'
+    weight = np.array([10.0 if name.startswith(("base", "tool")) else 1.0 for name in names])
+    r, order = qr(unit * weight, mode="r", pivoting=True)
+    shares = solve_triangular(r[:rank, :rank], r[:rank, rank:]) * weight[order[:rank], None] / weight[order[rank:]]
+    partners: dict[str, list[str]] = {}
+    for share, dependent in zip(np.abs(shares).T, order[rank:], strict=True):
+        others = [names[order[i]] for i in np.flatnonzero(share > _PART * share.max())]
+        partners.setdefault(names[dependent], []).extend(others)
+        for other in others:
+            partners.setdefault(other, []).append(names[dependent])
+    return {name: tuple(dict.fromkeys(partners[name])) for name in names if name in partners}

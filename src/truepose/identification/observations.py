@@ -1,0 +1,188 @@
+"""What was measured: positions, full poses or distances; each says how far an arm with changes x is from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.identification.arm import Arm
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+class Observations(Protocol):
+    """n observations of k numbers each.
+
+    `kind` (k,) says which of the k numbers share a unit, and one misfit; `covariance` (n, k, k) is the readings' own.
+    """
+
+    kind: IntArray
+    covariance: FloatArray
+
+    def __len__(self) -> int: ...
+
+    def one(self, i: int) -> Self:
+        """Return observation i alone."""
+
+    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return measured minus predicted: (n, k)."""
+
+    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return the derivative of the prediction by x: (n, k, p)."""
+
+    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+        """Return the residuals of observation i for many changes (s, p): (s, k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """Positions of the tool point.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad]
+    p : (n, 3) array [mm], base frame (registered: what is left is for the base's parameters)
+    covariance : (n, 3, 3) array [mm²], base frame
+        Of the readings; zero where it is not known, as the misfit is estimated.
+    approach : (n, dof) array of -1, 0, +1, optional
+    """
+
+    q: FloatArray
+    p: FloatArray
+    covariance: FloatArray
+    approach: FloatArray | None = None
+
+    kind = np.zeros(3, dtype=np.intp)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def one(self, i: int) -> Self:
+        """Return observation i alone."""
+        approach = None if self.approach is None else self.approach[[i]]
+        return replace(self, q=self.q[[i]], p=self.p[[i]], covariance=self.covariance[[i]], approach=approach)
+
+    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return measured minus predicted positions: (n, 3) [mm]."""
+        return np.asarray(self.p - arm.pose(self.q, x, self.approach)[:, :3, 3])
+
+    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return the derivative of the positions: (n, 3, p)."""
+        return arm.jacobian(self.q, x, self.approach)
+
+    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+        """Return the residuals of one position: (s, 3) [mm]."""
+        return np.asarray(self.p[i] - arm.poses_of(self.q[i], many, _row(self.approach, i))[:, :3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Full poses: position, and the rotation vector between measured and predicted orientation, base frame.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad]
+    tf : (n, 4, 4) array [mm]
+    covariance : (n, 6, 6) array [mm²], [mm rad], [rad²]
+    approach : (n, dof) array of -1, 0, +1, optional
+    """
+
+    q: FloatArray
+    tf: FloatArray
+    covariance: FloatArray
+    approach: FloatArray | None = None
+
+    kind = np.array([0, 0, 0, 1, 1, 1], dtype=np.intp)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def one(self, i: int) -> Self:
+        """Return observation i alone."""
+        approach = None if self.approach is None else self.approach[[i]]
+        return replace(self, q=self.q[[i]], tf=self.tf[[i]], covariance=self.covariance[[i]], approach=approach)
+
+    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return measured minus predicted poses: (n, 6) [mm], [rad]."""
+        return _pose_difference(self.tf, arm.pose(self.q, x, self.approach))
+
+    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return the derivative of the poses: (n, 6, p)."""
+        return arm.jacobian(self.q, x, self.approach, outputs="pose")
+
+    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+        """Return the residuals of one pose: (s, 6) [mm], [rad]."""
+        return _pose_difference(self.tf[i], arm.poses_of(self.q[i], many, _row(self.approach, i)))
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances between the tool point's positions in pairs of configurations: no station is needed, none is found.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad]
+        Configurations.
+    pairs : (m, 2) int array
+        Rows of q.
+    distance : (m,) array [mm]
+    covariance : (m, 1, 1) array [mm²]
+    approach : (n, dof) array of -1, 0, +1, optional
+    """
+
+    q: FloatArray
+    pairs: IntArray
+    distance: FloatArray
+    covariance: FloatArray
+    approach: FloatArray | None = None
+
+    kind = np.zeros(1, dtype=np.intp)
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def one(self, i: int) -> Self:
+        """Return observation i alone."""
+        approach = None if self.approach is None else self.approach[self.pairs[i]]
+        return replace(
+            self,
+            q=self.q[self.pairs[i]],
+            pairs=np.array([[0, 1]]),
+            distance=self.distance[[i]],
+            covariance=self.covariance[[i]],
+            approach=approach,
+        )
+
+    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return measured minus predicted distances: (m, 1) [mm]."""
+        p = arm.pose(self.q, x, self.approach)[:, :3, 3]
+        length = np.linalg.norm(p[self.pairs[:, 0]] - p[self.pairs[:, 1]], axis=1)
+        return np.asarray((self.distance - length)[:, None])
+
+    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+        """Return the derivative of the distances: (m, 1, p)."""
+        p = arm.pose(self.q, x, self.approach)[:, :3, 3]
+        between = p[self.pairs[:, 0]] - p[self.pairs[:, 1]]
+        unit = between / np.linalg.norm(between, axis=1, keepdims=True)
+        columns = arm.jacobian(self.q, x, self.approach)
+        moved = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
+        return np.asarray(np.einsum("mi,mip->mp", unit, moved)[:, None])
+
+    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+        """Return the residuals of one distance: (s, 1) [mm]."""
+        a, b = (arm.poses_of(self.q[j], many, _row(self.approach, j))[:, :3, 3] for j in self.pairs[i])
+        return np.asarray((self.distance[i] - np.linalg.norm(a - b, axis=1))[:, None])
+
+
+def _row(approach: FloatArray | None, i: int) -> FloatArray | None:
+    return None if approach is None else approach[i]
+
+
+def _pose_difference(measured: FloatArray, predicted: FloatArray) -> FloatArray:
+    turn = measured[..., :3, :3] @ np.swapaxes(predicted[:, :3, :3], -1, -2)
+    return np.concatenate([measured[..., :3, 3] - predicted[:, :3, 3], Rotation.from_matrix(turn).as_rotvec()], axis=1)
