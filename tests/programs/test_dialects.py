@@ -36,7 +36,7 @@ class Dialect:
     sections: tuple[str, ...]
     pieces: tuple[tuple[str, ...], ...]
     unit: float = 1.0
-    options: ReadOptions = ReadOptions()
+    options: ReadOptions = ReadOptions()  # noqa: RUF009 - frozen
     exponents: bool = True
     columns: bool = False
 

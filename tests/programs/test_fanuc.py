@@ -1,0 +1,192 @@
+"""Every row of the catalogue of hazards that concerns FANUC TP, by name, with its verdict."""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truepose.errors import FileError
+from truepose.programs import FrameTable, Program, ReadOptions, correct_program, read_program
+
+FRAMES = FrameTable(tools={1: np.eye(4), 2: np.eye(4)}, bases={2: np.eye(4), 3: np.eye(4)})
+XYZ = "X =   300.000  mm,\tY =     -.858  mm,\tZ =   412.123  mm,\n\tW =  -171.986 deg,\tP =     0.000 deg,\tR =     -.858 deg"
+JOINTS = "J1=     0.000 deg,\tJ2=   -30.000 deg,\tJ3=     0.000 deg,\n\tJ4=     0.000 deg,\tJ5=   -30.000 deg,\tJ6=     0.000 deg"
+Read = Callable[..., Program]
+
+
+def position(number: int = 1, body: str = XYZ, uf: str = "2", head: str = "", more: str = "") -> str:
+    config = "" if body == JOINTS else "\t\tCONFIG : 'N U T, 0, 0, 0',"
+    return f"P[{number}{head}]{{\n   GP1:\n\tUF : {uf}, UT : 1,{config}\n\t{body}{more}\n}};\n"
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def reading(code: str, positions: str | None = None, frames: FrameTable = FRAMES, **options: Any) -> Program:
+        lines = "".join(
+            f"{k:4}:{line} ;\n" if not line.startswith(":") else f"    {line} ;\n"
+            for k, line in enumerate(code.split("\n"), 1)
+        )
+        path = tmp_path / "a.ls"
+        path.write_text(f"/PROG  A\n/ATTR\n/MN\n{lines}/POS\n{position() if positions is None else positions}/END\n")
+        return read_program(path, frames, ReadOptions(**options))
+
+    return reading
+
+
+def verdicts(program: Program) -> dict[str, str]:
+    return {target.name: target.verdict for target in program.targets}
+
+
+def only(program: Program, name: str = "P[1]") -> Any:
+    found = [target for target in program.targets if target.name == name]
+    assert len(found) == 1, verdicts(program)
+    return found[0]
+
+
+def test_pos_block_keeps_width_decimals_and_missing_zeros(tmp_path: Path, make_map: Any) -> None:
+    path = tmp_path / "a.LS"
+    text = f"/PROG  A\r\n/MN\r\n   1:J P[1] 100% FINE    ;\r\n/POS\r\n{position()}/END\r\n".replace(
+        "\n", "\r\n"
+    ).replace("\r\r", "\r")
+    path.write_bytes(text.encode())
+    corrected = correct_program(path, make_map([-299.5, 0.1234, 600.0]), frames=FRAMES, resolution=1e-5)
+    expected = text.replace("X =   300.000", "X =     0.500").replace("Y =     -.858", "Y =     -.735")
+    assert corrected.files[path].decode() == expected.replace("Z =   412.123", "Z =  1012.123")
+
+
+def test_layouts_key_on_the_number(read: Read) -> None:
+    for head, call in ((':"ABOVE PART"', "P[1:ABOVE PART]"), ("", "P[1]"), (':"A]B"', "P[ 1 ]"), ("", "P[1:other]")):
+        program = read(f"J {call} 100% FINE", position(head=head))
+        assert (only(program).verdict, only(program).configuration) == ("correct", "N U T, 0, 0, 0"), head
+    assert only(read("J P[1] 100% FINE", position().replace("]{", "] {"))).verdict == "correct"
+
+
+def test_several_frames_in_one_program(read: Read) -> None:
+    code = "UFRAME_NUM=2\nJ P[1] 100% FINE\nUFRAME_NUM=3\nL P[2] 100mm/sec FINE"
+    program = read(code, position() + position(2, uf="3"))
+    assert [(t.verdict, t.frame, t.tool) for t in program.targets] == [
+        ("correct", "UFRAME[2]", "UTOOL[1]"),
+        ("correct", "UFRAME[3]", "UTOOL[1]"),
+    ]
+
+
+def test_another_frame_in_force_is_refused(read: Read) -> None:
+    target = only(read("UFRAME_NUM=3\nJ P[1] 100% FINE"))
+    assert target.verdict == "refuse"
+    assert target.reason == "UFRAME_NUM 3 is in force (line 5), but it was taught in UF 2"
+    assert only(read("UTOOL_NUM=2\nJ P[1] 100% FINE")).verdict == "refuse"
+    # where it may be right, the position is taken at its word: the controller stops otherwise
+    for code in (
+        "IF R[1]=1,JMP LBL[1]\nUFRAME_NUM=2\nLBL[1]",
+        "UFRAME_NUM=R[1]",
+        "UFRAME_NUM=3\nCALL FRAMES",
+        "UFRAME_NUM=3\nIF (DI[1]) THEN\nUFRAME_NUM=2\nENDIF",
+    ):
+        assert only(read(f"{code}\nJ P[1] 100% FINE")).verdict == "correct", code
+
+
+def test_uf_f_and_uninitialised(read: Read) -> None:
+    assert only(read("J P[1] 100% FINE", position(uf="F"))).verdict == "refuse"
+    stars = "X = ********  mm,\tY = ********  mm,\tZ = ********  mm,\n\tW = ******** deg,\tP = ******** deg,\tR = ******** deg"
+    assert only(read("J P[1] 100% FINE", position(body=stars))).verdict == "skip"
+
+
+def test_frame_values_are_not_in_the_file(read: Read) -> None:
+    target = only(read("J P[1] 100% FINE", frames=FrameTable()))
+    assert (target.verdict, "is not known; give it in [frames.tools.1]" in target.reason) == ("refuse", True)
+
+
+def test_changed_frame_is_refused(read: Read) -> None:
+    for change in ("UFRAME[2]=PR[1]", "UFRAME[R[1]]=PR[1]", "UTOOL[1]=PR[2]"):
+        assert only(read(f"{change}\nJ P[1] 100% FINE")).verdict == "refuse", change
+    assert only(read("UFRAME[3]=PR[1]\nJ P[1] 100% FINE")).verdict == "correct"
+
+
+def test_external_axis_groups_and_coord(read: Read) -> None:
+    assert only(read("J P[1] 100% FINE", position(more=",\n\tE1=   100.000  mm"))).verdict == "refuse"
+    assert (
+        only(read("J P[1] 100% FINE", position(more=",\n\tE1=   100.000  mm"), external_axes=True)).verdict == "correct"
+    )
+    groups = position(more="\n   GP2:\n\tUF : 0, UT : 1,\n\tJ1=    10.000  mm")
+    assert only(read("J P[1] 100% FINE", groups)).verdict == "correct"
+    assert only(read("J P[1] 100% FINE", groups.replace("GP1", "GP3"))).verdict == "skip"
+    assert only(read("L P[1] 100mm/sec FINE COORD")).verdict == "refuse"
+    assert only(read("L P[1] 100mm/sec FINE RTCP")).verdict == "refuse"
+
+
+def test_position_registers_and_their_arithmetic(read: Read) -> None:
+    program = read("L PR[5] 100mm/sec FINE\nPR[5,1]=R[100]\nL PR[R[2]:x] 100mm/sec FINE\nJ P[1] 100% FINE")
+    assert verdicts(program) == {"PR[5]": "skip", "PR[R[2]:x]": "skip", "P[1]": "correct"}
+    assert only(read("PR[5]=P[1]\nJ P[1] 100% FINE")).verdict == "refuse"
+    assert only(read("PR[5]=P[1]\nJ P[1] 100% FINE", ambiguous="skip")).verdict == "skip"
+    assert only(read("P[1]=PR[5]\nJ P[1] 100% FINE")).verdict == "skip"
+
+
+@pytest.mark.parametrize(
+    "option", ["Offset,PR[3]", "Offset", "Tool_Offset,PR[2]", "INC", "VOFFSET,VR[1]", "ACC50 Offset,PR[1:x]"]
+)
+def test_offsets_and_increments(read: Read, option: str) -> None:
+    target = only(read(f"L P[1] 100mm/sec FINE {option}"))
+    assert target.verdict == "skip"
+    both = only(read(f"L P[1] 100mm/sec FINE {option}\nL P[1] 100mm/sec FINE"))
+    assert both.verdict == "refuse"
+
+
+def test_circle_over_two_lines(read: Read) -> None:
+    code = "C P[1]    \n:  P[2] 100mm/sec FINE"
+    program = read(code, position() + position(2))
+    assert (verdicts(program), len(program.circles)) == ({"P[1]": "correct", "P[2]": "correct"}, 1)
+    assert verdicts(read(code, position() + position(2, body=JOINTS))) == {"P[1]": "skip", "P[2]": "skip"}
+    arcs = read(
+        "A P[1] 1mm/sec FINE\nA P[2] 1mm/sec FINE\nA P[3] 1mm/sec FINE", position() + position(2) + position(3, uf="F")
+    )
+    assert set(verdicts(arcs).values()) == {"refuse"}
+
+
+def test_line_numbers_comments_and_other_words(read: Read, tmp_path: Path) -> None:
+    path = tmp_path / "b.ls"
+    path.write_text(
+        f"/PROG  B\n/MN\n  7:J P[1] 100% FINE ;\n  7:  !L P[2] 100% FINE ;\n  3://L P[3] 9% FINE ;\n   :  ;\n/POS\n{position()}/END\n"
+    )
+    assert verdicts(read_program(path, FRAMES)) == {"P[1]": "correct"}
+    program = read("PTP P[1] 100% FINE")
+    assert program.targets[0].verdict == "refuse"
+    assert "looks like a motion that is not known" in program.targets[0].reason
+
+
+def test_joint_targets_and_points_that_are_not_taught(read: Read) -> None:
+    program = read("J P[1] 100% FINE\nL P[7] 100mm/sec FINE\nL P[R[1]] 100mm/sec FINE", position(body=JOINTS))
+    assert verdicts(program) == {"P[1]": "skip", "P[7]": "skip", "P[R[1]]": "skip"}
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        (position(body=XYZ.replace("300.000", "1.2.3")), r"a\.ls:9: X: 1\.2\.3 is not a number"),
+        (position(body=XYZ.replace("300.000", "9" * 400)), "has 400 characters"),
+        (position(body=XYZ.replace("300.000  mm", "300.000  in")), "expected a number in mm"),
+        (position(body=XYZ.split("W")[0]), r"P\[1\] has no W, P, R"),
+        (position(body=XYZ + ", X = 1 mm"), r"P\[1\] gives X twice"),
+        (position() + position(), r"P\[1\] is there twice, first in line 6"),
+        (position().replace("};", ""), r"the brace of P\[1\] is not closed"),
+        ("nonsense\n", "a position under /POS that is not understood"),
+    ],
+)
+def test_broken_positions(read: Read, positions: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        read("J P[1] 100% FINE", positions)
+
+
+def test_truncated_and_other_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.ls"
+    path.write_text("/PROG A\n/MN\n/POS\n")
+    with pytest.raises(FileError, match="has no /END: the file is truncated"):
+        read_program(path)
+    path.write_text("DEF a()\nEND\n")
+    with pytest.raises(FileError, match="has no /PROG"):
+        read_program(path)

@@ -1,0 +1,198 @@
+"""Every row of the catalogue of hazards that concerns Yaskawa INFORM and Stäubli VAL3, by name, with its verdict."""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truepose.errors import FileError
+from truepose.programs import FrameTable, Program, ReadOptions, correct_program, read_program
+
+XYZ = "600.000,-0.500,800.000,180.0000,0.0000,-90.0000"
+FRAMES = FrameTable(tools={1: np.eye(4), 2: np.eye(4)}, bases={3: np.eye(4)})
+Read = Callable[..., Program]
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Read:
+    def reading(code: str, positions: str, **options: Any) -> Program:
+        path = tmp_path / "a.jbi"
+        head = "/JOB\n//NAME A\n//POS\n///NPOS 3,0,0,0,0,0\n///TOOL 1\n"
+        path.write_text(f"{head}{positions}\n//INST\n///DATE 2024/01/01 10:00\nNOP\n{code}\nEND\n")
+        return read_program(path, FRAMES, ReadOptions(**options))
+
+    return reading
+
+
+def verdicts(program: Program) -> dict[str, str]:
+    return {target.name: target.verdict for target in program.targets}
+
+
+def test_postype_is_modal_and_switches_inside_a_job(job: Read) -> None:
+    positions = (
+        f"///POSTYPE PULSE\n///PULSE\nC00000=1,2,3,4,5,6\n///POSTYPE BASE\n///RECTAN\n///RCONF 1,0,0,0,0\nC00001={XYZ}\n"
+        f"C00002={XYZ}\n///POSTYPE ROBOT\n///TOOL 2\nC00003={XYZ}\n///POSTYPE USER\n///USER 3\nC00004={XYZ}\n///USER 9\nC00005={XYZ}"
+    )
+    program = job("\n".join(f"MOVL C0000{k} V=100.0" for k in range(6)), positions)
+    assert [(t.verdict, t.frame, t.tool) for t in program.targets] == [
+        ("skip", "", ""),
+        ("correct", "BASE", "TOOL 1"),
+        ("correct", "BASE", "TOOL 1"),
+        ("correct", "ROBOT", "TOOL 2"),
+        ("correct", "USER 3", "TOOL 2"),
+        ("refuse", "USER 9", "TOOL 2"),
+    ]
+    assert program.targets[1].configuration == "1,0,0,0,0"
+
+
+def test_p_variables_shifts_increments_and_mframe(job: Read) -> None:
+    positions = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nP00002={XYZ}"
+    assert verdicts(job("MOVL P002 V=1.0", positions))["P00002"] == "correct"
+    for code in ("SET P002 (1) 5", "GETS PX002 $PX001", "ADD P002 P003", "CNVRT PX002 PX003 BF"):
+        assert verdicts(job(f"{code}\nMOVL P002 V=1.0", positions))["P00002"] == "skip", code
+    assert verdicts(job("MOVL P[I001] V=1.0", positions))["P[I001]"] == "skip"
+    shifted = job("MOVL C00001 V=1.0\nSFTON P009\nMOVL C00001 V=1.0\nSFTOF", positions)
+    assert verdicts(shifted)["C00001"] == "refuse"
+    assert verdicts(job("SFTON P009\nMOVL C00001 V=1.0\nSFTOF", positions))["C00001"] == "skip"
+    assert verdicts(job("SFTON P009\nSFTOF\nMOVL C00001 V=1.0", positions))["C00001"] == "correct"
+    assert verdicts(job("*A\nMOVL C00001 V=1.0\nSFTON P009\nJUMP *A IF IN#(1)=ON", positions))["C00001"] == "skip"
+    assert verdicts(job("IMOV P002 V=1.0 BF", positions)) == {"IMOV:13": "skip", "P00002": "skip", "C00001": "skip"}
+    user = f"///POSTYPE USER\n///USER 3\n///RECTAN\nC00001={XYZ}"
+    assert verdicts(job("MOVL C00001 V=1.0\nMFRAME UF#(3) P001 P002 P003", user))["C00001"] == "refuse"
+
+
+def test_circles_other_motions_comments_and_tracks(job: Read) -> None:
+    rectangular = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nC00002={XYZ}\n"
+    pulse = "///POSTYPE PULSE\n///PULSE\nC00003=1,2,3,4,5,6\n"
+    arc = job("MOVC C00001 V=1.0\nMOVC C00002 V=1.0\nMOVC C00003 V=1.0\nMOVJ C00001 VJ=5.0", rectangular + pulse)
+    assert set(verdicts(arc).values()) == {"skip"}
+    assert "refuse" in verdicts(job("GLIDE C00001 V=5.0", rectangular)).values()
+    assert verdicts(job("'MOVL C00001 V=1 600.000\nREFP 1 C00002", rectangular)) == {"C00001": "skip", "C00002": "skip"}
+    track = rectangular + "BC00001=100.000\nBC00002=0.000"
+    program = job("MOVL C00001 BC00001 V=1.0\nMOVL C00002 BC00002 V=1.0", track)
+    assert verdicts(program) == {"C00001": "refuse", "C00002": "correct"}
+    assert verdicts(job("MOVL C00001 BC00001 V=1.0", track, external_axes=True))["C00001"] == "correct"
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        ("///POSTYPE BASE\nC00001=1,2,3", "has 3 numbers, expected 6"),
+        (f"///POSTYPE BASE\nC00001={XYZ}\nC00001={XYZ}", "is there twice, first in line 7"),
+        (f"///POSTYPE BASE\nC00001={XYZ.replace('600.000', '1.2.3')}", r"a\.jbi:7: X: 1\.2\.3 is not a number"),
+        ("nonsense", "a line under //POS that is not understood"),
+    ],
+)
+def test_broken_jobs(job: Read, positions: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        job("MOVL C00001 V=1.0", positions)
+
+
+def test_truncated_and_other_jobs(tmp_path: Path) -> None:
+    path = tmp_path / "a.jbi"
+    path.write_text("/JOB\n//POS\n//INST\nNOP\n")
+    with pytest.raises(FileError, match="has no END: the file is truncated"):
+        read_program(path)
+    path.write_text("MODULE m\nENDMODULE")
+    with pytest.raises(FileError, match="does not start with /JOB"):
+        read_program(path)
+
+
+POSE = 'x="600" y="-.5" z="800.000" rx="0" ry="180" rz="0"'
+
+
+@pytest.fixture
+def dtx(tmp_path: Path) -> Read:
+    def reading(data: str, program: str | None = None, frames: FrameTable = FRAMES) -> Program:
+        path = tmp_path / "a.dtx"
+        path.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n<Database><Datas>\n{data}\n</Datas></Database>\n')
+        (tmp_path / "start.pgx").unlink(missing_ok=True)
+        if program is not None:
+            (tmp_path / "start.pgx").write_text(f"<Program><Code><![CDATA[begin\n{program}\nend]]></Code></Program>")
+        return read_program(path, frames)
+
+    return reading
+
+
+def item(kind: str, name: str, father: str = "world[0]", pose: str = POSE) -> str:
+    return f'<Data name="{name}" access="private" type="{kind}" size="1"><Value key="0" {pose} fatherId="{father}" /></Data>'
+
+
+def test_point_when_the_father_frame_is_known(dtx: Read) -> None:
+    turned = 'x="0" y="0" z="10" rx="0" ry="0" rz="90"'
+    data = [
+        item("pointRx", "p1"),
+        item("pointRx", "p2", "fA[0]"),
+        item("pointRx", "p3", "fLost[0]"),
+        item("frame", "fA", "fB[0]", turned),
+        item("frame", "fB", pose='x="1000" y="0" z="0" rx="0" ry="0" rz="0"'),
+        item("frame", "fLost", "lib:fX[0]"),
+    ]
+    program = dtx("\n".join(data))
+    assert verdicts(program) == {"p1": "correct", "p2": "correct", "p3": "refuse"}
+    np.testing.assert_allclose(program.positions_base()[1], [1000.5, 600, 810])
+    assert (program.targets[1].frame, program.targets[1].tool) == ("fA", "as measured")
+
+
+def test_frames_tools_and_joints(dtx: Read) -> None:
+    joints = '<Data name="j" type="jointRx"><Value key="0" j1="0" j2="0" j3="0" j4="0" j5="0" j6="0" /></Data>'
+    program = dtx(item("frame", "f") + item("tool", "t", "flange[0]") + joints)
+    assert [(t.name, t.reason) for t in program.targets] == [("j", "joint target")]
+
+
+def test_programs_beside_the_data_say_how_points_are_used(dtx: Read) -> None:
+    data = "\n".join([*(item("pointRx", f"p{k}") for k in range(1, 7)), item("tool", "t", "flange[0]")])
+    code = (
+        "movej(p1, t, mNom)\n movel(appro(p2,{0,0,-100,0,0,0}),t,m)\n movec(p3,p4,t,m)\n // movel(p5,t,m)\n"
+        "movel(p6,t,m)\n x=p6.trsf.x"
+    )
+    program = dtx(data, code)
+    assert verdicts(program) == {
+        "p1": "correct", "p2": "skip", "p3": "correct", "p4": "correct", "p5": "skip", "p6": "refuse",
+    }  # fmt: skip
+    assert (program.targets[0].tool, program.targets[0].motions) == ("t", ("movej",))
+    np.testing.assert_allclose(program.tools()[0, :3, 3], [600, -0.5, 800])
+    moved = dtx(
+        item("pointRx", "p1", "f[0]") + item("frame", "f") + item("tool", "t", "flange[0]"), "f.trsf.x=5\nmovel(p1,t,m)"
+    )
+    assert verdicts(moved) == {"p1": "refuse"}
+
+
+def test_attributes_are_patched_in_place(tmp_path: Path, make_map: Any) -> None:
+    text = (
+        b"<?xml version='1.0' encoding='iso-8859-1'?>\r\n<Database  xmlns='x'><!-- gr\xfcn -->\r\n<Datas><Data type=\"pointRx\" name='p'>"
+        b'<Value  key="0"\r\n  z = \'800.000\' x="600" y="-.5" rx="0" ry="180" rz="0" fatherId="world[0]"/></Data></Datas></Database>'
+    )
+    path = tmp_path / "a.dtx"
+    path.write_bytes(text)
+    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]))
+    assert corrected.files[path] == text.replace(b"800.000", b"799.875").replace(b'"600"', b'"600.5"').replace(
+        b"-.5", b"-.25"
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("<Data", r"a\.dtx:4: is broken XML"),
+        (item("pointRx", "p") * 2, "p is declared twice, first in line 3"),
+        (item("pointRx", "p", pose='x="1"'), "p has no y, z"),
+        (item("pointRx", "p").replace('"600"', '"1.2.3"'), r"a\.dtx:3: p x: 1\.2\.3 is not a number"),
+        ("", "has no <Data>"),
+    ],
+)
+def test_broken_data(dtx: Read, data: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        dtx(data)
+
+
+def test_entities_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.dtx"
+    path.write_text('<!DOCTYPE x [<!ENTITY a "1">]><Database><Data name="p" type="pointRx"></Data></Database>')
+    with pytest.raises(FileError, match="has a DOCTYPE"):
+        read_program(path)

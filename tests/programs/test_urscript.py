@@ -1,0 +1,138 @@
+"""Every row of the catalogue of hazards that concerns URScript, by name, with its verdict."""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truepose.errors import FileError
+from truepose.programs import FrameTable, Program, ReadOptions, correct_program, read_program
+
+P = "p[0.3,-0.1,.25,0,3.14159,0]"
+Read = Callable[..., Program]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def reading(code: str, frames: FrameTable | None = None, **options: Any) -> Program:
+        path = tmp_path / "a.script"
+        path.write_text(code if "def " in code else f"def prog():\n{code}\nend\n")
+        return read_program(path, frames, ReadOptions(**options))
+
+    return reading
+
+
+def verdicts(program: Program) -> dict[str, str]:
+    return {target.name: target.verdict for target in program.targets}
+
+
+@pytest.mark.parametrize("call", ["movel({}, a=1.2, v=0.25)", "movej({})", "movep({}, r=0.05)", "movel( {} )"])
+def test_a_pose_is_a_target_by_its_use(read: Read, call: str) -> None:
+    program = read(call.format(P))
+    target = program.targets[0]
+    assert (target.verdict, target.frame, target.tool, target.motions) == (
+        "correct",
+        "base",
+        "as measured",
+        (call[:5],),
+    )
+    np.testing.assert_allclose(target.p, [300, -100, 250])
+
+
+def test_circle_both_or_neither(read: Read) -> None:
+    assert verdicts(read(f"movec({P},{P}, a=1)")) == {"movec:2 via": "correct", "movec:2 end": "correct"}
+    assert verdicts(read(f"movec(pose_trans(f,{P}),{P}, a=1)")) == {"movec:2 via": "skip", "movec:2 end": "skip"}
+
+
+def test_tcp_features_and_wrenches_are_no_targets(read: Read) -> None:
+    code = f"set_tcp({P})\nfeature={P}\nwrench={P}\nforce_mode(wrench,[0,0,1,0,0,0],{P},2)\nset_payload(1,[0,0,0.1])\nx=get_inverse_kin({P})"
+    assert read(code).targets == ()
+
+
+def test_expressions_are_skipped(read: Read) -> None:
+    for target in (
+        f"pose_trans(f,{P})",
+        f"pose_add({P},d)",
+        "p[x,0,0,0,0,0]",
+        "p[0.1+0.2,0,0,0,0,0]",
+        "get_actual_tcp_pose()",
+        "q",
+    ):
+        assert list(verdicts(read(f"movel({target}, a=1)")).values()) == ["skip"], target
+
+
+def test_named_pose_assigned_once_and_only_moved_to(read: Read) -> None:
+    assert verdicts(
+        read(f"global w1={P}\nmovel(w1)\nmovej(w1,a=1)\nmovej(get_inverse_kin(w1,qnear=[0,0,0,0,0,0]))")
+    ) == {"w1": "correct"}
+    assert verdicts(read(f"w1={P}\nw1={P}\nmovel(w1)")) == {"w1": "skip"}
+    assert verdicts(read(f"w1={P}\nw1[2]=w1[2]+0.1\nmovel(w1)"))["w1"] == "refuse"
+    assert verdicts(read(f"w1={P}\nw1[2]=0.1\nmovel(w1)"))["w1"] == "skip"
+    read_too = f"w1={P}\nmovel(w1)\nmovel(pose_trans(w1,p[0,0,0.1,0,0,0]))"
+    assert verdicts(read(read_too))["w1"] == "refuse"
+    assert verdicts(read(read_too, ambiguous="skip"))["w1"] == "skip"
+
+
+def test_joints_and_run_time_motions(read: Read) -> None:
+    program = read(
+        f"movej([0,-1.5,1.5,0,0,0], a=1)\nservoj([0,0,0,0,0,0])\nspeedl([0,0,0,0,0,0],0.5)\nservoj(get_inverse_kin({P}))\nmovel({{{{pose}}}})"
+    )
+    assert set(verdicts(program).values()) == {"skip"}
+    assert len(program.targets) == 5
+
+
+def test_the_tool_is_followed(read: Read) -> None:
+    tcp = "set_tcp(p[0,0,{},0,0,0])\n"
+    program = read(f"{tcp.format(0.1)}movel({P})\n{tcp.format(0.2)}movel({P})")
+    np.testing.assert_allclose(program.tools()[:, 2, 3], [100, 200])
+    either = read(f"{tcp.format(0.1)}if x:\n{tcp.format(0.2)}end\nmovel({P})")
+    assert (either.targets[0].verdict, "depends on the way" in either.targets[0].reason) == ("refuse", True)
+    assert read(f"set_tcp(tool)\nmovel({P})").targets[0].verdict == "refuse"
+    loop = read(f"{tcp.format(0.1)}while True:\nmovel({P})\n{tcp.format(0.2)}end")
+    assert loop.targets[0].verdict == "refuse"
+    nested = read(
+        f"def main():\n{tcp.format(0.1)}def sub():\n{tcp.format(0.2)}end\nmovel({P})\nsub()\nmovel({P})\nend\n"
+    )
+    np.testing.assert_allclose(nested.tools()[:, 2, 3], [100, 200])
+    assert read(f"movel({P})", FrameTable(tools={1: np.eye(4)}, tool=1)).targets[0].tool == "1"
+
+
+def test_rotation_vector_keeps_its_branch_and_metres_their_digits(tmp_path: Path, make_map: Any) -> None:
+    text = b"def a():\n  movel(p[0.3, -.1000, 1e-1, 2.2214, -2.2214, 0.0])\nend"
+    path = tmp_path / "a.script"
+    path.write_bytes(text)
+    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]))
+    assert corrected.files[path] == text.replace(b"0.3, -.1000, 1e-1", b"0.3005, -.09975, 0.099875")
+
+
+def test_packed_programs_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.urp"
+    path.write_bytes(b"\x1f\x8b\x08")
+    with pytest.raises(FileError, match=r"save it as \.script"):
+        read_program(path)
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("movel(p[1.2.3,0,0,0,0,0])", r"a\.script:2: movel:2: X '1\.2\.3' is not a number"),
+        ("movel(p[--5,0,0,0,0,0])", r"'--5' is not a number"),
+        (f"movel(p[{'9' * 400},0,0,0,0,0])", "has 400 characters"),
+        ("movel(p[0,0,0,0,0])", "a pose has 6 numbers, this has 5"),
+        ("movel(p[0,0,0,0,180,0])", "looks like degrees"),
+        ("movel(p[0,0,0,0,0,0]", "a bracket is not closed"),
+        ("movel(p[0,0,0,0,0,0]))", r"a\.script:2: \) closes nothing"),
+        ('textmsg("x)', "is not closed; close it"),
+        ("if x:", "has no end: the file is truncated"),
+        ("end", "end closes nothing"),
+        ("elif x:", "ELSE without IF"),
+    ],
+)
+def test_broken_scripts(read: Read, code: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        read(code)
