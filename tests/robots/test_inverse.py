@@ -9,10 +9,10 @@ import py_opw_kinematics as opw
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from truepose.errors import DataError, RobotError
+from truepose.errors import DataError
 from truepose.geometry import make_transform
 from truepose.robots import list_robots, load_robot, nearest_branch, to_mdh
-from truepose.robots.inverse import closed_form
+from truepose.robots.nominal import closed_form
 from truepose.robots.ortho_parallel import OrthoParallel
 
 ORTHO_PARALLEL = [name for name in list_robots() if not name.startswith("universal-robots")]
@@ -106,12 +106,6 @@ def test_other_descriptions_of_the_same_arm(name: str, rng: np.random.Generator)
     )
     q = rng.uniform(-3, 3, (200, 6))
     np.testing.assert_allclose(nearest_branch(turned.inverse(turned.forward(q)), q), q, atol=1e-6)
-
-
-@pytest.mark.parametrize("change", [{"beta": [0, 1e-4, 0, 0, 0, 0]}, {"d": [750, 0, 0, 1100, 0.1, 230]}])
-def test_arms_without_closed_form_are_refused(change: dict[str, list[float]]) -> None:
-    with pytest.raises(RobotError, match="kuka-kr150-2: no closed-form inverse; it needs a parallel base pair"):
-        replace(load_robot("kuka-kr150-2"), **change).inverse(np.eye(4))  # type: ignore[arg-type]
 
 
 def test_bad_poses_are_told() -> None:

@@ -78,15 +78,18 @@ def test_turn_chooses_the_turn() -> None:
 def test_bad_input_is_told() -> None:
     robot = load_robot("kuka-kr150-2")
     pose = robot.forward(np.deg2rad([0, -90, 90, 0, 30, 0]))
-    with pytest.raises(RobotError, match="out of reach with its Status in row 1; check base, tool and Status"):
+    with pytest.raises(RobotError, match=r"out of reach: row 1 by 7\d\d\d mm; check base, tool"):
         joints_of_pose(robot, np.stack([pose, pose + far()]), 2, 2)
+    stretched = robot.forward(np.deg2rad([0, -40, 0, 0, 30, 0]))  # reached by two branches, not over the back
+    with pytest.raises(RobotError, match="out of reach with its Status in row 0; check base, tool and Status"):
+        joints_of_pose(robot, stretched, 1, 2)
     with pytest.raises(DataError, match="Status must be whole numbers of bits, one or 2 of them"):
         joints_of_pose(robot, np.stack([pose, pose]), [2, 2, 2], 2)
     with pytest.raises(DataError, match="Turn must be whole numbers of bits"):
         joints_of_pose(robot, pose, 2, 2.5)
     with pytest.raises(DataError, match=r"solutions have shape \(6,\)"):
         select(robot, np.zeros(6), 2, 2)
-    with pytest.raises(RobotError, match="universal-robots-ur5: Status and Turn need a parallel base pair"):
+    with pytest.raises(RobotError, match="universal-robots-ur5: words of configuration need a parallel base pair"):
         status_turn(load_robot("universal-robots-ur5"), np.zeros(6))
 
 

@@ -1,6 +1,8 @@
-"""Robots: chains, the library of nominal robots, URDF, inverse kinematics, KUKA's Status and Turn."""
+"""Robots: chains, the library of nominal robots, URDF, inverse kinematics, words of configuration."""
 
+from truepose.robots.branches import Branches, find_branches
 from truepose.robots.chain import Robot
+from truepose.robots.configuration import abb_configuration, fanuc_configuration, joints_of_abb, joints_of_fanuc
 from truepose.robots.conventions import CONVENTIONS
 from truepose.robots.convert import to_mdh
 from truepose.robots.error_model import ErrorModel, Parameter, error_model
@@ -12,14 +14,20 @@ from truepose.robots.urdf import load_urdf
 
 __all__ = [
     "CONVENTIONS",
+    "Branches",
     "ErrorModel",
     "JointTerms",
     "Load",
     "Parameter",
     "Robot",
+    "abb_configuration",
     "error_model",
+    "fanuc_configuration",
+    "find_branches",
     "gravity_torque",
     "joint_terms",
+    "joints_of_abb",
+    "joints_of_fanuc",
     "joints_of_pose",
     "list_robots",
     "load_robot",

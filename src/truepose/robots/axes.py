@@ -62,26 +62,39 @@ class Axes:
         return (self.direction @ root[:3, :3], *seen)  # type: ignore[return-value]
 
 
-def shoulder_angle(x: FloatArray, y: FloatArray, b: float, branch: FloatArray) -> FloatArray:
-    """Return t1 that brings (x, y) [mm] to the side offset b: forward (branch +1) or over the back (-1) [rad]."""
-    beside = _arcsin(b / np.maximum(np.hypot(x, y), np.finfo(float).tiny))
+def shoulder_angle(x: FloatArray, y: FloatArray, b: float, branch: FloatArray, bent: float | None = None) -> FloatArray:
+    """Return t1 that brings (x, y) [mm] to the side offset b: forward (branch +1) or over the back (-1) [rad].
+
+    Where (x, y) is nearer than b: NaN, or, given `bent` [rad], the angle that comes nearest, but for that much.
+    """
+    beside = _arcsin(b / np.maximum(np.hypot(x, y), np.finfo(float).tiny), bent)
     return np.asarray(np.arctan2(y, x) - np.where(branch > 0, beside, np.pi - beside))
 
 
 def triangle_angles(
-    forward: FloatArray, up: FloatArray, upper: float, fore: float, branch: FloatArray
+    forward: FloatArray, up: FloatArray, upper: float, fore: float, branch: FloatArray, bent: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return shoulder and elbow angle, from upright, of two links that reach (forward, up) [mm]; NaN out of reach."""
+    """Return shoulder and elbow angle, from upright, of two links that reach (forward, up) [mm].
+
+    Out of reach: NaN, or, given `bent` [rad], the angles that come nearest with an elbow bent by that much.
+    """
     cosine = (forward**2 + up**2 - upper**2 - fore**2) / (2 * upper * fore)
-    elbow = branch * (np.pi / 2 - _arcsin(cosine))
+    elbow = branch * (np.pi / 2 - _arcsin(cosine, bent))
     shoulder = np.arctan2(forward, up) - np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))
     return shoulder, elbow
 
 
-def _arcsin(value: FloatArray) -> FloatArray:
-    """Arc sine, NaN beyond ±1, where rounding does not count."""
+def _arcsin(value: FloatArray, bent: float | None) -> FloatArray:
+    """Arc sine, NaN beyond ±1, where rounding does not count; or, given `bent`, no nearer to ±pi/2 than that."""
+    if bent is not None:
+        return np.asarray(np.arcsin(np.clip(value, -np.cos(bent), np.cos(bent))))
     inside = np.abs(value) <= 1.0 + _STRETCHED
     return np.asarray(np.arcsin(np.where(inside, np.clip(value, -1.0, 1.0), np.nan)))
+
+
+def half_turn(angle: FloatArray) -> FloatArray:
+    """Bring angles into [-pi, pi) [rad]."""
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def turn_y(angle: FloatArray | float) -> FloatArray:

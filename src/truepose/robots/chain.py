@@ -225,11 +225,11 @@ class Robot:
                 part[:, i, :3, 3] = p.T
         return tf.reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
 
-    def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
-        """Return all branches of the inverse kinematics in closed form; see `truepose.robots.inverse.inverse`."""
+    def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None) -> FloatArray:
+        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.inverse`."""
         from truepose.robots.inverse import inverse
 
-        return inverse(self, poses, tool)
+        return inverse(self, poses, tool, nominal=nominal)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

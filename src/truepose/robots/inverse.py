@@ -1,26 +1,29 @@
-"""Inverse kinematics on arrays: all branches in closed form, and the choice among them."""
+"""Inverse kinematics on arrays: all branches, and the choice among them."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.errors import DataError, RobotError
+from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats
 from truepose.geometry.transforms import check_transforms, invert_transform
+from truepose.robots.axes import half_turn
+from truepose.robots.branches import find_branches, wrap_into_limits
 from truepose.robots.chain import Robot, tool_transform
-from truepose.robots.ortho_parallel import OrthoParallel
-from truepose.robots.universal import ThreeParallel
+from truepose.robots.nominal import closed_form
 
 FloatArray = NDArray[np.float64]
 
 
-def inverse(robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
+def inverse(
+    robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None
+) -> FloatArray:
     """Return all branches of the inverse kinematics.
 
-    Ortho-parallel arms with a spherical wrist, and arms with three parallel axes (UR), have eight in closed form.
+    Ortho-parallel arms with a spherical wrist, and arms with three parallel axes (UR), have eight in closed form. A
+    calibrated arm, which is neither any more, follows those of its nominal arm by damped Newton. Other chains of up to
+    six joints get up to 16, without order, by damped Newton from 64 starts: then a branch may be missed.
 
     Parameters
     ----------
@@ -29,25 +32,29 @@ def inverse(robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None) -> Fl
         Poses of the flange, or of the TCP when `tool` is given.
     tool : (4, 4) array or (3,) array [mm], optional
         As in `Robot.forward`.
+    nominal : Robot, optional
+        The arm with a closed form that a calibrated one stems from. When not given, it is made by setting axes right
+        that are out of square or parallel by less than 0.05 rad.
 
     Returns
     -------
     (8, dof) or (n, 8, dof) array [rad]
         NaN where a branch does not exist. A slot keeps its meaning over all poses (shoulder, elbow, wrist). Joints
         lie in (-pi, pi], or a turn away from that where this brings them within the limits; branches beyond the
-        limits are returned all the same: `Robot.within_limits` tells them.
+        limits are returned all the same: `Robot.within_limits` tells them. (16, dof) or (n, 16, dof), without order,
+        for chains that have no closed form near them.
 
     Raises
     ------
     RobotError
-        If the arm has no closed form.
+        If the chain has more than six joints, or `nominal` has no closed form.
     DataError
         If poses or tool are no rigid transforms.
 
     Notes
     -----
     At a singular pose (two wrist axes in line) a branch is one of infinitely many: t4 of an ortho-parallel arm, t6 of
-    a UR arm is set to zero there.
+    a UR arm is set to zero there. `find_branches` returns the same joints with reach and singularity.
 
     Examples
     --------
@@ -60,44 +67,12 @@ def inverse(robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None) -> Fl
     """
     arm = closed_form(robot)
     given = check_transforms("poses", poses)
-    flange = given.reshape(-1, 4, 4) @ invert_transform(tool_transform(tool))
-    solutions = wrap_into_limits(robot, arm.branches(flange))
+    if arm is None or nominal is not None:
+        solutions = find_branches(robot, given, tool, nominal=nominal).q
+    else:
+        flange = given.reshape(-1, 4, 4) @ invert_transform(tool_transform(tool))
+        solutions = wrap_into_limits(robot, arm.branches(flange))
     return solutions if given.ndim == 3 else solutions[0]
-
-
-@lru_cache(maxsize=64)
-def closed_form(robot: Robot) -> OrthoParallel | ThreeParallel:
-    """Return the letters of a robot's closed-form inverse, checked against its forward kinematics.
-
-    Raises
-    ------
-    RobotError
-        If the arm has none.
-    """
-    arm = OrthoParallel.of(robot) or ThreeParallel.of(robot)
-    if arm is None:
-        raise RobotError(
-            f"{robot.name}: no closed-form inverse; it needs a parallel base pair with a spherical wrist, or three "
-            "parallel axes with a wrist of square axes (UR); use the nominal robot"
-        )
-    pose = robot.forward(np.linspace(0.3, 0.8, 6))[None]
-    branches = arm.branches(pose)[0]
-    found = branches[~np.isnan(branches).any(axis=1)]
-    if not len(found) or np.abs(robot.forward(found) - pose).max() > 1e-6:
-        raise RobotError(
-            f"{robot.name}: its closed-form inverse disagrees with its forward kinematics; please report it"
-        )
-    return arm
-
-
-def wrap_into_limits(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return joints (…, dof) [rad] in (-pi, pi], or a turn away where that brings them within the limits."""
-    turn = 2 * np.pi
-    wrapped = np.asarray(q - turn * np.ceil((q - np.pi) / turn))
-    for shift in (turn, -turn):
-        moves = ~robot.within_limits(wrapped) & robot.within_limits(wrapped + shift)
-        wrapped = np.where(moves, wrapped + shift, wrapped)
-    return wrapped
 
 
 def nearest_branch(solutions: ArrayLike, q_reference: ArrayLike) -> FloatArray:
@@ -105,7 +80,7 @@ def nearest_branch(solutions: ArrayLike, q_reference: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    solutions : (8, dof) or (n, 8, dof) array [rad]
+    solutions : (k, dof) or (n, k, dof) array [rad]
         From `Robot.inverse`; NaN where there is no branch.
     q_reference : (dof,) or (n, dof) array [rad]
         Such as the joints that a program names.
@@ -127,7 +102,7 @@ def nearest_branch(solutions: ArrayLike, q_reference: ArrayLike) -> FloatArray:
         )
     if reference.ndim == 2 and len(reference) != len(branches):
         raise DataError(f"{len(branches)} poses and {len(reference)} reference joints; expected as many, or one (dof,)")
-    motion = (branches - reference[..., None, :] + np.pi) % (2 * np.pi) - np.pi
+    motion = half_turn(branches - reference[..., None, :])
     largest = np.where(np.isnan(motion).any(axis=-1), np.inf, np.abs(motion).max(axis=-1))
     best = np.argmin(largest, axis=-1)
     return np.asarray(reference + np.take_along_axis(motion, best[..., None, None], axis=-2)[..., 0, :])

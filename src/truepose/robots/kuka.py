@@ -18,9 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
+from truepose.robots.axes import half_turn
+from truepose.robots.branches import find_branches
 from truepose.robots.chain import Robot
-from truepose.robots.inverse import closed_form, inverse
-from truepose.robots.ortho_parallel import OrthoParallel
+from truepose.robots.inverse import inverse
+from truepose.robots.nominal import ortho_parallel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -34,6 +36,7 @@ BRANCH: Final = OVERHEAD | ELBOW | WRIST
 _TURN_IGNORED: Final = np.deg2rad(2.0)
 # slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0) of OrthoParallel.branches, by the branch bits of Status
 _SLOT: Final = np.array([4 * bool(s & OVERHEAD) + 2 * (not s & ELBOW) + bool(s & WRIST) for s in range(8)])
+_STATUS: Final = np.argsort(_SLOT)
 
 
 def status_turn(robot: Robot, q: ArrayLike) -> tuple[IntArray, IntArray]:
@@ -64,12 +67,9 @@ def status_turn(robot: Robot, q: ArrayLike) -> tuple[IntArray, IntArray]:
     >>> int(s), int(t)
     (6, 18)
     """
-    arm = _arm(robot)
+    arm = ortho_parallel(robot)
     joints = robot.check_joints(q)
-    _, t2, t3, _, t5, _ = np.moveaxis(arm.sign * joints + arm.offset, -1, 0)
-    reach = np.hypot(arm.a2, arm.c3)
-    x = arm.a1 + arm.c2 * np.sin(t2) + reach * np.sin(t2 + t3 - arm.elbow_angle)
-    status = OVERHEAD * (x < 0) + ELBOW * (_half_turn(t3 - arm.elbow_angle) >= 0) + WRIST * (_half_turn(t5) < 0)
+    status = _STATUS[arm.slot(joints)]
     turn = ((joints < 0) << np.arange(6)).sum(axis=-1)
     return status.astype(np.int64), turn.astype(np.int64)
 
@@ -97,13 +97,13 @@ def select(robot: Robot, solutions: FloatArray, status: ArrayLike, turn: ArrayLi
     DataError
         If Status or Turn are no numbers of bits, or shapes do not fit.
     """
-    _arm(robot)
+    ortho_parallel(robot)
     if solutions.shape[-2:] != (8, 6) or solutions.ndim not in (2, 3):
         raise DataError(f"solutions have shape {solutions.shape}, expected (8, 6) or (n, 8, 6)")
     count = len(solutions) if solutions.ndim == 3 else 1
     s, t = (_bits(name, value, count) for name, value in (("Status", status), ("Turn", turn)))
     q = solutions.reshape(-1, 8, 6)[np.arange(count), _SLOT[s & BRANCH]]
-    near = _half_turn(q)
+    near = half_turn(q)
     negative = (t[:, None] >> np.arange(6)) & 1
     turned = np.where(np.abs(near) < _TURN_IGNORED, near, np.mod(q, 2 * np.pi) - 2 * np.pi * negative)
     return np.asarray(turned.reshape((*solutions.shape[:-2], 6)))
@@ -133,19 +133,15 @@ def joints_of_pose(
     DataError
         As `select` and `robot.inverse`.
     """
-    q = select(robot, inverse(robot, poses, tool), status, turn)
+    solutions = inverse(robot, poses, tool)
+    q = select(robot, solutions, status, turn)
     missing = np.isnan(q.reshape(-1, 6)).any(axis=1)
     if missing.any():
+        if np.isnan(solutions.reshape(-1, 8, 6)[..., 0]).all(axis=1).any():
+            find_branches(robot, poses, tool).check_reach()
         rows = name_rows(np.flatnonzero(missing))
         raise RobotError(f"{robot.name}: out of reach with its Status in {rows}; check base, tool and Status")
     return q
-
-
-def _arm(robot: Robot) -> OrthoParallel:
-    arm = closed_form(robot)
-    if not isinstance(arm, OrthoParallel):
-        raise RobotError(f"{robot.name}: Status and Turn need a parallel base pair and a spherical wrist")
-    return arm
 
 
 def _bits(name: str, value: ArrayLike, count: int) -> IntArray:
@@ -153,8 +149,3 @@ def _bits(name: str, value: ArrayLike, count: int) -> IntArray:
     if not np.issubdtype(bits.dtype, np.integer) or bits.shape not in ((), (count,)) or (bits < 0).any():
         raise DataError(f"{name} must be whole numbers of bits, one or {count} of them; got {value!r}")
     return np.broadcast_to(bits, (count,)).astype(np.int64)
-
-
-def _half_turn(angle: FloatArray) -> FloatArray:
-    """Bring angles into [-pi, pi) [rad]."""
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

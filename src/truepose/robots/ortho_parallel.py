@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.geometry.transforms import invert_transform, make_transform
-from truepose.robots.axes import SINGULAR, TOUCHING, Axes, shoulder_angle, triangle_angles, turn_y, turn_z
+from truepose.robots.axes import SINGULAR, TOUCHING, Axes, half_turn, shoulder_angle, triangle_angles, turn_y, turn_z
 from truepose.robots.chain import Robot
 
 FloatArray = NDArray[np.float64]
@@ -93,19 +93,32 @@ class OrthoParallel:
         """The t3 at which upper arm and wrist centre are in line, atan2(-a2, c3) = -psi [rad]: KUKA's phi."""
         return float(np.arctan2(-self.a2, self.c3))
 
-    def branches(self, tf_base_flange: FloatArray) -> FloatArray:
+    @property
+    def reach(self) -> float:
+        """Length of the forearm with its offset, k [mm]."""
+        return float(np.hypot(self.a2, self.c3))
+
+    def slot(self, q: FloatArray) -> NDArray[np.int64]:
+        """Return the slot of `branches` that joints (…, 6) [rad] belong to: (…)."""
+        _, t2, t3, _, t5, _ = np.moveaxis(self.sign * q + self.offset, -1, 0)
+        elbow = t3 - self.elbow_angle
+        x = self.a1 + self.c2 * np.sin(t2) + self.reach * np.sin(t2 + elbow)
+        return np.asarray(4 * (x < 0) + 2 * (half_turn(elbow) < 0) + (half_turn(t5) < 0), dtype=np.int64)
+
+    def branches(self, tf_base_flange: FloatArray, bent: float | None = None) -> FloatArray:
         """Return the eight branches, (n, 8, 6) [rad], of flange poses (n, 4, 4); slots keep their meaning.
 
-        Slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0); NaN where a branch does not exist.
+        Slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0); NaN where a branch does not exist, or, given
+        `bent` [rad], the joints that come nearest to the pose with elbow (and shoulder offset) so far from stretched.
         """
         pose = invert_transform(self.tf_base_root) @ tf_base_flange @ invert_transform(self.tf_wrist_flange)
         n = len(pose)
         back, elbow, flip = (np.array([1.0, -1.0]).reshape(shape) for shape in ((2, 1, 1), (1, 2, 1), (1, 1, 2)))
         pose = pose[:, None, None, None]
         x, y, z = (pose[..., i, 3] for i in range(3))
-        t1 = shoulder_angle(x, y, self.b, back)
+        t1 = shoulder_angle(x, y, self.b, back, bent)
         forward = np.cos(t1) * x + np.sin(t1) * y - self.a1
-        t2, at_elbow = triangle_angles(forward, z - self.c1, self.c2, float(np.hypot(self.a2, self.c3)), elbow)
+        t2, at_elbow = triangle_angles(forward, z - self.c1, self.c2, self.reach, elbow, bent)
         t3 = at_elbow + self.elbow_angle
         m = np.swapaxes(turn_z(t1) @ turn_y(t2 + t3), -1, -2) @ pose[..., :3, :3]
         sine = np.hypot(m[..., 0, 2], m[..., 1, 2])

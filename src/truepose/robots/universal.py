@@ -74,17 +74,18 @@ class ThreeParallel:
         )
         return arm if min(arm.l2, arm.l3) > TOUCHING else None
 
-    def branches(self, tf_base_flange: FloatArray) -> FloatArray:
+    def branches(self, tf_base_flange: FloatArray, bent: float | None = None) -> FloatArray:
         """Return the eight branches, (n, 8, 6) [rad], of flange poses (n, 4, 4); slots keep their meaning.
 
-        Slot 4 · (other shoulder) + 2 · (t5 < 0) + (other elbow); NaN where a branch does not exist.
+        Slot 4 · (other shoulder) + 2 · (t5 < 0) + (other elbow); NaN where a branch does not exist, or, given
+        `bent` [rad], the joints that come nearest to the pose with elbow (and shoulder offset) so far from stretched.
         """
         pose = invert_transform(self.tf_base_root) @ tf_base_flange @ invert_transform(self.tf_wrist_flange)
         n = len(pose)
         shoulder, wrist, elbow = (np.array([1.0, -1.0]).reshape(shape) for shape in ((2, 1, 1), (1, 2, 1), (1, 1, 2)))
         pose = pose[:, None, None, None]
         x, y, z = (pose[..., i, 3] for i in range(3))
-        t1 = shoulder_angle(x, y, self.b, shoulder)
+        t1 = shoulder_angle(x, y, self.b, shoulder, bent)
         m = np.swapaxes(turn_z(t1), -1, -2) @ pose[..., :3, :3]
         sine = np.hypot(m[..., 1, 0], m[..., 1, 2])
         t5 = np.arctan2(wrist * sine, m[..., 1, 1])
@@ -93,7 +94,7 @@ class ThreeParallel:
         t234 = np.arctan2(c6 * m[..., 0, 2] - s6 * m[..., 0, 0], c6 * m[..., 2, 2] - s6 * m[..., 2, 0])
         forward = np.cos(t1) * x + np.sin(t1) * y - self.a1 - self.l5 * np.sin(t234)
         up = z - self.c1 - self.l5 * np.cos(t234)
-        t2, t3 = triangle_angles(forward, up, self.l2, self.l3, elbow)
+        t2, t3 = triangle_angles(forward, up, self.l2, self.l3, elbow, bent)
         theta = np.stack(np.broadcast_arrays(t1, t2, t3, t234 - t2 - t3, t5, t6), axis=-1).reshape(n, 8, 6)
         theta[np.isnan(theta).any(axis=-1)] = np.nan
         return np.asarray(self.sign * (theta - self.offset))

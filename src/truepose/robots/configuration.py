@@ -1,0 +1,238 @@
+"""ABB's configuration data and FANUC's CONFIG: the words that make the joints of a pose unique.
+
+KUKA's Status and Turn are in `truepose.robots.kuka`. UR writes no word: choose among `robot.inverse` by joints nearby,
+with `nearest_branch`. ("One source" and "unconfirmed" are said of the meaning of a word on a controller; that pose and
+word give the joints back is tested.)
+
+| ABB | is | evidence |
+|---|---|---|
+| cf1, cf4, cf6 | floor(angle / 90 deg) of joints 1, 4, 6 | one source |
+| cfx | 4 · (wrist centre behind axis 1) + 2 · (behind the lower arm) + (joint 5 negative) | one source |
+| behind the lower arm | seen in the frame turned with joint 1, also where the arm reaches over its back | unconfirmed |
+
+| FANUC | is | evidence |
+|---|---|---|
+| N, F | joint 5 below zero (so the tool down in front of the arm is N), or not | unconfirmed |
+| L, R | not used by six-axis arms: skipped | one source |
+| U, D | elbow above or below the line from shoulder to wrist centre, in the frame turned with joint 1 | unconfirmed |
+| T, B | wrist centre before or behind axis 1 | one source |
+| three numbers | full turns of joints 4, 5, 6 away from -180 … 180 deg: 1 from 180 up, -1 from -180 down | one source |
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError, RobotError
+from truepose.geometry.arrays import name_rows
+from truepose.robots.branches import find_branches
+from truepose.robots.chain import Robot
+from truepose.robots.nominal import ortho_parallel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+StrArray = NDArray[np.str_]
+
+_TURN: Final = 2 * np.pi
+_QUARTER: Final = np.pi / 2
+_ABB_JOINTS: Final = np.array([0, 3, 5])
+_FANUC_JOINTS: Final = np.array([3, 4, 5])
+_DOUBT: Final = np.deg2rad(1.0)  # poses with few digits may fall beside the quarter or turn that their word names
+# by the slots of OrthoParallel.branches: 4 · (reaching back) + 2 · (elbow below) + (joint 5 negative)
+_FANUC_LETTERS: Final = np.array([f"{'FN'[s & 1]} {'UD'[s >> 1 & 1]} {'TB'[s >> 2]}" for s in range(8)])
+_CONFIG: Final = re.compile(r"([NF])\s*([LR]?)\s*([UD])\s*([TB])\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)")
+
+
+def abb_configuration(robot: Robot, q: ArrayLike) -> IntArray:
+    """Return ABB's confdata [cf1, cf4, cf6, cfx] of joint vectors.
+
+    Parameters
+    ----------
+    robot : Robot
+        A six-axis arm with parallel base pair and spherical wrist, or a calibrated one that stems from it.
+    q : (6,) or (n, 6) array [rad]
+
+    Returns
+    -------
+    (4,) or (n, 4) int array
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind.
+    DataError
+        As `Robot.forward`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from truepose.robots import load_robot
+    >>> abb_configuration(load_robot("abb-irb120"), np.deg2rad([-10, 0, 20, 100, -30, 0]))
+    array([-1,  1,  0,  1])
+    """
+    arm = ortho_parallel(robot)
+    joints = robot.check_joints(q)
+    quarters = np.floor(joints[..., _ABB_JOINTS] / _QUARTER).astype(np.int64)
+    return np.concatenate([quarters, arm.slot(joints)[..., None]], axis=-1)
+
+
+def joints_of_abb(
+    robot: Robot, poses: ArrayLike, configuration: ArrayLike, tool: ArrayLike | None = None
+) -> FloatArray:
+    """Return the joints of poses with ABB's confdata.
+
+    Joints 1, 4 and 6 take the turn that the quarters name, the others the one within the limits.
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : (4, 4) or (n, 4, 4) array [mm], base frame
+        Of the flange, or of the TCP when `tool` is given.
+    configuration : (4,) or (n, 4) int array
+        cf1, cf4, cf6, cfx.
+    tool : (4, 4) array or (3,) array [mm], optional
+
+    Returns
+    -------
+    (6,) or (n, 6) array [rad]
+
+    Raises
+    ------
+    RobotError
+        If a pose is out of reach, or its word names another quarter than its joints are in (rows are named), or the
+        arm is of another kind.
+    DataError
+        If the word is none, or poses or tool are no rigid transforms.
+    """
+    word = np.asarray(configuration)
+    if not np.issubdtype(word.dtype, np.integer) or word.shape[-1:] != (4,) or word.ndim > 2:
+        raise DataError(f"configuration must be whole numbers cf1, cf4, cf6, cfx for each pose; got {configuration!r}")
+    word = word.reshape(-1, 4)
+    odd = (word[:, 3] < 0) | (word[:, 3] > 7)
+    if odd.any():
+        rows = np.flatnonzero(odd)
+        raise DataError(f"cfx is {word[rows[0], 3]} in {name_rows(rows)}, expected 0 to 7")
+    q = _on_branch(robot, poses, tool, word[:, 3], "cfx")
+    middle = (word[:, :3] + 0.5) * _QUARTER
+    return _turned(robot, q, _ABB_JOINTS, middle, _QUARTER / 2, "quarter turns cf1, cf4, cf6")
+
+
+def fanuc_configuration(robot: Robot, q: ArrayLike) -> StrArray:
+    """Return FANUC's CONFIG of joint vectors, as "N U T, 0, 0, 0".
+
+    Parameters
+    ----------
+    robot : Robot
+        As for `abb_configuration`.
+    q : (6,) or (n, 6) array [rad]
+        In the library's sense: joint 3 relative to joint 2 (the pendant shows it relative to the ground).
+
+    Returns
+    -------
+    str array of shape () or (n,)
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind.
+    DataError
+        As `Robot.forward`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from truepose.robots import load_robot
+    >>> str(fanuc_configuration(load_robot("fanuc-m20ia"), np.deg2rad([0, 0, 0, 0, -90, 200])))
+    'N U T, 0, 0, 1'
+    """
+    arm = ortho_parallel(robot)
+    joints = robot.check_joints(q)
+    slot = arm.slot(joints)
+    some = joints[..., _FANUC_JOINTS]
+    turns = (np.sign(some) * np.floor((np.abs(some) + np.pi) / _TURN)).astype(np.int64).astype(np.str_)
+    letters = _FANUC_LETTERS[slot]
+    for i in range(3):
+        letters = np.char.add(np.char.add(letters, ", "), turns[..., i])
+    return np.asarray(letters)
+
+
+def joints_of_fanuc(
+    robot: Robot, poses: ArrayLike, configuration: str | Sequence[str] | StrArray, tool: ArrayLike | None = None
+) -> FloatArray:
+    """Return the joints of poses with FANUC's CONFIG.
+
+    Joints 4, 5 and 6 take the turn that the numbers name, the others the one within the limits (of two, the one in
+    -180 … 180 deg).
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : (4, 4) or (n, 4, 4) array [mm], base frame
+        Of the flange, or of the TCP when `tool` is given.
+    configuration : str, or n of them
+        As "N U T, 0, 0, 0", with or without quotation marks; one for all poses, or one for each.
+    tool : (4, 4) array or (3,) array [mm], optional
+
+    Returns
+    -------
+    (6,) or (n, 6) array [rad]
+
+    Raises
+    ------
+    RobotError
+        If a pose is out of reach (rows are named), or the arm is of another kind.
+    DataError
+        If a word is none, or poses or tool are no rigid transforms.
+    """
+    words = np.atleast_1d(np.asarray(configuration)).tolist()
+    slots, turns = np.empty(len(words), np.int64), np.empty((len(words), 3))
+    for row, word in enumerate(words):
+        found = _CONFIG.fullmatch(str(word).strip("'\" "))
+        if found is None:
+            raise DataError(f'CONFIG in row {row} is {word!r}, expected such as "N U T, 0, 0, 0"')
+        slots[row] = 4 * (found[4] == "B") + 2 * (found[3] == "D") + (found[1] == "N")
+        turns[row] = [int(number) for number in found.group(5, 6, 7)]
+    q = _on_branch(robot, poses, tool, slots, "CONFIG")
+    return _turned(robot, q, _FANUC_JOINTS, _TURN * turns, np.pi, "turn numbers")
+
+
+def _on_branch(robot: Robot, poses: ArrayLike, tool: ArrayLike | None, slots: IntArray, word: str) -> FloatArray:
+    """Return the joints of poses in their slots of `OrthoParallel.branches`: (6,) or (n, 6)."""
+    ortho_parallel(robot)
+    single = np.ndim(poses) == 2
+    branches = find_branches(robot, poses, tool)
+    count = len(branches.q)
+    if len(slots) not in (1, count):
+        raise DataError(f"{count} poses and {len(slots)} words of configuration; expected as many, or one for all")
+    q = branches.q[np.arange(count), np.broadcast_to(slots, (count,))]
+    missing = np.isnan(q).any(axis=1)
+    if missing.any():
+        branches.check_reach()
+        raise RobotError(
+            f"{robot.name}: out of reach on the branch of its {word} in {name_rows(np.flatnonzero(missing))}, though "
+            f"not on others; check base, tool and {word}"
+        )
+    return q[0] if single else q
+
+
+def _turned(robot: Robot, q: FloatArray, joints: IntArray, middle: FloatArray, half: float, word: str) -> FloatArray:
+    """Return joints (…, 6) turned fully until some of them lie within `half` of the middles that a word names."""
+    turned = q.copy()
+    now = q[..., joints]
+    goal = middle if q.ndim == 2 else middle[0]
+    turned[..., joints] = now + _TURN * np.round((goal - now) / _TURN)
+    off = np.abs(turned[..., joints] - goal) > half + _DOUBT
+    if off.any():
+        rows = np.flatnonzero(np.atleast_2d(off).any(axis=1))
+        joint = joints[int(np.argmax(np.atleast_2d(off)[rows[0]]))]
+        value = np.rad2deg(np.atleast_2d(turned)[rows[0], joint])
+        raise RobotError(
+            f"{robot.name}: the {word} do not fit the joints in {name_rows(rows)}: joint {joint + 1} comes to "
+            f"{value:.3f} deg in row {rows[0]}; check tool, base and the word"
+        )
+    return turned

@@ -1,0 +1,99 @@
+"""The arm with a closed-form inverse next to a calibrated one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import RobotError
+from truepose.robots.chain import Robot
+from truepose.robots.convert import to_mdh
+from truepose.robots.ortho_parallel import OrthoParallel
+from truepose.robots.universal import ThreeParallel
+
+FloatArray = NDArray[np.float64]
+
+_TILT = 0.05  # rad: axes out of square or parallel by less are an error, by more meant so
+_SHIFT = 0.02  # of the arm's length: the same for axes that should touch
+_QUARTER = np.pi / 2
+
+
+@lru_cache(maxsize=64)
+def closed_form(robot: Robot) -> OrthoParallel | ThreeParallel | None:
+    """Return the letters of a robot's closed-form inverse, checked against its forward kinematics; None without one.
+
+    Raises
+    ------
+    RobotError
+        If the two disagree.
+    """
+    arm = OrthoParallel.of(robot) or ThreeParallel.of(robot)
+    if arm is None:
+        return None
+    pose = robot.forward(np.linspace(0.3, 0.8, 6))[None]
+    branches = arm.branches(pose)[0]
+    found = branches[~np.isnan(branches).any(axis=1)]
+    if not len(found) or np.abs(robot.forward(found) - pose).max() > 1e-6:
+        raise RobotError(
+            f"{robot.name}: its closed-form inverse disagrees with its forward kinematics; please report it"
+        )
+    return arm
+
+
+@lru_cache(maxsize=64)
+def nominal_of(robot: Robot) -> Robot | None:
+    """Return the arm with a closed-form inverse that a calibrated one stems from: itself, or made from it, or None.
+
+    Made: axes out of square or parallel by less than 0.05 rad are set right, and the axes of the wrist that miss each
+    other by less than 2 % of the arm's length are made to touch.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from truepose.robots import load_robot
+    >>> robot = load_robot("kuka-kr150-2")
+    >>> nominal_of(replace(robot, beta=[0, 1e-3, 0, 0, 0, 0])).beta.any()
+    np.False_
+    """
+    if robot.dof != 6 or closed_form(robot) is not None:
+        return robot if robot.dof == 6 else None
+    arm = to_mdh(robot)
+    quarters = _QUARTER * np.round(arm.alpha / _QUARTER)
+    square = replace(
+        arm,
+        alpha=np.where(np.abs(arm.alpha - quarters) < _TILT, quarters, arm.alpha),
+        beta=np.where(np.abs(arm.beta) < _TILT, 0.0, arm.beta),
+    )
+    short = _SHIFT * float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
+    a = np.where((np.arange(6) >= 4) & (np.abs(arm.a) < short), 0.0, arm.a)
+    d = np.where((np.arange(6) == 4) & (np.abs(arm.d) < short), 0.0, arm.d)
+    made = (replace(square, a=a, d=d), replace(square, a=a))  # a spherical wrist, or the offset wrist of UR arms
+    return next((nominal for nominal in made if closed_form(nominal) is not None), None)
+
+
+def differ_by(robot: Robot, nominal: Robot) -> float:
+    """Return the largest distance of the two arms' flanges [mm] over joints of all sides."""
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (256, robot.dof))
+    apart = robot.forward(q)[:, :3, 3] - nominal.forward(q)[:, :3, 3]
+    return float(np.linalg.norm(apart, axis=1).max())
+
+
+def ortho_parallel(robot: Robot) -> OrthoParallel:
+    """Return the letters of a six-axis arm with parallel base pair and spherical wrist, or of the nominal arm of one.
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind: words of configuration name the branches of this kind only.
+    """
+    nominal = nominal_of(robot)
+    arm = None if nominal is None else closed_form(nominal)
+    if not isinstance(arm, OrthoParallel):
+        raise RobotError(
+            f"{robot.name}: words of configuration need a parallel base pair and a spherical wrist; choose among "
+            "robot.inverse by joints nearby (nearest_branch)"
+        )
+    return arm

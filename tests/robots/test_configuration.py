@@ -1,0 +1,123 @@
+"""ABB's confdata and FANUC's CONFIG: pose and word give the joints back; bits by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truepose.errors import DataError, RobotError
+from truepose.robots import (
+    abb_configuration,
+    fanuc_configuration,
+    joints_of_abb,
+    joints_of_fanuc,
+    list_robots,
+    load_robot,
+)
+
+ABBS = [name for name in list_robots() if name.startswith("abb")]
+FANUCS = [name for name in list_robots() if name.startswith("fanuc")]
+TOOL = [0.0, 50.0, 300.0]
+
+
+@pytest.mark.parametrize("name", ABBS)
+def test_pose_with_confdata_gives_the_joints(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    q = rng.uniform(*robot.limits.T, size=(5000, 6))
+    word = abb_configuration(robot, q)
+    assert set(word[:, 3]) == set(range(8))
+    np.testing.assert_allclose(joints_of_abb(robot, robot.forward(q, TOOL), word, TOOL), q, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", FANUCS)
+def test_pose_with_config_gives_the_joints(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    lower, upper = robot.limits.T
+    once = np.clip(lower[2], -np.pi, np.pi), np.clip(upper[2], -np.pi, np.pi)  # no number tells the turns of joint 3
+    q = rng.uniform(lower, upper, size=(5000, 6))
+    q[:, 2] = rng.uniform(*once, size=5000)
+    word = fanuc_configuration(robot, q)
+    assert {w[:5] for w in word} == {f"{n} {u} {t}" for n in "NF" for u in "UD" for t in "TB"}
+    np.testing.assert_allclose(joints_of_fanuc(robot, robot.forward(q, TOOL), word, TOOL), q, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("q_deg", "word"),
+    [  # by hand on the IRB 120: all joints at zero is the upper arm upright, the forearm level
+        ([10, 0, 0, 20, 30, 40], [0, 0, 0, 0]),
+        ([-10, 0, 0, -20, -30, -40], [-1, -1, -1, 1]),
+        ([100, 0, 0, -100, 30, 290], [1, -2, 3, 0]),
+        ([10, 60, -80, 20, 30, 40], [0, 0, 0, 2]),  # behind the lower arm from -atan2(302, 70) = -77 deg down
+        ([10, 60, -74, 20, 30, 40], [0, 0, 0, 0]),
+        ([10, 0, -105, 20, 30, 40], [0, 0, 0, 6]),
+        ([10, -100, 0, 20, 30, 40], [0, 0, 0, 4]),
+        ([10, 60, -108, 20, -30, 40], [0, 0, 0, 3]),
+    ],
+)
+def test_confdata_by_hand(q_deg: list[float], word: list[int]) -> None:
+    robot = load_robot("abb-irb120")
+    np.testing.assert_array_equal(abb_configuration(robot, np.deg2rad(q_deg)), word)
+    found = joints_of_abb(robot, robot.forward(np.deg2rad(q_deg)), word)
+    np.testing.assert_allclose(np.rad2deg(found), q_deg, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("q_deg", "word"),
+    [
+        ([0, 0, 0, 0, -90, 0], "N U T, 0, 0, 0"),
+        ([0, 0, 0, 0, 90, 0], "F U T, 0, 0, 0"),
+        ([0, 0, 0, 190, -90, -185], "N U T, 1, 0, -1"),
+        ([0, 0, 0, -179, 30, 179], "F U T, 0, 0, 0"),
+        ([0, -90, 0, 0, -90, 0], "N U B, 0, 0, 0"),
+    ],
+)
+def test_config_by_hand(q_deg: list[float], word: str) -> None:
+    robot = load_robot("fanuc-m20ia")
+    assert str(fanuc_configuration(robot, np.deg2rad(q_deg))) == word
+    found = joints_of_fanuc(robot, robot.forward(np.deg2rad(q_deg)), word)
+    np.testing.assert_allclose(np.rad2deg(found), q_deg, atol=1e-6)
+
+
+def test_config_as_controllers_write_it() -> None:
+    robot = load_robot("fanuc-m20ia")
+    q = np.deg2rad([[10, 20, 30, 40, -50, 60], [10, 20, 30, 40, 50, 60]])
+    words = ["'N U T, 0, 0, 0'", "F R U T,0,0,0"]
+    np.testing.assert_allclose(joints_of_fanuc(robot, robot.forward(q), words), q, atol=1e-9)
+    np.testing.assert_allclose(joints_of_fanuc(robot, robot.forward(q[0]), words[0]), q[0], atol=1e-9)
+
+
+def test_a_calibrated_arm_reads_the_words_of_its_nominal_one(rng: np.random.Generator) -> None:
+    from dataclasses import replace
+
+    robot = load_robot("abb-irb6640-185-280")
+    arm = replace(robot, a=robot.a + rng.normal(scale=0.3, size=6), alpha=robot.alpha + rng.normal(scale=3e-4, size=6))
+    q = np.deg2rad([[10, 20, 30, 40, 50, 60], [-10, 20, -30, 140, -50, -260]])
+    word = abb_configuration(arm, q)
+    np.testing.assert_array_equal(word, abb_configuration(robot, q))
+    np.testing.assert_allclose(joints_of_abb(arm, arm.forward(q), word), q, atol=1e-6)
+
+
+def test_bad_words_are_told() -> None:
+    robot, fanuc = load_robot("abb-irb120"), load_robot("fanuc-m20ia")
+    q = np.deg2rad([10, 20, 30, 40, 50, 60])
+    poses = np.stack([robot.forward(q)] * 2)
+    with pytest.raises(DataError, match="configuration must be whole numbers cf1, cf4, cf6, cfx for each pose; got"):
+        joints_of_abb(robot, poses, [0.5, 0, 0, 0])
+    with pytest.raises(DataError, match="cfx is 8 in row 1, expected 0 to 7"):
+        joints_of_abb(robot, poses, [[0, 0, 0, 0], [0, 0, 0, 8]])
+    with pytest.raises(DataError, match="2 poses and 3 words of configuration"):
+        joints_of_abb(robot, poses, [[0, 0, 0, 0]] * 3)
+    with pytest.raises(RobotError, match=r"cf6 do not fit the joints in row 1: joint 4 comes to 400\.000 deg in row 1"):
+        joints_of_abb(robot, poses, [[0, 0, 0, 0], [0, 2, 0, 0]])
+    with pytest.raises(DataError, match=r'CONFIG in row 1 is .*X U T.*, expected such as "N U T, 0, 0, 0"'):
+        joints_of_fanuc(fanuc, np.stack([fanuc.forward(q)] * 2), ["F U T, 0, 0, 0", "X U T, 0, 0, 0"])
+    far = poses.copy()
+    far[1, 0, 3] += 3000
+    with pytest.raises(RobotError, match=r"abb-irb120: out of reach: row 1 by 2\d\d\d mm"):
+        joints_of_abb(robot, far, [0, 0, 0, 0])
+    robot = load_robot("abb-irb6640-185-280")
+    stretched = robot.forward(np.deg2rad([0, 70, -70, 0, 30, 0]))
+    with pytest.raises(RobotError, match="out of reach on the branch of its cfx in row 0, though not on others"):
+        joints_of_abb(robot, stretched, [0, 0, 0, 4])
+    with pytest.raises(RobotError, match="universal-robots-ur5: words of configuration need a parallel base pair"):
+        abb_configuration(load_robot("universal-robots-ur5"), q)
