@@ -20,7 +20,7 @@ from numba import prange, types
 from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.similarity.compiled import BLOCK, REORDER, compiled
+from truepose.similarity.compiled import BLOCK, REORDER, compiled, pack
 
 FloatArray = NDArray[np.float64]
 
@@ -486,4 +486,44 @@ def _weighted_gradient(
             for c in range(columns):
                 for a in range(d):
                     out[i, c, a] += _dot_offset(weights[b, c], r, u[i, a], samples[b, a])
+    return out
+
+
+def range_derivatives(family: int, u: FloatArray, weights: FloatArray, shape: float = 0.0) -> FloatArray:
+    """Return Σ_(j>i) W_ij ∂rho_ij/∂log a_k, (d,), of scaled points u (n, d) and the upper triangle of W (n, n).
+
+    ∂rho/∂log a_k = −rho'(r)/r (u_ik − u_jk)²; the sum over k is the derivative by one common range.
+    """
+    samples = pack(u)
+    if not _needs_bessel(family, shape):
+        return np.asarray(_range_derivatives(family, shape, u, samples, weights).sum(axis=0))
+    r = cross_correlation(DISTANCE, u, samples, len(u))
+    product = np.triu(weights, 1) * -_matern_slope(shape, r)
+    return np.array([(product * (a[:, None] - a) ** 2).sum() for a in u.T])
+
+
+@compiled(fastmath=REORDER)
+def _dot_square(weight: FloatArray, slope: FloatArray, x: float, row: FloatArray, start: int, stop: int) -> float:
+    total = 0.0
+    for j in range(start, stop):
+        z = x - row[j]
+        total -= weight[j] * slope[j] * z * z
+    return total
+
+
+@compiled(parallel=True)
+def _range_derivatives(
+    family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray
+) -> FloatArray:
+    n, d = u.shape
+    out = np.zeros((n, d))
+    for i in prange(n):
+        r, padded = np.empty(BLOCK), np.empty(BLOCK)
+        for b in range(i // BLOCK, samples.shape[0]):
+            start, stop = max(i + 1 - b * BLOCK, 0), min(BLOCK, n - b * BLOCK)
+            padded[:stop] = weights[i, b * BLOCK : b * BLOCK + stop]
+            _distances(u[i], samples[b], r)
+            _slope(family, shape, r)
+            for a in range(d):
+                out[i, a] += _dot_square(padded, r, u[i, a], samples[b, a], start, stop)
     return out

@@ -1,28 +1,29 @@
-"""Fit of a variogram model by restricted maximum likelihood (REML), for errors with an unknown constant mean.
+"""Fit of a variogram model to the samples themselves: maximum likelihood, restricted likelihood, leave-one-out.
 
-The components share one correlation and have scales of their own (equation (9) with B diagonal), which the likelihood
-has in closed form; so the search is over range and nugget ratio alone, with the analytic gradient. Unlike the bins of a
-variogram this tells a small nugget from none under a smooth trend, on which a prediction's standard deviation hangs.
-Source: K. V. Mardia & R. J. Marshall, Biometrika 71 (1984); P. K. Kitanidis, Water Resources Research 19 (1983).
+The components share one correlation and have scales of their own (equation (9) with B diagonal), or one scale; the
+criteria have them in closed form. So the search is over ranges, shape and nugget ratio alone, with analytic gradients.
+Unlike the bins of a variogram this tells a small nugget from none under a smooth trend, on which a prediction's
+standard deviation hangs. Formulas and sources: `truepose.similarity.criteria`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
 from scipy.optimize import minimize
-from scipy.spatial.distance import pdist, squareform
 
-from truepose.errors import KrigingError
+from truepose.errors import DataError, KrigingError
+from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
-from truepose.similarity.models import FAMILIES, VariogramModel
+from truepose.similarity.families import FAMILIES, check_shape, family_named
+from truepose.similarity.models import VariogramModel
 from truepose.similarity.threads import blas_threads
+from truepose.similarity.trend import polynomial
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +35,11 @@ STARTS: Final = ((0.5, 0.1), (4.0, 1e-3))
 """Practical range in units of the points' extent, and nugget ratio C0/C."""
 RANGES: Final = (1e-3, 60.0)
 RATIOS: Final = (1e-8, 1e4)
+LARGE: Final = 3000
+PART: Final = 250
+"""Of twice as many samples a part of this size chooses between the starts; all samples refine the best."""
+STEP: Final = 1e-4
+"""Of the differences of gradients that give the standard errors, in logarithms of the parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,25 +49,43 @@ class LikelihoodFit:
     Attributes
     ----------
     log_likelihood : float
-        Restricted log-likelihood, without its constant.
+        Logarithm of the criterion named by `method`, with its constant (−½ log 2π a contrast).
     bounds_hit : dict of str to {"lower", "upper"}
         Parameters that ended at a bound.
     samples : int
         Samples used.
     candidates : dict of str to float
-        The log-likelihood of every family tried.
+        The log-likelihood of every family tried; the largest wins. All have equally many parameters, but for a shape.
+    method : str
+        ``reml``, ``ml``, or ``loo`` (the product of the leave-one-out densities).
+    standard_error : dict of str to float
+        From the curvature of the criterion at its optimum; NaN for a parameter at a bound, and for ``loo``.
+    scales : (c,) array [mm²]
+        Partial sill of each component.
     """
 
     log_likelihood: float
     bounds_hit: dict[str, str]
     samples: int
     candidates: dict[str, float]
+    method: str = "reml"
+    standard_error: dict[str, float] = field(default_factory=dict)
+    scales: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 def fit_likelihood(
-    x: ArrayLike, e: ArrayLike, family: str | Sequence[str] = ROUGH_TO_SMOOTH, *, largest: int = 300
+    x: ArrayLike,
+    e: ArrayLike,
+    family: str | Sequence[str] = ROUGH_TO_SMOOTH,
+    *,
+    method: str = "reml",
+    ranges: str = "one",
+    shape: float | None = None,
+    drift: str | ArrayLike = "constant",
+    common_scale: bool = False,
+    largest: int | None = 300,
 ) -> VariogramModel:
-    """Return the model with the largest restricted likelihood.
+    """Return the model with the largest likelihood.
 
     Parameters
     ----------
@@ -71,8 +95,19 @@ def fit_likelihood(
         Errors at x.
     family : str or sequence of str
         Families with a sill; the most likely one wins.
-    largest : int
-        Of more samples than this a random part is used, always the same one.
+    method : {"reml", "ml", "loo"}
+        Restricted likelihood, which does not favour short ranges as likelihood does; likelihood; or the product of the
+        leave-one-out densities, which suffers least where the family is wrong.
+    ranges : {"one", "each"}
+        One range, or one for each coordinate.
+    shape : float, optional
+        Shape of a family that has one; fitted when not given.
+    drift : {"none", "constant", "linear", "quadratic"} or (n, p) array_like
+        Of the mean.
+    common_scale : bool
+        Give all components one scale.
+    largest : int, optional
+        Of more samples than this a random part is used, always the same one; all when None.
 
     Returns
     -------
@@ -92,107 +127,247 @@ def fit_likelihood(
     """
     points, errors = check_points(x, e)
     names = [family] if isinstance(family, str) else list(family)
-    unknown = [name for name in names if name not in FAMILIES or not FAMILIES[name].bounded]
-    if unknown or not names:
-        raise KrigingError(
-            f"variogram family {unknown} has no likelihood; use families with a sill: {', '.join(FAMILIES)}"
+    _check(names, method, ranges, shape, points)
+    components = errors.shape[1]
+    errors = errors[:, np.ptp(errors, axis=0) > 0]
+    if errors.shape[1] == 0:
+        raise KrigingError("the errors do not vary, so no variogram can be fitted; check the column of e")
+    columns = _drift(points, drift)
+    if largest is not None and len(points) > largest:
+        points, errors, columns = _part(largest, points, errors, columns)
+    with blas_threads(len(points), LARGE):  # between small matrices the kernels' threads are at work
+        problems = {
+            name: _Problem(name, shape, method, ranges == "each", common_scale, points, errors, columns)
+            for name in names
+        }
+        found = {name: _optimum(problem) for name, problem in problems.items()}
+        best = min(found, key=lambda name: found[name][0])
+        model = problems[best].model(found[best][1], components)
+        hit, errors_of = problems[best].uncertainty(found[best][1], model)
+    record = LikelihoodFit(
+        log_likelihood=problems[best].log_likelihood(found[best][0]),
+        bounds_hit=hit,
+        samples=len(points),
+        candidates={name: problems[name].log_likelihood(value) for name, (value, _) in found.items()},
+        method=method,
+        standard_error=errors_of,
+        scales=problems[best].judged(found[best][1]).scale,
+    )
+    return replace(model, fit=record)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The criterion of one family as a function of θ: logarithms of the ranges, of the shape if free, of C0/C."""
+
+    family: str
+    shape: float | None
+    method: str
+    each: bool
+    common: bool
+    points: FloatArray
+    e: FloatArray
+    drift: FloatArray
+
+    @property
+    def free_shape(self) -> bool:
+        return FAMILIES[self.family].shape is not None and self.shape is None
+
+    @property
+    def units(self) -> FloatArray:
+        """Extent of the points, of each coordinate or of all."""
+        extent = np.ptp(self.points, axis=0)
+        return extent if self.each else np.array([np.linalg.norm(extent)])
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        practical = FAMILIES[self.family].practical_range(self.shape or 1.0)
+        ranges = [(math.log(RANGES[0] * a / practical), math.log(RANGES[1] * a / practical)) for a in self.units]
+        shapes = []
+        if self.free_shape:
+            top = FAMILIES[self.family].shape
+            assert top is not None
+            shapes = [(math.log(0.1), math.log(min(top.most, 20.0)))]
+        return [*ranges, *shapes, (math.log(RATIOS[0]), math.log(RATIOS[1]))]
+
+    def start(self, reach: float, ratio: float) -> FloatArray:
+        practical = FAMILIES[self.family].practical_range(self.shape or 1.0)
+        shape = [math.log(1.0)] if self.free_shape else []
+        wide = math.sqrt(len(self.units))  # with a range for each coordinate their distances add up
+        return np.array([*np.log(wide * reach * self.units / practical), *shape, math.log(ratio)])
+
+    def unpacked(self, theta: FloatArray) -> tuple[FloatArray, float, float]:
+        """Return ranges, shape and ratio."""
+        shape = math.exp(theta[-2]) if self.free_shape else (self.shape or 0.0)
+        return np.exp(theta[: len(self.units)]), shape, math.exp(theta[-1])
+
+    def loss(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Return the criterion and its gradient."""
+        judged = self._judged(theta)
+        if judged is None:  # no model in 64 bits: as unlikely as can be
+            return 1e300, np.zeros_like(theta)
+        return judged.loss, self.gradient(theta, judged)
+
+    def gradient(self, theta: FloatArray, judged: Judged) -> FloatArray:
+        """Return the derivative of the criterion by θ."""
+        from truepose.similarity.covariance import range_derivatives
+
+        ranges, shape, ratio = self.unpacked(theta)
+        code, u = FAMILIES[self.family].code, self.points / ranges
+        by_range = range_derivatives(code, u, judged.Q, shape)
+        gradient = list(by_range) if self.each else [by_range.sum()]
+        if self.free_shape:
+            from truepose.similarity.derivatives import correlation_by_shape
+
+            by_shape = correlation_by_shape(self.family, _distance(u), shape)
+            gradient.append(shape * float((np.triu(judged.Q, 1) * by_shape).sum()))
+        return np.array([*gradient, ratio * float(np.trace(judged.Q)) / 2])
+
+    def judged(self, theta: FloatArray) -> Judged:
+        judged = self._judged(theta)
+        if judged is None:
+            raise KrigingError(
+                f"no {self.family} variogram has a regular covariance matrix here; use a rougher family (matern52), or "
+                "drop near points"
+            )
+        return judged
+
+    def _judged(self, theta: FloatArray) -> Judged | None:
+        from truepose.similarity.compiled import pack
+        from truepose.similarity.covariance import cross_correlation
+
+        ranges, shape, ratio = self.unpacked(theta)
+        u, n = self.points / ranges, len(self.points)
+        K = cross_correlation(FAMILIES[self.family].code, u, pack(u), n, shape)
+        K.flat[:: n + 1] = 1 + ratio
+        return judge(self.method, K, self.drift, self.e, self.common)
+
+    def log_likelihood(self, loss: float) -> float:
+        n, c = self.e.shape
+        freedom = n - self.drift.shape[1] if self.method == "reml" else n
+        return float(-loss - c * freedom * (1 + math.log(2 * math.pi)) / 2)
+
+    def model(self, theta: FloatArray, components: int) -> VariogramModel:
+        """Return the model of the mean over all components, those that do not vary included."""
+        ranges, shape, ratio = self.unpacked(theta)
+        sill = float(self.judged(theta).scale.sum()) / components
+        return VariogramModel(
+            self.family,
+            nugget=ratio * sill,
+            sill=sill,
+            range=tuple(ranges.tolist()) if self.each else float(ranges[0]),
+            shape=shape if FAMILIES[self.family].shape is not None else None,
+        )
+
+    def uncertainty(self, theta: FloatArray, model: VariogramModel) -> tuple[dict[str, str], dict[str, float]]:
+        """Return the bounds hit, and standard errors from the curvature of the criterion, by name."""
+        m = len(self.units)
+        names = [f"range_{k + 1}" for k in range(m)] if self.each else ["range"]
+        names += (["shape"] if self.free_shape else []) + ["nugget"]
+        at = np.array(self.bounds)
+        low, high = theta <= at[:, 0] + 1e-3, theta >= at[:, 1] - 1e-3
+        hit = {name: "lower" if low[k] else "upper" for k, name in enumerate(names) if low[k] or high[k]}
+        if hit.get("nugget") == "upper":
+            return {"sill": "lower"}, dict.fromkeys([*names, "sill"], math.nan)
+        errors = dict.fromkeys([*names, "sill"], math.nan)
+        free = np.flatnonzero(~(low | high))
+        if self.method == "loo":
+            return hit, errors
+        here = self.judged(theta)
+        H, slope, gradient = np.empty((len(free), len(free))), np.empty(len(free)), self.gradient(theta, here)
+        for row, k in enumerate(free):
+            moved = theta + STEP * np.eye(len(theta))[k]
+            there = self.judged(moved)
+            H[row] = (self.gradient(moved, there) - gradient)[free] / STEP
+            slope[row] = math.log(there.scale.sum() / here.scale.sum()) / STEP
+        H = (H + H.T) / 2
+        if not free.size or np.linalg.eigvalsh(H)[0] <= 0:
+            return hit, errors
+        covariance, scale = np.linalg.inv(H), here.scale
+        own = 2 / (len(self.e) - self.drift.shape[1]) * float((scale**2).sum() / scale.sum() ** 2)
+        if self.common:
+            own = 2 / ((len(self.e) - self.drift.shape[1]) * len(scale))
+        size = dict(zip(names, [*np.ravel(model.range), *([model.shape] if self.free_shape else []), 0.0], strict=True))
+        for row, k in enumerate(free):
+            errors[names[k]] = float(size[names[k]]) * math.sqrt(covariance[row, row])
+        errors["sill"] = model.sill * math.sqrt(own + slope @ covariance @ slope)
+        if free[-1] == len(theta) - 1:  # nugget = ratio · sill
+            slope = slope + np.eye(len(free))[-1]
+            errors["nugget"] = model.nugget * math.sqrt(own + slope @ covariance @ slope)
+        return hit, errors
+
+
+def _optimum(problem: _Problem) -> tuple[float, FloatArray]:
+    """Return the least loss over the starts, and where."""
+    starts = [problem.start(*start) for start in STARTS]
+    if len(problem.points) >= 2 * PART:
+        part = replace(problem, **_sub(problem, PART))
+        with blas_threads(PART):
+            starts = [min((_descend(part, start) for start in starts), key=lambda result: result[0])[1]]
+    return min((_descend(problem, start) for start in starts), key=lambda result: result[0])
+
+
+def _descend(problem: _Problem, start: FloatArray) -> tuple[float, FloatArray]:
+    low, high = np.array(problem.bounds).T
+    found = minimize(
+        problem.loss, np.clip(start, low, high), jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True))
+    )
+    return float(found.fun), np.asarray(found.x)
+
+
+def _sub(problem: _Problem, size: int) -> dict[str, Any]:
+    points, e, drift = _part(size, problem.points, problem.e, problem.drift)
+    return {"points": points, "e": e, "drift": drift}
+
+
+def _part(size: int, *arrays: FloatArray) -> tuple[FloatArray, ...]:
+    rows = np.random.default_rng(0).choice(len(arrays[0]), size, replace=False)
+    return tuple(array[rows] for array in arrays)
+
+
+def _distance(u: FloatArray) -> FloatArray:
+    from truepose.similarity.compiled import pack
+    from truepose.similarity.covariance import DISTANCE, cross_correlation
+
+    return cross_correlation(DISTANCE, u, pack(u), len(u))
+
+
+def _drift(points: FloatArray, drift: str | ArrayLike) -> FloatArray:
+    if isinstance(drift, str):
+        return np.empty((len(points), 0)) if drift == "none" else polynomial(points, drift)
+    columns = np.asarray(drift, dtype=np.float64)
+    if columns.ndim != 2 or len(columns) != len(points) or not np.isfinite(columns).all():
+        raise DataError(f"drift has shape {columns.shape}; expected ({len(points)}, p) finite numbers")
+    return columns
+
+
+def _check(names: list[str], method: str, ranges: str, shape: float | None, points: FloatArray) -> None:
+    for name in names:
+        kind = family_named(name)
+        if not kind.bounded or kind.practical == 0:
+            usable = ", ".join(other for other, k in FAMILIES.items() if k.bounded and k.practical != 0)
+            raise KrigingError(f"variogram family {name!r} has no likelihood; use families with a sill: {usable}")
+        if shape is not None:
+            check_shape(name, shape)
+        if kind.dimensions < points.shape[1]:
+            raise KrigingError(
+                f"a {name} variogram is valid in up to {kind.dimensions} coordinates, but x has {points.shape[1]}; "
+                "use exponential, gaussian, matern32 or matern52"
+            )
+    if not names:
+        raise KrigingError("no variogram family came; give at least one")
+    if method not in METHODS or ranges not in ("one", "each"):
+        raise DataError(
+            f"method is {method!r} and ranges is {ranges!r}; expected a method of {', '.join(METHODS)}, and one or each"
         )
     if len(points) < LEAST:
         raise KrigingError(
             f"{len(points)} samples are too few to fit a variogram; measure at least {LEAST}, or give a variogram"
         )
-    errors = errors[:, np.ptp(errors, axis=0) > 0]
-    if errors.shape[1] == 0:
-        raise KrigingError("the errors do not vary, so no variogram can be fitted; check the column of e")
-    components = np.shape(e)[1] if np.ndim(e) > 1 else 1
-    if len(points) > largest:
-        part = np.random.default_rng(0).choice(len(points), largest, replace=False)
-        points, errors = points[part], errors[part]
-    distance = squareform(pdist(points))
-    if not distance.any():
+    extent = np.ptp(points, axis=0)
+    if not extent.any():
         raise KrigingError(f"all {len(points)} points are the same; a variogram needs points that are apart")
-    with blas_threads(len(points)):
-        fits = {name: _most_likely(name, distance, errors) for name in names}
-    best = max(fits, key=lambda name: fits[name].log_likelihood)
-    found = fits[best]
-    hit = _bounds_hit(found.range * FAMILIES[best].practical_range() / distance.max(), found.ratio)
-    record = LikelihoodFit(found.log_likelihood, hit, len(points), {name: f.log_likelihood for name, f in fits.items()})
-    sill = float(found.scale.sum()) / components
-    return VariogramModel(best, nugget=found.ratio * sill, sill=sill, range=found.range, fit=record)
-
-
-@dataclass(frozen=True, eq=False)
-class _Optimum:
-    log_likelihood: float
-    range: float
-    ratio: float
-    scale: FloatArray
-
-
-def _most_likely(name: str, distance: FloatArray, e: FloatArray) -> _Optimum:
-    """Return the best optimum over the starts, in log range and log nugget ratio."""
-    unit = distance.max() / FAMILIES[name].practical_range()
-
-    def loss(theta: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient, _ = restricted_loss(name, unit * math.exp(theta[0]), math.exp(theta[1]), distance, e)
-        return value, gradient
-
-    bounds = [tuple(np.log(RANGES)), tuple(np.log(RATIOS))]
-    results = [minimize(loss, np.log(start), jac=True, method="L-BFGS-B", bounds=bounds) for start in STARTS]
-    best = min(results, key=lambda result: float(result.fun))
-    length, ratio = unit * math.exp(best.x[0]), math.exp(best.x[1])
-    return _Optimum(-float(best.fun), length, ratio, restricted_loss(name, length, ratio, distance, e)[2])
-
-
-def restricted_loss(
-    name: str, length: float, ratio: float, distance: FloatArray, e: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
-    """Return −log restricted likelihood, its gradient by (log range, log ratio), and the scale of each component.
-
-    With K = rho(h/a) + ratio I, P = K⁻¹ − K⁻¹1(1ᵀK⁻¹1)⁻¹1ᵀK⁻¹ and s_c = e_cᵀP e_c/(n − 1), profiled out:
-    2 loss = c (log|K| + log 1ᵀK⁻¹1) + (n − 1) Σ log s_c.
-
-    Parameters
-    ----------
-    name : str
-    length : float
-        a.
-    ratio : float
-        C0/C, above 0.
-    distance : (n, n) array
-    e : (n, c) array [mm]
-    """
-    from truepose.similarity.covariance import correlation, slope_over_distance
-
-    n, c = e.shape
-    code = FAMILIES[name].code
-    r = distance / length
-    factor, failed = lapack.dpotrf(correlation(code, r) + ratio * np.eye(n), lower=1, clean=1)
-    if failed:  # no model in 64 bits: as unlikely as can be
-        return 1e300, np.zeros(2), np.ones(c)
-    lower = lapack.dpotri(factor, lower=1)[0]
-    inverse = np.tril(lower) + np.tril(lower, -1).T
-    ones = inverse.sum(axis=0)
-    total = ones.sum()
-    weights = inverse @ e
-    weights -= np.outer(ones, weights.sum(axis=0) / total)
-    scale = np.einsum("nc,nc->c", e, weights) / (n - 1)
-    log_determinant = 2 * np.log(factor.diagonal()).sum() + math.log(total)
-    value = (c * log_determinant + (n - 1) * np.log(scale).sum()) / 2
-    projected = c * (inverse - np.outer(ones, ones / total)) - (weights / scale) @ weights.T
-    by_range = -slope_over_distance(code, r) * r * r
-    gradient = np.array([np.vdot(projected, by_range), ratio * np.trace(projected)]) / 2
-    return float(value), gradient, scale
-
-
-def _bounds_hit(practical: float, ratio: float) -> dict[str, str]:
-    """Name the parameters at a bound; `practical` range in units of the points' extent."""
-    hit = {}
-    for name, value, bounds in (("range", practical, RANGES), ("nugget", ratio, RATIOS)):
-        if value <= bounds[0] * 1.001:
-            hit[name] = "lower"
-        elif value >= bounds[1] * 0.999:
-            hit[name] = "upper"
-    if hit.pop("nugget", "") == "upper":
-        return {"sill": "lower"}
-    return hit | ({"nugget": "lower"} if ratio <= RATIOS[0] * 1.001 else {})
+    if ranges == "each" and not extent.all():
+        raise KrigingError(
+            f"coordinate {int(np.argmin(extent))} of x is the same for all points; leave it out, or use ranges='one'"
+        )

@@ -11,9 +11,9 @@ from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 LARGE: Final = 512
 
 
-def blas_threads(n: int) -> AbstractContextManager[Any]:
+def blas_threads(n: int, large: int = LARGE) -> AbstractContextManager[Any]:
     """Return a context in which BLAS works on n-row matrices: in one thread where they are small."""
-    if n >= LARGE:
+    if n >= large:
         return nullcontext()
     one: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return one
