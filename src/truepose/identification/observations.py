@@ -21,8 +21,13 @@ class Observations(Protocol):
     `kind` (k,) says which of the k numbers share a unit, and one misfit; `covariance` (n, k, k) is the readings' own.
     """
 
-    kind: IntArray
-    covariance: FloatArray
+    @property
+    def kind(self) -> IntArray:
+        """See above."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """See above."""
 
     def __len__(self) -> int: ...
 

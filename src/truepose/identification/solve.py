@@ -29,7 +29,8 @@ LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
 _STEPS: Final = 50
 _ROUNDS: Final = 20  # of the misfit's estimate
 _SETTLED: Final = 1e-6  # change of x in tolerances, of the misfit relative
-_FLOOR: Final = 1e-9  # mm and rad: no reading is better
+_FLOOR: Final = 1e-6  # mm and rad: no reading is better
+_DIGITS: Final = 1e-14  # of a system with tolerances, which has full rank by them
 _RANK: Final = 1e-8  # singular values of scaled columns, relative
 _TOLD: Final = 0.1  # one over standard deviation, in tolerances
 _FIRST: Final = 100.0  # how much sooner base and tool are taken into a minimal subset
@@ -164,7 +165,7 @@ def finish(
     scale, rows, _ = _system(white, residual, columns, x, tolerance, free)
     r = np.linalg.qr(rows, mode="r")
     diagonal = np.abs(np.diag(r))
-    if len(rows) < rows.shape[1] or diagonal.min() < _RANK * diagonal.max():
+    if len(rows) < rows.shape[1] or diagonal.min() < (_RANK if tolerance is None else _DIGITS) * diagonal.max():
         raise _cannot_tell(arm, free, rows)
     root = solve_triangular(r, np.eye(len(r)))
     covariance = np.zeros((len(free), len(free)))
@@ -265,7 +266,7 @@ def _solved(
 ) -> FloatArray:
     q, r = np.linalg.qr(rows)
     diagonal = np.abs(np.diag(r))
-    if len(rows) < rows.shape[1] or diagonal.min() < _RANK * diagonal.max():
+    if len(rows) < rows.shape[1] or diagonal.min() < (_RANK if tolerance is None else _DIGITS) * diagonal.max():
         raise _cannot_tell(arm, free, rows)
     return np.asarray(solve_triangular(r, q.T @ right))
 

@@ -1,0 +1,348 @@
+"""Calibration as an error model: the arm with identified parameters predicts its errors everywhere, method.md (11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Final, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError, IdentifiabilityError
+from truepose.identification import (
+    Arm,
+    KalmanFilter,
+    Positions,
+    Solution,
+    filtered,
+    finish,
+    least_squares,
+    levenberg_marquardt,
+    minimal_subset,
+    observability,
+    parameter_table,
+    poses_to_add,
+)
+from truepose.identification.solve import LOSSES, Loss
+from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.robots import ErrorModel, Load, Robot
+
+FloatArray = NDArray[np.float64]
+
+Method = Literal["ls", "lm", "ekf", "ukf"]
+Prior = Literal["tolerance", "subset"]
+METHODS: Final = ("ls", "lm", "ekf", "ukf")
+PRIORS: Final = ("tolerance", "subset")
+
+_PROBES: Final = 60  # random configurations that show what ordinary poses can tell
+
+
+class KinematicCalibration(Predictor):
+    """Identify an arm's parameters from positional errors, and predict by the identified arm.
+
+    X are joints (n, dof) [rad], or joints and approach signs (n, 2 dof); y are errors (n, 3) [mm] in the base frame,
+    after a registration with the nominal links: what that registration took away or added is found again, as small
+    corrections of base and tool are among the parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal.
+    tf_flange_tool : (4, 4) array or (3,) array [mm], optional
+        The measured point.
+    convention : str
+        See `truepose.robots.CONVENTIONS`.
+    method : {"lm", "ls", "ekf", "ukf"}
+        Levenberg–Marquardt, iterated least squares, extended or unscented Kalman filter.
+    parameters : sequence of str, optional
+        Geometric parameters, by name or group ("theta", "base" …); all when not given.
+    terms : sequence of str
+        Deviations of the joints, see `truepose.robots.joint_terms`: "sin1", "cos1", "compliance", "backlash q2" ….
+    prior : {"tolerance", "subset"}
+        What decides where the data cannot: tolerances of the parameters (`truepose.identification.tolerance`), or a
+        minimal subset, the others kept at their nominal values. The table `parameters_` says which are concerned.
+    loss : {"linear", "huber", "soft_l1", "cauchy"}
+        Robust against gross readings with other than "linear"; with method "lm".
+    payload : (4,) sequence, optional
+        Mass [kg] and its centre in the flange frame [mm], for compliance.
+    link_kg : (dof,) sequence, optional
+        Masses of the links, for compliance; a rough guess when not given.
+    gear_ratio : (dof,) sequence, optional
+        For "gearsin1" ….
+    misfit_std : float [mm], optional
+        What the model cannot explain, with repeatability; estimated when not given.
+    identified : (p,) sequence, optional
+        Changes of the parameters, found before: nothing is estimated then.
+
+    Attributes
+    ----------
+    parameters_ : list of dict
+        One row for each parameter, see `truepose.identification.parameter_table`.
+    solution_ : Solution
+    observability_ : Observability
+        Rank, condition number, indices, and what cannot be told apart.
+    misfit_std_ : float [mm]
+    hint_ : str
+        What the poses cannot tell, and which to add; empty when they tell all that positions can.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from truepose.robots import load_robot
+    >>> robot = load_robot("kuka-kr150-2")
+    >>> q = np.random.default_rng(0).uniform(-1, 1, (40, 6))
+    >>> longer = 0.3 * robot.error_jacobian(q, parameters=["a3"])[:, :, 0]
+    >>> model = KinematicCalibration(robot).fit(q, longer)
+    >>> [round(row["change"], 3) for row in model.parameters_ if row["parameter"] == "a3"]
+    [0.3]
+    """
+
+    of_arm: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool")
+
+    def __init__(
+        self,
+        robot: Robot | None = None,
+        tf_flange_tool: ArrayLike | None = None,
+        convention: str = "hayati",
+        method: Method = "lm",
+        parameters: Sequence[str] | None = None,
+        terms: Sequence[str] = (),
+        prior: Prior = "tolerance",
+        loss: Loss = "linear",
+        payload: Sequence[float] | None = None,
+        link_kg: Sequence[float] | None = None,
+        gear_ratio: Sequence[float] | None = None,
+        misfit_std: float | None = None,
+        identified: Sequence[float] | None = None,
+    ) -> None:
+        self.robot = robot
+        self.tf_flange_tool = tf_flange_tool
+        self.convention = convention
+        self.method = method
+        self.parameters = parameters
+        self.terms = terms
+        self.prior = prior
+        self.loss = loss
+        self.payload = payload
+        self.link_kg = link_kg
+        self.gear_ratio = gear_ratio
+        self.misfit_std = misfit_std
+        self.identified = identified
+
+    @property
+    def calibrated_(self) -> Robot:
+        """The arm with its identified links, as far as geometry goes; base, tool and terms are left out of it."""
+        arm, x = self._arm, self.solution_.x.copy()
+        around = np.array([p.group in ("base", "tool") for p in arm.parameters])
+        return arm.model.to_robot(arm.values(np.where(around, 0.0, x)))
+
+    @property
+    def error_model_(self) -> ErrorModel:
+        """The nominal error model, whose `converted` takes identified values to other conventions."""
+        return self._arm.model
+
+    def partial_fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
+        """Take further samples, one after the other, as a campaign goes on; with method "ekf" or "ukf".
+
+        Parameters
+        ----------
+        X, y, noise_std
+            As `fit`. The readings' noise with `misfit_std` is all that the filter takes for chance: one of them must
+            be given.
+
+        Raises
+        ------
+        DataError
+            If the method is none of the filters, or no noise is known.
+        """
+        if self.method not in ("ekf", "ukf"):
+            raise DataError(f'partial_fit needs method="ekf" or "ukf"; this is "{self.method}"')
+        if noise_std is None and self.misfit_std is None:
+            raise DataError("partial_fit needs noise_std, or misfit_std of the model: what a reading is worth")
+        first = not hasattr(self, "_filter")
+        checked, e = self._validate(X, y) if first else (self._validate(X)[0], np.asarray(y, float))
+        if e.shape != (len(checked), 3):
+            raise DataError(f"y has shape {e.shape}, expected ({len(checked)}, 3): errors in the base frame")
+        self._check_options()
+        std = np.zeros(e.shape) if noise_std is None else np.broadcast_to(np.asarray(noise_std, float), e.shape)
+        data = self._observations(checked, e, std)
+        if first:
+            self._filter = KalmanFilter(self._arm, kind=self.method)  # type: ignore[arg-type]
+            self._seen: tuple[FloatArray, FloatArray, FloatArray] = (checked[:0], e[:0], std[:0])
+            self._flat = False
+        misfit = np.array([self.misfit_std or 0.0])
+        self._filter.update(data, misfit)
+        self._seen = tuple(np.concatenate(pair) for pair in zip(self._seen, (checked, e, std), strict=True))  # type: ignore[assignment]
+        self._keep(self._observations(*self._seen), self._filter.x, misfit, known_noise=noise_std is not None)
+        return self
+
+    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+        self._check_options()
+        if e.shape[1] != 3:
+            raise DataError(f"y has {e.shape[1]} columns, expected 3: errors [mm] in the base frame")
+        self.__dict__.pop("_filter", None)
+        data = self._observations(X, e, np.zeros(e.shape) if noise_std is None else noise_std)
+        misfit = None if self.misfit_std is None else np.array([self.misfit_std])
+        if self.identified is not None:
+            p = len(self._arm.parameters)
+            if len(self.identified) != p or misfit is None:
+                raise DataError(f"identified has {len(self.identified)} numbers, expected {p}, and misfit_std with it")
+            x = np.asarray(self.identified, float)
+        else:
+            self._check_poses(data)
+            x, misfit = self._solve(data, misfit)
+        self._keep(data, x, misfit, known_noise=noise_std is not None)
+
+    def _solve(self, data: Positions, misfit: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        arm = self._arm
+        if self.method in ("ekf", "ukf"):
+            state, level = filtered(arm, data, kind=self.method, misfit=misfit)  # type: ignore[arg-type]
+            return state.x, level
+        options: dict[str, Any] = {"misfit": misfit}
+        if self.prior == "tolerance":
+            options["tolerance"] = arm.tolerance
+        else:
+            options["free"] = minimal_subset(arm, data)
+        found: Solution
+        if self.method == "ls":
+            found = least_squares(arm, data, **options)
+        else:
+            found = levenberg_marquardt(arm, data, loss=self.loss, **options)
+        return found.x, found.misfit
+
+    def _keep(self, data: Positions, x: FloatArray, misfit: FloatArray, known_noise: bool) -> None:
+        """Derive all that is asked for later from the samples and the identified changes."""
+        arm = self._arm
+        tolerance = arm.tolerance if self.prior == "tolerance" else None
+        free = np.ones(len(x), np.bool_) if tolerance is not None else x != 0.0  # those kept have not moved at all
+        self.solution_ = finish(arm, data, x, misfit, tolerance, free=free, loss=self.loss)
+        self.misfit_std_ = float(misfit[0])
+        self.observability_ = observability(self.solution_.jacobian, arm.names, arm.tolerance)
+        self.parameters_ = parameter_table(arm, self.solution_, self.observability_, tolerance is not None)
+        self.hint_ = self._hint(data)
+        self._data = data
+        self._known_noise = known_noise
+        self._noise = float(np.sqrt(np.einsum("nkk->", data.covariance) / (3 * len(data))))
+
+    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+        q, approach = self._split(X)
+        x = self.solution_.x
+        e = (self._arm.pose(q, x, approach) - self._arm.pose(q, np.zeros(len(x)), approach))[:, :3, 3]
+        if not return_std:
+            return e, None
+        columns = self._arm.jacobian(q, x, approach)
+        variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
+        # where the readings' own noise is known, the misfit is the model's; else it may be all noise
+        if self._known_noise or include_nugget:
+            variance = variance + self.misfit_std_**2
+        return e, np.sqrt(variance + (self._noise**2 if include_nugget else 0.0))
+
+    def _leave_one_out(self) -> LeaveOneOut:
+        """Return the closed form: with H = W J C Jᵀ Wᵀ a group's whitened residual without it is (I − H)⁻¹ r."""
+        found, n = self.solution_, len(self._data)
+        white = np.einsum("nij,njp->nip", found.whitener, found.jacobian)
+        scaled = np.einsum("nij,nj->ni", found.whitener, found.residual)
+        residual, std = np.empty((n, 3)), np.empty((n, 3))
+        plain = np.linalg.inv(found.whitener)
+        for rows in _groups(self._data):  # all groups of one size at once: (g, m)
+            g, m = rows.shape
+            stacked = white[rows].reshape(g, 3 * m, -1)
+            kept = np.eye(3 * m) - stacked @ found.covariance @ np.swapaxes(stacked, 1, 2)
+            left = np.linalg.solve(kept, scaled[rows].reshape(g, 3 * m, 1)).reshape(g, m, 3)
+            spread = np.linalg.inv(kept).reshape(g, m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
+            spread = np.moveaxis(spread, 0, 1)  # numpy puts the paired index first
+            residual[rows] = np.einsum("gmij,gmj->gmi", plain[rows], left)
+            own = plain[rows] @ spread @ np.swapaxes(plain[rows], -1, -2)
+            std[rows] = np.sqrt(np.einsum("gmii->gmi", own))
+        return LeaveOneOut(residual, std)
+
+    def _fitted_parameters(self) -> dict[str, Any]:
+        return {"misfit_std": self.misfit_std_, "identified": tuple(self.solution_.x.tolist())}
+
+    def _check_options(self) -> None:
+        if self.robot is None:
+            raise DataError("calibration needs the nominal robot: KinematicCalibration(robot, tf_flange_tool, …)")
+        for name, known in (("method", METHODS), ("prior", PRIORS), ("loss", LOSSES)):
+            if getattr(self, name) not in known:
+                raise DataError(f'{name} "{getattr(self, name)}" is not known; there are {", ".join(known)}')
+        if self.loss != "linear" and self.method != "lm":
+            raise DataError(f'loss "{self.loss}" needs method="lm"; this is "{self.method}"')
+        if self.prior == "subset" and self.method in ("ekf", "ukf"):
+            raise DataError('a Kalman filter starts from tolerances: prior="subset" needs method "ls" or "lm"')
+        if self.misfit_std is not None and not (np.isfinite(self.misfit_std) and self.misfit_std >= 0):
+            raise DataError(f"misfit_std is {self.misfit_std}, expected a length >= 0 mm")
+        load = None
+        if self.payload is not None or self.link_kg is not None:
+            kg, *centre = self.payload if self.payload is not None else (0.0, 0.0, 0.0, 0.0)
+            if len(centre) != 3:
+                raise DataError(f"payload is {self.payload}; expected mass [kg] and x, y, z of its centre [mm]")
+            load = Load(kg, np.array(centre), None if self.link_kg is None else np.asarray(self.link_kg, float))
+        self._arm = Arm.of(
+            self.robot,
+            self.tf_flange_tool,
+            convention=self.convention,
+            parameters=self.parameters,
+            terms=self.terms,
+            load=load,
+            gear_ratio=self.gear_ratio,
+        )
+
+    def _split(self, X: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        assert self.robot is not None
+        dof = self.robot.dof
+        if X.shape[1] not in (dof, 2 * dof):
+            raise DataError(
+                f"X has {X.shape[1]} columns, expected the {dof} joints of {self.robot.name} [rad], "
+                f"or {2 * dof} with approach signs"
+            )
+        return self.robot.check_joints(X[:, :dof]), X[:, dof:] if X.shape[1] == 2 * dof else None
+
+    def _observations(self, X: FloatArray, e: FloatArray, std: FloatArray) -> Positions:
+        q, approach = self._split(X)
+        nominal = self._arm.pose(q, np.zeros(len(self._arm.parameters)), approach)[:, :3, 3]
+        return Positions(q, nominal + e, std[:, :, None] ** 2 * np.eye(3), approach)
+
+    def _check_poses(self, data: Positions) -> None:
+        """Refuse what is too few, or one pose again and again."""
+        arm = self._arm
+        seen = observability(data.jacobian(arm, np.zeros(len(arm.parameters))), arm.names)
+        possible = self._possible_rank()
+        if 2 * seen.rank < possible or 3 * len(data) < possible:
+            why = "too few" if 3 * len(data) < possible else "too similar"
+            raise IdentifiabilityError(
+                f"calibration: {len(data)} poses are {why}: rank {seen.rank} of the {possible} that positions can "
+                f"tell; {self._add(data)}"
+            )
+
+    def _hint(self, data: Positions) -> str:
+        possible = self._possible_rank()
+        if self.observability_.rank >= possible:
+            return ""
+        return (
+            f"the poses tell {self.observability_.rank} of the {possible} combinations of parameters that positions "
+            f"can tell; {self._add(data)}"
+        )
+
+    def _possible_rank(self) -> int:
+        arm = self._arm
+        assert self.robot is not None
+        limits = np.clip(self.robot.limits, -np.pi, np.pi)
+        probes = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (_PROBES, self.robot.dof))
+        approach = np.random.default_rng(1).choice([-1.0, 1.0], probes.shape)
+        return observability(arm.jacobian(probes, np.zeros(len(arm.parameters)), approach), arm.names).rank
+
+    def _add(self, data: Positions) -> str:
+        listed = "; ".join(
+            "(" + ", ".join(f"{angle:.0f}" for angle in row) + ")"
+            for row in np.rad2deg(poses_to_add(self._arm, data.q))
+        )
+        return f"add poses that turn all joints, such as q = {listed} deg, where they are free"
+
+
+def _groups(data: Positions) -> list[NDArray[np.intp]]:
+    """Return the readings of one configuration together: for each group size m, rows (g, m)."""
+    key = data.q if data.approach is None else np.column_stack([data.q, data.approach])
+    _, label, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(label.reshape(-1), kind="stable")
+    start = np.cumsum(count) - count
+    return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
