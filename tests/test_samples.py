@@ -22,6 +22,7 @@ from truepose.samples import (
     append_columns,
     check,
     check_against,
+    check_not_compensated,
     read_poses,
     read_samples,
     write_samples,
@@ -321,6 +322,17 @@ class TestAgainstRobot:
         found = np.isfinite(q).all(axis=1)
         assert check_against(Poses(q=q[found], p_cmd=p_cmd[found]), self.robot).max() < 1e-3
 
+    def test_controller_that_compensates(self, rng: np.random.Generator) -> None:
+        """A display of the calibrated model beside nominal joints: told before anything is fitted."""
+        poses = self.poses(rng)
+        size = {"a": 0.5, "d": 0.5, "offset": 1e-3, "alpha": 1e-3}
+        change = {key: getattr(self.robot, key) + rng.normal(scale=s, size=6) for key, s in size.items()}
+        accurate = replace(self.robot, **change)
+        shown = replace(poses, p_cmd=accurate.forward(poses.q, tool=[120.0, 0.0, 350.0])[:, :3, 3])
+        check_not_compensated(poses, self.robot)
+        with pytest.raises(DataError, match=r"disagree by 0\.\d+ mm \(median\).*seems to compensate already"):
+            check_not_compensated(shown, self.robot)
+
     def test_nothing_to_compare(self, rng: np.random.Generator) -> None:
         assert len(check_against(Poses(q=np.zeros((20, 6))), self.robot)) == 0
 
@@ -331,5 +343,6 @@ def test_measured_robot(shared: Path) -> None:
     assert {"q", "p_cmd", "rotation_cmd", "rotation_meas", "p_std", "rotation_std", "temperature"} <= set(
         samples.columns()
     )
+    check_not_compensated(samples, load_robot("universal-robots-ur10"))
     left = check_against(samples, load_robot("universal-robots-ur10"))
     assert np.median(left) < 3.0

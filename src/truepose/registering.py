@@ -12,7 +12,7 @@ from truepose.cell import Cell
 from truepose.errors import DataError, RobotError
 from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
 from truepose.robots import Robot
-from truepose.samples import Poses, Samples
+from truepose.samples import Poses, Samples, check_not_compensated
 
 FloatArray = NDArray[np.float64]
 _DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
@@ -33,7 +33,8 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
     Raises
     ------
     DataError
-        If a fitted tool is asked for and the samples have no joints, or orientations that are not there.
+        If a fitted tool is asked for and the samples have no joints, or orientations that are not there; if joints and
+        commanded poses disagree, as with a controller that compensates already.
     IdentifiabilityError
         If the samples cannot tell the tool from the station.
     """
@@ -77,6 +78,7 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
         assert samples.p_cmd is not None
         return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
     check_limits(robot, samples)
+    check_not_compensated(samples, robot)
     tf_base_flange = robot.forward(samples.q)
     if cell.tool.fit == "none":
         p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]

@@ -167,7 +167,7 @@ class KinematicCalibration(Predictor):
         std = np.zeros(e.shape) if noise_std is None else np.broadcast_to(np.asarray(noise_std, float), e.shape)
         data = self._observations(checked, e, std)
         if first:
-            self._filter = KalmanFilter(self._arm, kind=self.method)  # type: ignore[arg-type]
+            self._filter = KalmanFilter(self._arm, kind=self.method)
             self._seen: tuple[FloatArray, FloatArray, FloatArray] = (checked[:0], e[:0], std[:0])
             self._flat = False
         misfit = np.array([self.misfit_std or 0.0])
@@ -196,7 +196,7 @@ class KinematicCalibration(Predictor):
     def _solve(self, data: Positions, misfit: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         arm = self._arm
         if self.method in ("ekf", "ukf"):
-            state, level = filtered(arm, data, kind=self.method, misfit=misfit)  # type: ignore[arg-type]
+            state, level = filtered(arm, data, kind=self.method, misfit=misfit)
             return state.x, level
         options: dict[str, Any] = {"misfit": misfit}
         if self.prior == "tolerance":

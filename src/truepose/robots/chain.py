@@ -355,6 +355,12 @@ class Robot:
 
         return robot_to_toml(self)
 
+    def to_urdf(self) -> str:
+        """Return the robot as the text of a URDF file: links base_link, link_1 …, tool0; no masses, no shapes."""
+        from truepose.robots.urdf_writing import robot_to_urdf
+
+        return robot_to_urdf(self)
+
 
 def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Walk along the chain fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n for all poses at once.

@@ -22,6 +22,7 @@ _REPEAT_MM: Final = 2.0  # repeats of one pose lie within a tenth of this, also 
 _SAME: Final = 1e-6
 _UNIT_FACTORS: Final = {1000.0: "metres", 25.4: "inches", 10.0: "centimetres"}
 _DEG: Final = np.pi / 180.0
+_ROUNDING_MM: Final = 0.3  # median: 0.01 deg in the joints of a large arm, or a UR10's servo errors, leave 0.1
 _FEWEST: Final = 8  # rows for a comparison of joints with commanded positions
 _REMEDIES: Final = (
     (_DEG, 1.0, "the joints are degrees; name the columns q1_deg …"),
@@ -177,6 +178,25 @@ def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> F
         if np.median(_disagreement(poses.q * q_factor, poses.p_cmd * p_factor, robot, robust=False)) <= tolerance_mm:
             raise poses.error(f"{message}: {why}")
     raise poses.error(f"{message}; is it this robot, and are the joints in its own order and sign?")
+
+
+def check_not_compensated(poses: Poses, robot: Robot) -> None:
+    """Refuse poses of a controller that compensates its arm's errors already: they would be corrected twice.
+
+    Such a controller (absolute accuracy) shows poses of its calibrated model beside joints that the nominal model takes
+    elsewhere, by 1–3 mm. Rounded displays, and servo errors in measured joints, stay below `_ROUNDING_MM`.
+
+    Raises
+    ------
+    DataError
+        If joints and commanded positions disagree by more, and as `check_against`.
+    """
+    left = check_against(poses, robot)
+    if len(left) and (median := float(np.median(left))) > _ROUNDING_MM:
+        message = f"joints and commanded positions disagree by {median:.3g} mm (median) on the nominal {robot.name}"
+        why = "the controller seems to compensate already (absolute accuracy), and errors would be corrected twice"
+        remedy = "switch that off and measure again, or leave out the commanded positions if they are another model's"
+        raise poses.error(f"{message}: {why}; {remedy}")
 
 
 def _disagreement(q: FloatArray, p_cmd: FloatArray, robot: Robot, robust: bool = True) -> FloatArray:
