@@ -68,11 +68,11 @@ def measure(job: Job, repeats: int = REPEATS) -> list[Timing]:
             call()
             times[side].append((time.perf_counter() - start) / job.counts.get(side, job.items))
     timings = []
-    for side, call in job.sides.items():
-        if isinstance(call, str):
-            timings.append(Timing(side, float("nan"), float("nan"), absent=call))
+    for side, given in job.sides.items():
+        if isinstance(given, str):
+            timings.append(Timing(side, float("nan"), float("nan"), absent=given))
             continue
-        peak = peak_memory(call) if job.memory else None
+        peak = peak_memory(given) if job.memory else None
         timings.append(Timing(side, statistics.median(times[side]), max(times[side]) - min(times[side]), peak))
     return timings
 

@@ -142,3 +142,13 @@ def test_limits_name_row_joint_value_and_limits() -> None:
 def test_what_is_no_chain_is_refused(change: dict[str, object], match: str) -> None:
     with pytest.raises(RobotError, match=match):
         replace(load_robot("kuka-kr150-2"), **change)  # type: ignore[arg-type]
+
+
+def test_forward_is_exact_to_rounding_at_every_angle(rng: np.random.Generator) -> None:
+    link = Robot("link", alpha=[0], a=[0], d=[0], offset=[0])
+    q = np.concatenate(
+        [rng.uniform(-12, 12, 10_000), np.arange(-8, 9) * np.pi / 2, np.pi + np.linspace(-1e-7, 1e-7, 99)]
+    )
+    tf = link.forward(q[:, None])
+    exact = np.stack([np.cos(q.astype(np.longdouble)), np.sin(q.astype(np.longdouble))], axis=1)
+    assert np.abs(tf[:, :2, 0] - exact).max() < 4e-16
