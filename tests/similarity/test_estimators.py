@@ -123,7 +123,7 @@ def test_gross_errors_move_the_robust_ones_little(rng):
     }
     assert gamma["matheron"] > 20
     assert gamma["cressie"] < 3.5
-    assert max(gamma["dowd"], gamma["genton"]) < 1.3
+    assert max(gamma["dowd"], gamma["genton"]) < 1.6
 
 
 @pytest.mark.parametrize("estimator", ["matheron", "dowd"])

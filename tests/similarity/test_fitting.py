@@ -14,7 +14,6 @@ from truepose.similarity import (
     fit_likelihood,
     fit_variogram,
 )
-from truepose.similarity.likelihood import restricted_loss
 
 BOUNDED = ["spherical", "exponential", "gaussian", "matern32", "matern52"]
 
@@ -102,37 +101,6 @@ def test_refusals(bins):
         fit_variogram(bins, "cube")
 
 
-@pytest.mark.parametrize("family", BOUNDED)
-def test_likelihood_gradient(family, rng):
-    x, e, step = rng.random((40, 3)), rng.standard_normal((40, 3)), 1e-5
-    h = cdist(x, x)
-
-    def loss(log_range, log_ratio):
-        return restricted_loss(family, np.exp(log_range), np.exp(log_ratio), h, e)
-
-    gradient = loss(-0.9, -2.0)[1]
-    by_range = (loss(-0.9 + step, -2.0)[0] - loss(-0.9 - step, -2.0)[0]) / (2 * step)
-    by_ratio = (loss(-0.9, -2.0 + step)[0] - loss(-0.9, -2.0 - step)[0]) / (2 * step)
-    np.testing.assert_allclose(gradient, [by_range, by_ratio], rtol=1e-6)
-
-
-def test_likelihood_is_that_of_contrasts(rng):
-    """The restricted likelihood is the likelihood of the errors' contrasts, which do not know the mean."""
-    x, e = rng.random((12, 2)), rng.standard_normal((12, 2))
-    contrasts = np.linalg.svd(np.ones((1, 12)))[2][1:]
-    differences = []
-    for length, ratio in ((0.3, 0.1), (0.8, 0.01)):
-        value, _, scale = restricted_loss("matern32", length, ratio, cdist(x, x), e)
-        model = VariogramModel("matern32", nugget=ratio, sill=1.0, range=length)
-        covariance = contrasts @ model.covariance(cdist(x, x)) @ contrasts.T
-        _, log_determinant = np.linalg.slogdet(covariance)
-        z = contrasts @ e
-        expected_scale = np.einsum("nc,nc->c", z, np.linalg.solve(covariance, z)) / 11
-        np.testing.assert_allclose(scale, expected_scale)
-        differences.append(value - log_determinant - 11 / 2 * np.log(expected_scale).sum())
-    assert differences[0] == pytest.approx(differences[1], abs=1e-10)
-
-
 def test_likelihood_finds_the_model(rng):
     x = rng.random((300, 3)) * 1000
     true = VariogramModel("matern32", nugget=0.1, sill=1.0, range=150.0)
@@ -152,5 +120,5 @@ def test_likelihood_refusals(rng):
         fit_likelihood(x, np.ones(10))
     with pytest.raises(KrigingError, match="all 10 points are the same"):
         fit_likelihood(np.ones((10, 2)), x)
-    with pytest.raises(KrigingError, match=r"linear.* has no likelihood"):
+    with pytest.raises(KrigingError, match="'linear' has no likelihood"):
         fit_likelihood(x, x, "linear")

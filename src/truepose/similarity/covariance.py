@@ -503,11 +503,13 @@ def range_derivatives(family: int, u: FloatArray, weights: FloatArray, shape: fl
 
 
 @compiled(fastmath=REORDER)
-def _dot_square(weight: FloatArray, slope: FloatArray, x: float, row: FloatArray, start: int, stop: int) -> float:
+def _dot_square(
+    weight: FloatArray, offset: int, slope: FloatArray, x: float, row: FloatArray, start: int, stop: int
+) -> float:
     total = 0.0
     for j in range(start, stop):
         z = x - row[j]
-        total -= weight[j] * slope[j] * z * z
+        total -= weight[offset + j] * slope[j] * z * z
     return total
 
 
@@ -518,12 +520,11 @@ def _range_derivatives(
     n, d = u.shape
     out = np.zeros((n, d))
     for i in prange(n):
-        r, padded = np.empty(BLOCK), np.empty(BLOCK)
+        r = np.empty(BLOCK)
         for b in range(i // BLOCK, samples.shape[0]):
             start, stop = max(i + 1 - b * BLOCK, 0), min(BLOCK, n - b * BLOCK)
-            padded[:stop] = weights[i, b * BLOCK : b * BLOCK + stop]
             _distances(u[i], samples[b], r)
             _slope(family, shape, r)
             for a in range(d):
-                out[i, a] += _dot_square(padded, r, u[i, a], samples[b, a], start, stop)
+                out[i, a] += _dot_square(weights[i], b * BLOCK, r, u[i, a], samples[b, a], start, stop)
     return out

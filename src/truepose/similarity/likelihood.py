@@ -22,7 +22,7 @@ from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
 from truepose.similarity.families import FAMILIES, check_shape, family_named
 from truepose.similarity.models import VariogramModel
-from truepose.similarity.threads import blas_threads
+from truepose.similarity.threads import blas_threads, kernel_threads
 from truepose.similarity.trend import polynomial
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +36,7 @@ STARTS: Final = ((0.5, 0.1), (4.0, 1e-3))
 RANGES: Final = (1e-3, 60.0)
 RATIOS: Final = (1e-8, 1e4)
 LARGE: Final = 3000
+"""Samples from which threads gain more than they cost by waiting for each other."""
 PART: Final = 250
 """Of twice as many samples a part of this size chooses between the starts; all samples refine the best."""
 STEP: Final = 1e-4
@@ -135,15 +136,17 @@ def fit_likelihood(
     columns = _drift(points, drift)
     if largest is not None and len(points) > largest:
         points, errors, columns = _part(largest, points, errors, columns)
-    with blas_threads(len(points), LARGE):  # between small matrices the kernels' threads are at work
+    with blas_threads(len(points), LARGE), kernel_threads(len(points), LARGE):
         problems = {
             name: _Problem(name, shape, method, ranges == "each", common_scale, points, errors, columns)
             for name in names
         }
         found = {name: _optimum(problem) for name, problem in problems.items()}
         best = min(found, key=lambda name: found[name][0])
-        model = problems[best].model(found[best][1], components)
-        hit, errors_of = problems[best].uncertainty(found[best][1], model)
+        optimum = found[best][1]
+        judged = problems[best].judged(optimum)
+        model = problems[best].model(optimum, judged, components)
+        hit, errors_of = problems[best].uncertainty(optimum, judged, model)
     record = LikelihoodFit(
         log_likelihood=problems[best].log_likelihood(found[best][0]),
         bounds_hit=hit,
@@ -151,7 +154,7 @@ def fit_likelihood(
         candidates={name: problems[name].log_likelihood(value) for name, (value, _) in found.items()},
         method=method,
         standard_error=errors_of,
-        scales=problems[best].judged(found[best][1]).scale,
+        scales=judged.scale,
     )
     return replace(model, fit=record)
 
@@ -242,15 +245,25 @@ class _Problem:
         K.flat[:: n + 1] = 1 + ratio
         return judge(self.method, K, self.drift, self.e, self.common)
 
+    def curvature(self, theta: FloatArray, judged: Judged, free: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return the second derivative of the criterion by the free parameters, and the first of log Σ s."""
+        H, slope, gradient = np.empty((len(free), len(free))), np.empty(len(free)), self.gradient(theta, judged)
+        for row, k in enumerate(free):
+            moved = theta + STEP * np.eye(len(theta))[k]
+            there = self.judged(moved)
+            H[row] = (self.gradient(moved, there) - gradient)[free] / STEP
+            slope[row] = math.log(there.scale.sum() / judged.scale.sum()) / STEP
+        return (H + H.T) / 2, slope
+
     def log_likelihood(self, loss: float) -> float:
         n, c = self.e.shape
         freedom = n - self.drift.shape[1] if self.method == "reml" else n
         return float(-loss - c * freedom * (1 + math.log(2 * math.pi)) / 2)
 
-    def model(self, theta: FloatArray, components: int) -> VariogramModel:
+    def model(self, theta: FloatArray, judged: Judged, components: int) -> VariogramModel:
         """Return the model of the mean over all components, those that do not vary included."""
         ranges, shape, ratio = self.unpacked(theta)
-        sill = float(self.judged(theta).scale.sum()) / components
+        sill = float(judged.scale.sum()) / components
         return VariogramModel(
             self.family,
             nugget=ratio * sill,
@@ -259,7 +272,9 @@ class _Problem:
             shape=shape if FAMILIES[self.family].shape is not None else None,
         )
 
-    def uncertainty(self, theta: FloatArray, model: VariogramModel) -> tuple[dict[str, str], dict[str, float]]:
+    def uncertainty(
+        self, theta: FloatArray, judged: Judged, model: VariogramModel
+    ) -> tuple[dict[str, str], dict[str, float]]:
         """Return the bounds hit, and standard errors from the curvature of the criterion, by name."""
         m = len(self.units)
         names = [f"range_{k + 1}" for k in range(m)] if self.each else ["range"]
@@ -273,17 +288,10 @@ class _Problem:
         free = np.flatnonzero(~(low | high))
         if self.method == "loo":
             return hit, errors
-        here = self.judged(theta)
-        H, slope, gradient = np.empty((len(free), len(free))), np.empty(len(free)), self.gradient(theta, here)
-        for row, k in enumerate(free):
-            moved = theta + STEP * np.eye(len(theta))[k]
-            there = self.judged(moved)
-            H[row] = (self.gradient(moved, there) - gradient)[free] / STEP
-            slope[row] = math.log(there.scale.sum() / here.scale.sum()) / STEP
-        H = (H + H.T) / 2
+        H, slope = self.curvature(theta, judged, free)
         if not free.size or np.linalg.eigvalsh(H)[0] <= 0:
             return hit, errors
-        covariance, scale = np.linalg.inv(H), here.scale
+        covariance, scale = np.linalg.inv(H), judged.scale
         own = 2 / (len(self.e) - self.drift.shape[1]) * float((scale**2).sum() / scale.sum() ** 2)
         if self.common:
             own = 2 / ((len(self.e) - self.drift.shape[1]) * len(scale))
@@ -298,21 +306,27 @@ class _Problem:
 
 
 def _optimum(problem: _Problem) -> tuple[float, FloatArray]:
-    """Return the least loss over the starts, and where."""
-    starts = [problem.start(*start) for start in STARTS]
-    if len(problem.points) >= 2 * PART:
-        part = replace(problem, **_sub(problem, PART))
-        with blas_threads(PART):
-            starts = [min((_descend(part, start) for start in starts), key=lambda result: result[0])[1]]
-    return min((_descend(problem, start) for start in starts), key=lambda result: result[0])
+    """Return the least loss over the starts, and where; many samples begin where a part of them ended."""
+    starts, n = [problem.start(*start) for start in STARTS], len(problem.points)
+    if n < 2 * PART:
+        return min((_descend(problem, start) for start in starts), key=lambda result: result[0])
+    part = replace(problem, **_sub(problem, PART))
+    begin = min((_descend(part, start) for start in starts), key=lambda result: result[0])[1]
+    H, _ = part.curvature(begin, part.judged(begin), np.arange(len(begin)))
+    return _descend(problem, begin, 1 / np.sqrt(np.maximum(n / PART * H.diagonal(), 1.0)))
 
 
-def _descend(problem: _Problem, start: FloatArray) -> tuple[float, FloatArray]:
+def _descend(problem: _Problem, start: FloatArray, unit: float | FloatArray = 1.0) -> tuple[float, FloatArray]:
+    """Return the least loss from a start, and where; the search steps are in a unit of each parameter."""
     low, high = np.array(problem.bounds).T
-    found = minimize(
-        problem.loss, np.clip(start, low, high), jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True))
-    )
-    return float(found.fun), np.asarray(found.x)
+
+    def loss(z: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = problem.loss(z * unit)
+        return value, gradient * unit
+
+    bounds = list(zip(low / unit, high / unit, strict=True))
+    found = minimize(loss, np.clip(start, low, high) / unit, jac=True, method="L-BFGS-B", bounds=bounds)
+    return float(found.fun), np.asarray(found.x * unit)
 
 
 def _sub(problem: _Problem, size: int) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from typing import Any, Final
 
@@ -17,6 +18,19 @@ def blas_threads(n: int, large: int = LARGE) -> AbstractContextManager[Any]:
         return nullcontext()
     one: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return one
+
+
+@contextmanager
+def kernel_threads(n: int, large: int = LARGE) -> Iterator[None]:
+    """Let compiled kernels over n² pairs work in one thread where n is small; their results are the same."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(before if n >= large else 1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 @cache
