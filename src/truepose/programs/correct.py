@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs import sidecar
+from truepose.programs.configurations import changed_words
 from truepose.programs.source import Patch, apply_patches, format_number, prove, unified_diff
 from truepose.programs.targets import IDENTITY, FloatArray, FrameTable, Program, ReadOptions, Target, linked
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
+    from truepose.robots import Robot
 
 Policy = Literal["refuse", "skip", "clip"]
 _DIALECTS: Final = {
@@ -307,15 +309,21 @@ def _correct(
 ) -> None:
     """Ask the map, and put what it says into outcomes and patches."""
     targets = [program.targets[i] for i in chosen]
+    poses, tools = program.poses_base(), program.tools(getattr(error_map, "tf_flange_tool", IDENTITY))
     answer = error_map.correct(
-        program.poses_base(),
-        tf_flange_tool=program.tools(getattr(error_map, "tf_flange_tool", IDENTITY)),
+        poses,
+        tf_flange_tool=tools,
         status=np.array([-1 if t.status is None else t.status for t in targets]),
         turn=np.array([-1 if t.turn is None else t.turn for t in targets]),
         on_guard=on_guard,
     )
     verdict = [str(v) for v in answer.verdict]
     reason = list(answer.reason)
+    robot: Robot | None = getattr(error_map, "robot", None)
+    if robot is not None:
+        for k, why in changed_words(robot, targets, poses, answer.p_command, tools).items():
+            if verdict[k] in _CORRECTED:
+                verdict[k], reason[k] = "refuse" if on_guard == "refuse" else "skip", why
     if on_guard == "refuse":
         _refuse(program, {int(i): reason[k] for k, i in enumerate(chosen) if verdict[k] == "refuse"})
     place = {int(i): k for k, i in enumerate(chosen)}
