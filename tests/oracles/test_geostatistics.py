@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truepose.predictors import OrdinaryKriging
+from truepose.predictors import OrdinaryKriging, VectorKriging
 from truepose.similarity import VariogramModel, experimental_variogram
 
 ISAAKS_SRIVASTAVA = np.array(
@@ -56,6 +56,18 @@ def test_four_corners(points, estimate, variance):
         CORNERS[:points], np.arange(1.0, points + 1)
     )
     assert predict(model, [(0, 0)]) == pytest.approx((estimate, variance), abs=5e-7)
+
+
+def test_ordinary_cokriging_with_a_shared_mean():
+    """Two variables, each measured where the other was not; from gstat's own test output: shared/oracles, number 3."""
+    d1, d2 = np.diag([0.0, np.inf]), np.diag([np.inf, 0.0])
+    model = VectorKriging(
+        VariogramModel("exponential", sill=1.0, range=1.0), [[1.0, 0.5], [0.5, 1.0]], shared_drift=True
+    )
+    model.fit([(0, 0), (2, 0), (0, 2), (2, 2)], [(0, 0), (1, 0), (0, 4), (0, 5)], noise_cov=[d1, d1, d2, d2])
+    np.testing.assert_allclose(model.predict([(1, 1)])[0], [2.031619, 2.968381], atol=5e-7)
+    expected = [[0.929230, 0.457698], [0.457698, 0.929230]]
+    np.testing.assert_allclose(model.predict_covariance([(1, 1)])[0], expected, atol=5e-7)
 
 
 def test_meuse_experimental_variogram():

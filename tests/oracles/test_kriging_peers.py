@@ -1,4 +1,4 @@
-"""Ordinary Kriging agrees with gstools and pykrige on random problems."""
+"""Kriging agrees with gstools, pykrige, scikit-learn and gpboost on random problems in 1, 2, 3 and 6 coordinates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from truepose.predictors import OrdinaryKriging
+from truepose.predictors import OrdinaryKriging, SimpleKriging, UniversalKriging, VecchiaKriging
 from truepose.similarity import VariogramModel
 
 SETTINGS = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -25,11 +25,11 @@ PEERS = {
 
 
 @st.composite
-def problems(draw):
+def problems(draw, dimensions=(1, 2, 3, 6)):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    d = draw(st.sampled_from([2, 3]))
-    n = draw(st.integers(3, 40))
-    family = draw(st.sampled_from(list(PEERS)))
+    d = draw(st.sampled_from(dimensions))
+    n = draw(st.integers(8, 40))
+    family = draw(st.sampled_from([name for name in PEERS if name != "spherical" or d <= 3]))
     nugget = draw(st.floats(0.01, 1.0))
     model = VariogramModel(family, nugget=nugget, sill=draw(st.floats(0.1, 10)), range=draw(st.floats(0.2, 2.0)))
     return model, rng.random((n, d)), rng.standard_normal(n), rng.random((12, d))
@@ -52,7 +52,7 @@ def test_gstools(problem, exact):
 
 
 @SETTINGS
-@given(problems())
+@given(problems(dimensions=(2, 3)))
 def test_pykrige(problem):
     pykrige = pytest.importorskip("pykrige")
     variogram, x, e, targets = problem
@@ -68,3 +68,84 @@ def test_pykrige(problem):
     mine, std = OrdinaryKriging(variogram, exact=True).fit(x, e).predict(targets, return_std=True)
     np.testing.assert_allclose(mine, np.asarray(expected), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(std**2, np.asarray(variance), rtol=1e-9, atol=1e-9)
+
+
+@SETTINGS
+@given(problems(), st.booleans())
+def test_gstools_simple(problem, exact):
+    gstools = pytest.importorskip("gstools")
+    variogram, x, e, targets = problem
+    name, arguments, *_ = PEERS[variogram.family]
+    model = getattr(gstools, name)(
+        dim=x.shape[1], var=variogram.sill, nugget=variogram.nugget, **arguments(variogram.range)
+    )
+    expected, variance = gstools.krige.Simple(model, x.T, e, mean=0.3, exact=exact, pseudo_inv=False)(targets.T)
+    kriging = SimpleKriging(variogram, exact=exact, mean=0.3).fit(x, e)
+    mine, std = kriging.predict(targets, return_std=True, include_nugget=True)
+    np.testing.assert_allclose(mine, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(std**2, variance, rtol=1e-9, atol=1e-9)
+
+
+@SETTINGS
+@given(problems(dimensions=(1, 2, 3)), st.sampled_from(["linear", "quadratic"]))
+def test_gstools_universal(problem, drift):
+    gstools = pytest.importorskip("gstools")
+    variogram, x, e, targets = problem
+    name, arguments, *_ = PEERS[variogram.family]
+    model = getattr(gstools, name)(
+        dim=x.shape[1], var=variogram.sill, nugget=variogram.nugget, **arguments(variogram.range)
+    )
+    if len(x) < 12:
+        return  # as many columns as samples
+    expected, variance = gstools.krige.Universal(model, x.T, e, drift, exact=True, pseudo_inv=False)(targets.T)
+    mine, std = UniversalKriging(drift, variogram, exact=True).fit(x, e).predict(targets, return_std=True)
+    np.testing.assert_allclose(mine, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())  # its system is bordered
+    np.testing.assert_allclose(std**2, variance, rtol=1e-7, atol=1e-7 * np.abs(variance).max())
+
+
+@SETTINGS
+@given(problems())
+def test_scikit_learn_simple(problem):
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
+
+    variogram, x, e, targets = problem
+    a = variogram.range
+    kernels = {
+        "exponential": Matern(a, nu=0.5),
+        "gaussian": RBF(a / 2**0.5),
+        "matern32": Matern(a, nu=1.5),
+        "matern52": Matern(a, nu=2.5),
+    }
+    if variogram.family not in kernels:
+        return
+    kernel = ConstantKernel(variogram.sill, "fixed") * kernels[variogram.family]
+    peer = GaussianProcessRegressor(kernel, alpha=variogram.nugget, optimizer=None).fit(x, e)
+    expected, peer_std = peer.predict(targets, return_std=True)
+    mine, std = SimpleKriging(variogram).fit(x, e).predict(targets, return_std=True)
+    np.testing.assert_allclose(mine, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(std**2, peer_std**2, rtol=1e-9, atol=1e-9)
+
+
+def test_gpboost_vecchia(capfd):
+    """Its predictions from the nearest samples with a mean of 0, and its likelihood where all are neighbours."""
+    gpboost = pytest.importorskip("gpboost")
+    rng = np.random.default_rng(3)
+    x, e, targets = rng.random((60, 2)), rng.standard_normal(60), rng.random((30, 2))
+    variogram = VariogramModel("matern32", nugget=0.1, sill=1.0, range=0.3)
+    peer = gpboost.GPModel(
+        gp_coords=x, cov_function="matern", cov_fct_shape=1.5, gp_approx="vecchia", num_neighbors=59,
+        likelihood="gaussian", num_parallel_threads=1,
+    )  # fmt: skip
+    parameters = np.array([0.1, 1.0, 0.3])
+    peer.set_prediction_data(num_neighbors_pred=60, vecchia_pred_type="order_obs_first_cond_obs_only")
+    found = peer.predict(
+        y=e, gp_coords_pred=targets, cov_pars=parameters, predict_var=True, predict_response=False
+    )  # fmt: skip
+    model = VecchiaKriging(60, variogram).fit(x, e)
+    simple = SimpleKriging(variogram).fit(x, e)
+    mine, std = simple.predict(targets, return_std=True)
+    np.testing.assert_allclose(mine, found["mu"], atol=1e-7)
+    np.testing.assert_allclose(std**2, found["var"], atol=1e-7)
+    likelihood = -peer.neg_log_likelihood(parameters, y=e - model.beta_[0, 0])
+    assert model.log_likelihood_[0] == pytest.approx(likelihood, abs=1e-6)

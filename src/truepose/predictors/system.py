@@ -77,7 +77,7 @@ class System:
         if not drift.shape[1]:
             return cls(factor, drift, np.zeros((0, 0)), 1 / reciprocal)
         q, r = np.linalg.qr(solve_triangular(factor, drift, lower=True, check_finite=False))
-        if len(drift) < drift.shape[1] or np.linalg.cond(r / np.linalg.norm(r, axis=0)) > 1 / WORST_DRIFT:
+        if len(drift) < drift.shape[1] or dependent(r):
             raise KrigingError(
                 f"the {drift.shape[1]} columns of the drift cannot be told apart at {len(drift)} points; "
                 "use a simpler drift, or measure points that differ in every coordinate of it"
@@ -170,6 +170,12 @@ class System:
     def __getstate__(self) -> dict[str, object]:
         with _INVERTING:
             return self.__dict__.copy()
+
+
+def dependent(r: FloatArray) -> bool:
+    """Whether columns of a triangular factor (p, p) cannot be told apart, whatever their sizes."""
+    size = np.linalg.norm(r, axis=0)
+    return bool(size.min() == 0 or np.linalg.cond(r / size) > 1 / WORST_DRIFT)
 
 
 def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:

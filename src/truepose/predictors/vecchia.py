@@ -20,7 +20,7 @@ from truepose.errors import KrigingError
 from truepose.predictors.drift import DriftLike
 from truepose.predictors.kriging import VariogramLike
 from truepose.predictors.neighbour_kriging import CHUNK, Group, NeighbourKriging
-from truepose.predictors.system import WORST_DRIFT, System
+from truepose.predictors.system import System, dependent
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -131,7 +131,7 @@ class VecchiaKriging(NeighbourKriging):
             log_determinant += float(np.log(variance).sum())
             triangle = _triangle(np.vstack([triangle, white]))
         root = triangle[:p, :p]
-        if np.linalg.cond(root / np.linalg.norm(root, axis=0)) > 1 / WORST_DRIFT:
+        if dependent(root):
             raise KrigingError(f"the {p} columns of the drift cannot be told apart; use a simpler drift")
         beta = solve_triangular(root, triangle[:p, p:])
         return _Drift(beta, root, (triangle[p:, p:] ** 2).sum(axis=0), log_determinant)
