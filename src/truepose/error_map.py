@@ -20,7 +20,7 @@ from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, Policy, apply_policy, mirror, solve
 from truepose.errors import DataError, RefusedError, RobotError
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
-from truepose.predictors import PREDICTORS, Predictor, choose, make_predictor
+from truepose.predictors import PREDICTORS, Arm, Predictor, choose, make_predictor
 from truepose.registering import check_limits, register_samples
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
@@ -303,16 +303,17 @@ def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: in
     """
     robot = cell.load_robot()
     registration, tf_flange_tool, p_cmd = register_samples(cell, robot, samples)
-    trusted = ~registration.outliers
+    arm, trusted = Arm(robot, tf_flange_tool), ~registration.outliers
     ranking: list[dict[str, Any]] = []
     if predictor == "auto":
         coordinates = {"cartesian": p_cmd} if samples.q is None else {"cartesian": p_cmd, "joint": samples.q}
         few = {space: x[trusted] for space, x in coordinates.items()}
-        ranking = choose(few, registration.residuals[trusted], folds=folds, rng=rng)
+        ranking = choose(few, registration.residuals[trusted], arm=arm, folds=folds, rng=rng)
         predictor = ranking[0]["predictor"]
-    model = make_predictor(predictor)
+    model = make_predictor(predictor, arm=arm)
     x = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd)
     gross = _fit_without_gross(model, x, registration.residuals)
+    weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
     return ErrorMap(
         cell=cell,
         robot=robot,
@@ -322,7 +323,7 @@ def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: in
         predictor_name=predictor,
         predictor=model,
         ranking=ranking,
-        excluded=_excluded(samples, registration, gross),
+        excluded=_excluded(samples, registration, gross, weighed_down),
     )
 
 
@@ -346,7 +347,10 @@ def _fit_without_gross(model: Predictor, x: FloatArray, e: FloatArray) -> FloatA
         gross[kept[out]] = surprise[out]
 
 
-def _excluded(samples: Samples, registration: Registration, gross: FloatArray) -> list[dict[str, Any]]:
+def _excluded(
+    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: NDArray[np.int64]
+) -> list[dict[str, Any]]:
+    """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
     assert samples.row is not None
     size = np.linalg.norm(registration.residuals, axis=1)
     return [
@@ -355,6 +359,9 @@ def _excluded(samples: Samples, registration: Registration, gross: FloatArray) -
             "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
         }
         for i in np.flatnonzero(gross)
+    ] + [
+        {"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, contradicted by the others"}
+        for i in weighed_down
     ]
 
 

@@ -18,7 +18,7 @@ from truepose.cell import Cell
 from truepose.error_map import ErrorMap, predictor_coordinates
 from truepose.errors import FileError
 from truepose.geometry import Registration
-from truepose.predictors import PREDICTORS, make_predictor
+from truepose.predictors import PREDICTORS, Arm, make_predictor
 from truepose.robots import parse_robot
 from truepose.samples import Samples
 
@@ -79,7 +79,7 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
             registration=registration,
             tf_flange_tool=tf_flange_tool,
             predictor_name=name,
-            predictor=make_predictor(name, content["predictor"]["parameters"]),
+            predictor=make_predictor(name, content["predictor"]["parameters"], Arm(robot, tf_flange_tool)),
             ranking=content["ranking"],
             excluded=content["excluded"],
         )

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.calibration import KinematicCalibration
 from truepose.predictors.choose import choose
 from truepose.predictors.folds import block_folds, random_folds
 from truepose.predictors.inverse_distance import InverseDistance
+from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging import OrdinaryKriging, SimpleKriging, UniversalKriging
 from truepose.predictors.local_kriging import LocalKriging
+from truepose.predictors.named import PREDICTORS, Arm, make_predictor
 from truepose.predictors.nearest import GridCell, Nearest
 from truepose.predictors.radial_basis import RadialBasis
-from truepose.predictors.named import PREDICTORS, make_predictor
 from truepose.predictors.registration_only import RegistrationOnly
+from truepose.predictors.residual_network import ResidualNetwork
 from truepose.predictors.vecchia import VecchiaKriging
 from truepose.predictors.vector_kriging import VectorKriging
 
 __all__ = [
     "PREDICTORS",
+    "Arm",
     "GridCell",
     "InverseDistance",
+    "KinematicCalibration",
+    "KinematicKriging",
     "LeaveOneOut",
     "LocalKriging",
     "Nearest",
@@ -26,6 +32,7 @@ __all__ = [
     "Predictor",
     "RadialBasis",
     "RegistrationOnly",
+    "ResidualNetwork",
     "SimpleKriging",
     "UniversalKriging",
     "VecchiaKriging",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, Self, overload
+from typing import Any, ClassVar, Literal, NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,15 @@ class LeaveOneOut(NamedTuple):
 
 
 class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Base of error models: predicts positional errors, with a standard deviation, at new positions or joints."""
+    """Base of error models: predicts positional errors, with a standard deviation, at new positions or joints.
+
+    Attributes
+    ----------
+    of_arm : tuple of str
+        Parameters that say which arm it is about, as `make_predictor` hands them on; empty where none does.
+    """
+
+    of_arm: ClassVar[tuple[str, ...]] = ()
 
     def fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
         """Fit the model to samples.
@@ -131,13 +139,14 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return copy
 
     def to_json(self) -> dict[str, Any]:
-        """Return the parameters of `pinned` as plain values."""
-        return {name: _plain(value) for name, value in self.pinned().get_params(deep=False).items()}
+        """Return the parameters of `pinned` as plain values, without what the arm is: see `of_arm`."""
+        values = self.pinned().get_params(deep=False)
+        return {name: _plain(value) for name, value in values.items() if name not in self.of_arm}
 
     @classmethod
     def from_json(cls, parameters: Mapping[str, Any]) -> Self:
-        """Return the unfitted model that `to_json` described."""
-        return cls(**{name: _rich(value) for name, value in parameters.items()})
+        """Return the unfitted model that `to_json` described; parameters of the arm are added to it."""
+        return cls(**{name: value if name in cls.of_arm else _rich(value) for name, value in parameters.items()})
 
     @abstractmethod
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None: ...
@@ -209,5 +218,5 @@ def _plain(value: Any) -> Any:
 
 def _rich(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return VariogramModel.from_dict(dict(value))
+        return dict(value) if "joint_std" in value else VariogramModel.from_dict(dict(value))
     return tuple(_rich(item) for item in value) if isinstance(value, list | tuple) else value

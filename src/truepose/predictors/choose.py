@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 
 from truepose.errors import TrueposeError
 from truepose.predictors.folds import block_folds
-from truepose.predictors.named import PREDICTORS, make_predictor
+from truepose.predictors.named import PREDICTORS, Arm, make_predictor
 
 FloatArray = NDArray[np.float64]
 
-CANDIDATES: Final = ("registration", "idw", "ordinary-kriging", "ordinary-kriging-joint")
+CANDIDATES: Final = ("registration", "idw", "ordinary-kriging", "ordinary-kriging-joint", "kinematic-kriging")
 
 
 def choose(
     coordinates: Mapping[str, FloatArray],
     e: FloatArray,
     *,
+    arm: Arm | None = None,
     candidates: Sequence[str] = CANDIDATES,
     folds: int = 5,
     rng: np.random.Generator | int = 0,
@@ -32,8 +33,10 @@ def choose(
     coordinates : mapping
         ``cartesian``: commanded positions (n, 3) [mm]; ``joint``: joints (n, dof) [rad], where there are any.
     e : (n, 3) array [mm]
+    arm : Arm, optional
+        For candidates that know the arm.
     candidates : sequence of str
-        Names of `PREDICTORS`; those whose space has no coordinates are passed over.
+        Names of `PREDICTORS`; those whose space has no coordinates, or that need an arm, are passed over without.
     folds : int
     rng : Generator or int
         For the blocks.
@@ -53,10 +56,10 @@ def choose(
     failure: TrueposeError | None = None
     for name in candidates:
         x = coordinates.get(PREDICTORS[name].space)
-        if x is None:
+        if x is None or (PREDICTORS[name].family.of_arm and arm is None):
             continue
         try:
-            length = np.linalg.norm(e - _left_out(name, x, e, fold), axis=1)
+            length = np.linalg.norm(e - _left_out(name, x, e, fold, arm), axis=1)
         except TrueposeError as error:
             ranking.append({"predictor": name, "note": f"failed: {error}"})
             failure = error
@@ -68,10 +71,10 @@ def choose(
     return sorted(ranking, key=lambda row: row.get("mean_mm", np.inf))
 
 
-def _left_out(name: str, x: FloatArray, e: FloatArray, fold: NDArray[np.int64]) -> FloatArray:
+def _left_out(name: str, x: FloatArray, e: FloatArray, fold: NDArray[np.int64], arm: Arm | None) -> FloatArray:
     """Return each sample predicted without its fold, (n, 3) [mm]."""
     predicted = np.empty_like(e)
     for k in np.unique(fold):
         out = fold == k
-        predicted[out] = make_predictor(name).fit(x[~out], e[~out]).predict(x[out])
+        predicted[out] = make_predictor(name, arm=arm).fit(x[~out], e[~out]).predict(x[out])
     return predicted

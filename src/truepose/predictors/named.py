@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
+from truepose.predictors.calibration import KinematicCalibration
 from truepose.predictors.inverse_distance import InverseDistance
+from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging import OrdinaryKriging, UniversalKriging
 from truepose.predictors.local_kriging import LocalKriging
 from truepose.predictors.nearest import GridCell, Nearest
 from truepose.predictors.radial_basis import RadialBasis
 from truepose.predictors.registration_only import RegistrationOnly
+from truepose.predictors.residual_network import ResidualNetwork
 from truepose.predictors.vecchia import VecchiaKriging
 from truepose.predictors.vector_kriging import VectorKriging
+from truepose.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -28,10 +35,13 @@ class Named:
     family : type
     space : {"cartesian", "joint"}
         What it takes: commanded positions [mm], or joints [rad].
+    defaults : mapping
+        Parameters that the name stands for.
     """
 
     family: type[Predictor]
     space: Literal["cartesian", "joint"] = "cartesian"
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
 PREDICTORS: Final[dict[str, Named]] = {
@@ -53,11 +63,34 @@ PREDICTORS: Final[dict[str, Named]] = {
     "grid-cell": Named(GridCell),
     "nearest": Named(Nearest),
     "nearest-joint": Named(Nearest, "joint"),
+    "kinematic-kriging": Named(KinematicKriging, "joint"),
+    "calibration": Named(KinematicCalibration, "joint"),
+    "calibration-ls": Named(KinematicCalibration, "joint", {"method": "ls"}),
+    "calibration-ekf": Named(KinematicCalibration, "joint", {"method": "ekf"}),
+    "calibration-ukf": Named(KinematicCalibration, "joint", {"method": "ukf"}),
+    "calibration-harmonics": Named(KinematicCalibration, "joint", {"terms": ("sin1", "cos1")}),
+    "calibration-network": Named(ResidualNetwork, "joint", {"terms": ("sin1", "cos1")}),
 }
 """All predictors by name."""
 
 
-def make_predictor(name: str, parameters: Mapping[str, Any] | None = None) -> Predictor:
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """What a predictor may need to know of the arm whose errors it predicts.
+
+    Attributes
+    ----------
+    robot : Robot
+        Nominal.
+    tf_flange_tool : (4, 4) array [mm]
+        The measured point.
+    """
+
+    robot: Robot
+    tf_flange_tool: NDArray[np.float64]
+
+
+def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: Arm | None = None) -> Predictor:
     """Return an unfitted predictor.
 
     Parameters
@@ -66,6 +99,8 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None) -> Pr
         A key of `PREDICTORS`.
     parameters : mapping, optional
         As `Predictor.to_json` gives them.
+    arm : Arm, optional
+        For those that know the arm.
 
     Raises
     ------
@@ -76,4 +111,8 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None) -> Pr
         near = difflib.get_close_matches(name, [*PREDICTORS, "auto"], n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise DataError(f"no predictor {name!r}; {hint}there are: auto, {', '.join(PREDICTORS)}")
-    return PREDICTORS[name].family.from_json(parameters or {})
+    named = PREDICTORS[name]
+    if named.family.of_arm and arm is None:
+        raise DataError(f"predictor {name!r} needs to know the arm: its robot and tool")
+    of_arm = {key: getattr(arm, key) for key in named.family.of_arm}
+    return named.family.from_json({**named.defaults, **(parameters or {}), **of_arm})

@@ -1,0 +1,129 @@
+"""The search for hyperparameters of (10): restricted likelihood, weak priors, analytic gradients, several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from truepose.errors import KrigingError
+from truepose.predictors.kinematic.basis_form import Basis, Sums, gradient_by_hyper, negative_log_likelihood
+from truepose.predictors.kinematic.covariance_form import Likelihood
+from truepose.predictors.kinematic.hyper import Hyper
+
+FloatArray = NDArray[np.float64]
+
+_STARTS: Final = (1.0, 0.3)  # factors of the joint lengths that a search starts from
+_SHORT: Final = 25  # iterations after which the better start goes on alone
+_LONG: Final = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    Attributes
+    ----------
+    hyper : Hyper
+    log_likelihood : float
+        Marginal, of the errors, at `hyper`; without the priors of the hyperparameters.
+    bounds_hit : list of str
+        Hyperparameters at a bound.
+    evaluations : int
+    """
+
+    hyper: Hyper
+    log_likelihood: float
+    bounds_hit: list[str]
+    evaluations: int
+
+
+def search(likelihood: Likelihood, starts: list[Hyper]) -> Search:
+    """Minimise the negative log likelihood plus the weak priors, in covariance form, from several starts.
+
+    Raises
+    ------
+    KrigingError
+        If no start has a finite likelihood.
+    """
+    return _minimise(likelihood, starts)
+
+
+def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
+    """Go on from hyperparameters of a subset with all samples, in basis form; the ranges of Z stay as they are.
+
+    Parameters
+    ----------
+    basis : Basis
+    sums : Sums
+        With the noise variances of `start`.
+    start : Hyper
+    """
+
+    def likelihood(hyper: Hyper) -> tuple[float, FloatArray]:
+        scale = (hyper.noise / start.noise) ** 2
+        value, by_variance, by_scale = negative_log_likelihood(basis, sums, hyper, scale)
+        return value, gradient_by_hyper(basis, hyper, by_variance, by_scale)
+
+    ranges = len(start.rest_range)
+    return _minimise(likelihood, [start], held=ranges)
+
+
+def spread_starts(start: Hyper) -> list[Hyper]:
+    """Return a start with several joint lengths: the likelihood may have an optimum at each."""
+    vector, k = start.to_vector(), len(start.joint_std)
+    out = []
+    for factor in _STARTS:
+        theta = vector.copy()
+        theta[k : 2 * k] += np.log(factor)
+        out.append(start.with_vector(theta))
+    return out
+
+
+def _minimise(likelihood: Callable[[Hyper], tuple[float, FloatArray]], starts: list[Hyper], held: int = 0) -> Search:
+    """Minimise; the last `held` parameters stay where the first start has them."""
+    shape = starts[0]
+    centre, std = shape.prior()
+    bounds = shape.bounds()
+    if held:
+        bounds[-held:] = [(value, value) for value in shape.to_vector()[-held:]]
+    evaluations = 0
+
+    def objective(theta: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal evaluations
+        evaluations += 1
+        value, gradient = likelihood(shape.with_vector(theta))
+        pull = (theta - centre) / std
+        return value + 0.5 * float(pull @ pull), gradient + pull / std
+
+    def run(theta: FloatArray, iterations: int) -> tuple[float, FloatArray]:
+        found = minimize(objective, theta, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
+        return float(found.fun), np.asarray(found.x)
+
+    first = [run(start.to_vector(), _SHORT if len(starts) > 1 else _LONG) for start in starts]
+    value, theta = min(first, key=lambda found: found[0])
+    if len(starts) > 1:
+        value, theta = run(theta, _LONG)
+    if not np.isfinite(value):
+        raise KrigingError(
+            "kinematic Kriging found no hyperparameters with a finite likelihood; are the samples repeated?"
+        )
+    hyper = shape.with_vector(theta)
+    hit = [
+        name
+        for name, at, (low, high) in zip(_names(hyper), theta, bounds, strict=True)
+        if low < high and not low + 1e-9 < at < high - 1e-9
+    ]
+    pull = (theta - centre) / std
+    return Search(hyper, -(value - 0.5 * float(pull @ pull)), hit, evaluations)
+
+
+def _names(hyper: Hyper) -> list[str]:
+    k, g = len(hyper.joint_std), len(hyper.rest_range)
+    names = [f"joint std {i + 1}" for i in range(k)] + [f"joint length {i + 1}" for i in range(k)]
+    names += ["tolerance of geometry", "tolerance of compliance", "noise"]
+    return names + (["rest std", *(f"rest range {i + 1}" for i in range(g))] if g else [])

@@ -1,0 +1,361 @@
+"""Kinematic Kriging (10): registration, calibration and similarity in one best linear unbiased prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils.validation import check_is_fitted
+
+from truepose.errors import DataError, KrigingError
+from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, take
+from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
+from truepose.predictors.kinematic.fitting import refine, search, spread_starts
+from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms
+from truepose.robots import Robot
+from truepose.similarity.threads import blas_threads
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+EXACT_UP_TO: Final = 350
+"""Samples up to which ``solver="auto"`` takes the covariance form."""
+
+_SUBSET: Final = 250  # samples that hyperparameters are searched on before all of them refine these
+_FEWEST: Final = 6
+_LARGE: Final = 1500  # equations from which BLAS gains by threads
+_DEGREES_OF_FREEDOM: Final = 5.0  # of the Student t that noise is taken for
+_ROUNDS: Final = 4
+_GROSS: Final = 0.1  # weight below which a reading is called gross
+_SETTLED: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """The error of one joint over its own angle: its gear's signature.
+
+    Attributes
+    ----------
+    joint : int
+        Counted from 0.
+    angle : (m,) array [rad]
+    error, std : (m,) arrays [rad]
+        f_j and its standard deviation. The constant and the first harmonic share what they explain with the geometry.
+    """
+
+    joint: int
+    angle: FloatArray
+    error: FloatArray
+    std: FloatArray
+
+
+class KinematicKriging(Predictor):
+    """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
+
+    e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal priors, geometry
+    those of tolerances; f_j are random functions of each joint's own angle; Z is what is left; the noise is Student t
+    when `robust`. Hyperparameters by restricted likelihood under weak priors, with analytic gradients.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal.
+    tf_flange_tool : (4, 4) array_like [mm], optional
+        Of the measured point; the flange when not given.
+    convention : str
+        Of the geometry: one of `truepose.robots.error_model`'s.
+    geometry, compliance, joint_errors : bool
+        Terms besides the registration.
+    residual : {"joint", "cartesian", "both", "none"}
+        Coordinates of Z.
+    robust : bool
+        Weigh readings down that the others contradict; `gross_` names them.
+    solver : {"auto", "covariance", "basis"}
+        The covariance of all readings (exact, cubic in n) or a basis (linear in n); auto takes the first up to
+        `EXACT_UP_TO` samples. `solver_` says which.
+    hyper : dict, optional
+        Hyperparameters as `Hyper.to_dict` gives them, instead of a search.
+    weight : sequence of float, optional
+        Weights of the samples, instead of the robust ones.
+    inflation : float, optional
+        Factor of predicted variances, with `hyper`; otherwise found by leave-one-out.
+    random_state : int
+        For the subset that large sets are searched on.
+
+    Attributes
+    ----------
+    hyper_ : Hyper
+    parameters_ : list of dict
+        Every drift column: name, group, estimate ± std in its unit.
+    joints_ : (k,) array of int
+        Joints with an error of their own, counted from 0.
+    unseen_ : list of int
+        Joints that never move or that the tool point cannot see: left out.
+    weight_ : (n,) array
+    gross_ : (g,) array of int
+        Rows of readings that the others contradict.
+    inflation_ : float
+        Factor of the predicted variances that makes leave-one-out residuals of the samples standard; at least 1.
+    log_likelihood_ : float
+        NaN where hyperparameters were given.
+    bounds_hit_ : list of str
+    """
+
+    of_arm = ("robot", "tf_flange_tool")
+
+    def __init__(
+        self,
+        robot: Robot | None = None,
+        tf_flange_tool: ArrayLike | None = None,
+        convention: str = "hayati",
+        geometry: bool = True,
+        compliance: bool = True,
+        joint_errors: bool = True,
+        residual: Residual = "joint",
+        robust: bool = True,
+        solver: str = "auto",
+        hyper: dict[str, Any] | None = None,
+        weight: Sequence[float] | None = None,
+        inflation: float | None = None,
+        random_state: int = 0,
+    ) -> None:
+        self.robot = robot
+        self.tf_flange_tool = tf_flange_tool
+        self.convention = convention
+        self.geometry = geometry
+        self.compliance = compliance
+        self.joint_errors = joint_errors
+        self.residual = residual
+        self.robust = robust
+        self.solver = solver
+        self.hyper = hyper
+        self.weight = weight
+        self.inflation = inflation
+        self.random_state = random_state
+
+    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+        self._check(X, e)
+        assert self.robot is not None
+        tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
+        self._terms = Terms(
+            self.robot,
+            tool,
+            convention=self.convention,
+            geometry=self.geometry,
+            compliance=self.compliance,
+            residual=self.residual,
+        )
+        design = self._terms.at(self.robot.check_joints(X))
+        self.joints_ = self._terms.seen(design) if self.joint_errors else np.empty(0, np.int64)
+        self.unseen_ = sorted(set(range(X.shape[1])) - set(self.joints_.tolist())) if self.joint_errors else []
+        self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
+        self._e = e
+        self._reading = np.zeros_like(e) if noise_std is None else noise_std
+        self.log_likelihood_ = np.nan
+        self.bounds_hit_: list[str] = []
+        with blas_threads(3 * len(e), large=_LARGE):
+            if self.hyper is not None:
+                self.hyper_ = Hyper.from_dict(self.hyper)
+                self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
+            else:
+                self._estimate(design)
+            self._solve(X)
+            self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
+            self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
+            self.parameters_ = self._parameters()
+
+    def _check(self, X: FloatArray, e: FloatArray) -> None:
+        if self.robot is None:
+            raise KrigingError("kinematic Kriging needs the nominal robot: KinematicKriging(robot, …)")
+        if self.solver not in ("auto", "covariance", "basis"):
+            raise DataError(f'solver is {self.solver!r}; expected "auto", "covariance" or "basis"')
+        if self.residual not in ("joint", "cartesian", "both", "none"):
+            raise DataError(f'residual is {self.residual!r}; expected "joint", "cartesian", "both" or "none"')
+        if e.shape[1] != 3:
+            raise DataError(f"kinematic Kriging predicts the 3 components of positional errors, but y has {e.shape[1]}")
+        if len(e) < _FEWEST:
+            raise KrigingError(
+                f"{len(e)} samples are too few for kinematic Kriging; measure {_FEWEST} or more, better 60"
+            )
+        if self.weight is not None and len(self.weight) != len(e):
+            raise DataError(f"{len(self.weight)} weights came for {len(e)} samples")
+
+    def _estimate(self, design: Design) -> None:
+        """Search hyperparameters and robust weights in turn until the weights settle."""
+        n = len(self._e)
+        rng = np.random.default_rng(self.random_state)
+        rows = np.sort(rng.permutation(n)[:_SUBSET]) if self.solver_ == "basis" else np.arange(n)
+        start = Hyper.start(len(self.joints_), len(self._terms.range_names))
+        starts = spread_starts(start) if len(self.joints_) else [start]
+        self.weight_ = self._first_weights(design) if self.robust else np.ones(n)
+        for turn in range(_ROUNDS):
+            if turn == 0 or self.solver_ == "covariance":
+                likelihood = Likelihood(
+                    self._terms,
+                    take(design, rows),
+                    self.joints_,
+                    self._e[rows],
+                    self._reading[rows],
+                    self.weight_[rows],
+                )
+                found = search(likelihood, starts)
+                self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
+                self.bounds_hit_ = found.bounds_hit
+            self._form = self._solved(design)
+            if not self.robust:
+                return
+            weight = self._weights()
+            change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_))
+            self.weight_ = weight
+            starts = [self.hyper_]
+            if change.max() < _SETTLED:
+                return
+
+    def _first_weights(self, design: Design) -> FloatArray:
+        """Return 0.01 for readings far from what drift alone explains, 1 for the others: a start for the search."""
+        phi = design.drift.reshape(len(self._e) * 3, -1)
+        weight = np.ones(len(self._e))
+        for _ in range(10):
+            root = np.repeat(np.sqrt(weight), 3)
+            matrix = (phi * root[:, None]).T @ (phi * root[:, None]) / 0.2**2 + np.eye(phi.shape[1])
+            estimate = np.linalg.solve(matrix, (phi * root[:, None]).T @ (self._e.reshape(-1) * root) / 0.2**2)
+            size = np.linalg.norm((self._e.reshape(-1) - phi @ estimate).reshape(-1, 3), axis=1)
+            scale = np.median(size) / 1.538  # the median length of a standard normal vector in 3-D
+            weight = np.where(size > 6.0 * scale, 0.01, 1.0)
+        return weight
+
+    def _weights(self) -> FloatArray:
+        """Return the Student-t weights (ν + 3)/(ν + z²) from leave-one-out residuals, z² without the weight itself."""
+        residual, covariance = self._form.left_out(np.arange(len(self._e)))
+        noise = self.hyper_.noise**2 + np.mean(self._reading**2, axis=1)
+        inflation = noise / self.weight_ - noise
+        clean = covariance - inflation[:, None, None] * np.eye(3)
+        z_squared = np.einsum("na,na->n", residual, np.linalg.solve(clean, residual[..., None])[..., 0])
+        return np.asarray(np.minimum((_DEGREES_OF_FREEDOM + 3.0) / (_DEGREES_OF_FREEDOM + z_squared), 1.0))
+
+    def _noise_variance(self) -> FloatArray:
+        return np.asarray((self.hyper_.noise**2 + self._reading**2) / self.weight_[:, None])
+
+    def _solved(self, design: Design) -> CovarianceForm | BasisForm:
+        """Return the posterior at the current hyperparameters; a basis refines these with all samples first."""
+        if self.solver_ == "covariance":
+            return CovarianceForm.of(
+                self._terms, design, self.joints_, self.hyper_, self._target(design), self._noise_variance()
+            )
+        rng = np.random.default_rng(self.random_state)
+        anchor = take(design, np.sort(rng.permutation(len(self._e))[:_SUBSET])) if self._terms.range_names else None
+        basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor)
+        if self.hyper is None:
+            found = refine(basis, Sums.of(basis, design, self._e, self._noise_variance()), self.hyper_)
+            self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
+        return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
+
+    def _solve(self, X: FloatArray) -> None:
+        """Solve, and once more where the first solution moved registration and geometry to (Gauss–Newton)."""
+        design = self._terms.at(X)
+        self._form = self._solved(design)
+        estimate, _ = self._form.drift_estimate()
+        self._terms = self._terms.shifted(estimate * self._terms.prior_std)
+        self._form = self._solved(self._terms.at(X))
+
+    def _target(self, design: Design) -> FloatArray:
+        """Return the errors less what the linear columns miss at the current linearisation."""
+        return self._e - self._terms.curvature(design)
+
+    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+        assert self.robot is not None
+        design = self._terms.at(self.robot.check_joints(X))
+        e = self._form.mean(design) + self._terms.curvature(design)
+        if not return_std:
+            return e, None
+        variance = np.einsum("maa->ma", self._form.covariance(design))
+        noise = self._new_noise if include_nugget else 0.0
+        return e, np.sqrt(self.inflation_ * (np.maximum(variance, 0.0) + noise))
+
+    def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
+        check_is_fitted(self)
+        assert self.robot is not None
+        design = self._terms.at(self.robot.check_joints(X))
+        e = self._form.mean(design) + self._terms.curvature(design)
+        return e, self.inflation_ * self._form.covariance(design)
+
+    def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
+        """Return what each term adds to the prediction at joints (m, dof) [rad], (m, 3) [mm] each.
+
+        The parts sum to the prediction: ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``.
+        """
+        check_is_fitted(self)
+        assert self.robot is not None
+        design = self._terms.at(self.robot.check_joints(X))
+        part = self._form.contributions(design)
+        part["registration"] = part["registration"] + self._terms.curvature(design)
+        return part
+
+    def joint_curves(self, points: int = 181) -> list[JointCurve]:
+        """Return the error curve of each joint seen, over the angles that the samples span."""
+        check_is_fitted(self)
+        curves = []
+        for i, j in enumerate(self.joints_):
+            sampled = self._form.design.q[:, j]
+            angle = np.linspace(sampled.min(), sampled.max(), points)
+            curves.append(JointCurve(int(j), angle, *self._form.joint_error(i, angle)))
+        return curves
+
+    def leave_block_out(self, block: ArrayLike) -> LeaveOneOut:
+        """Predict each sample without its whole block, with the fitted hyperparameters, in closed form.
+
+        Parameters
+        ----------
+        block : (n,) array_like of int
+            Label of each sample's block.
+        """
+        check_is_fitted(self)
+        label = np.asarray(block)
+        if label.shape != (len(self._e),):
+            raise DataError(f"block has shape {label.shape}; expected one label for each of {len(self._e)} samples")
+        residual, covariance = self._form.left_out(label)
+        return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
+
+    @property
+    def _new_noise(self) -> float:
+        """Variance of one new reading [mm²]: that of the Student t, wider than its scale, when robust."""
+        wider = _DEGREES_OF_FREEDOM / (_DEGREES_OF_FREEDOM - 2.0) if self.robust else 1.0
+        return wider * self.hyper_.noise**2
+
+    def _inflation(self) -> float:
+        """Return the mean squared standardised leave-one-out residual of the readings not called gross, at least 1."""
+        residual, covariance = self._form.left_out(np.arange(len(self._e)))
+        kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
+        variance = np.einsum("naa->na", covariance)
+        return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept])))
+
+    def _leave_one_out(self) -> LeaveOneOut:
+        return self.leave_block_out(np.arange(len(self._e)))
+
+    def _parameters(self) -> list[dict[str, Any]]:
+        estimate, covariance = self._form.drift_estimate()
+        terms, std = self._terms, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        scale = terms.prior_std
+        told = np.where(
+            terms.group == REGISTRATION, std < 0.5, std < 0.8 * np.r_[1.0, self.hyper_.tolerance][terms.group]
+        )
+        return [
+            {
+                "name": terms.names[k],
+                "group": GROUPS[terms.group[k]],
+                "estimate": float(estimate[k] * scale[k]),
+                "std": float(std[k] * scale[k]),
+                "unit": terms.units[k],
+                "told": bool(told[k]),
+            }
+            for k in range(len(estimate))
+        ]
+
+    def _fitted_parameters(self) -> dict[str, Any]:
+        return {"hyper": self.hyper_.to_dict(), "weight": self.weight_.tolist(), "inflation": self.inflation_}

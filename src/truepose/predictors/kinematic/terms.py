@@ -1,0 +1,177 @@
+"""The columns of equation (10) at given configurations: what each kind of error does to the tool point.
+
+Drift: registration (base and tool), geometry (in any convention), joint compliance under gravity. Levers:
+∂P/∂q_j, by which the error of joint j's own angle is seen. Coordinates of the rest Z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.robots import Robot, error_model
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Residual = Literal["joint", "cartesian", "both", "none"]
+
+REGISTRATION, GEOMETRY, COMPLIANCE = 0, 1, 2
+GROUPS: Final = ("registration", "geometry", "compliance")
+"""Kinds of drift columns; all columns of one kind share a tolerance scale (registration: none, it is wide)."""
+
+_GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
+_STATION_STD: Final = {"mm": 30.0, "rad": 0.03}
+_TOOL_STD: Final = 30.0  # mm
+_COMPLIANCE_STD: Final = 3e-4  # rad for the moment of one link mass at 1 m
+_MOMENT_ARM: Final = 1000.0  # mm
+_UNSEEN: Final = 0.02  # of the largest lever: about what is seen of a joint whose axis goes through the tool point
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """All columns at n configurations.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad]
+    p : (n, 3) array [mm], base frame
+        Nominal positions of the tool point.
+    drift : (n, 3, p) array
+        In units of each column's prior standard deviation: mm for one standard deviation.
+    lever : (n, 3, dof) array [mm/rad], base frame
+        ∂P/∂q_j.
+    place : (n, d) array
+        Coordinates of the rest Z: cosine and sine of each joint, metres for positions.
+    """
+
+    q: FloatArray
+    p: FloatArray
+    drift: FloatArray
+    lever: FloatArray
+    place: FloatArray
+
+
+class Terms:
+    """Which terms of (10) are in a model, with their names and prior standard deviations.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal.
+    tf_flange_tool : (4, 4) array [mm]
+    convention : str
+        Of the geometry, see `truepose.robots.error_model`.
+    geometry, compliance : bool
+        Drift columns besides the registration, which is always there.
+    residual : {"joint", "cartesian", "both", "none"}
+        Coordinates of Z.
+    shift : (p,) array [mm, rad], optional
+        What registration and geometry are changed by where the columns are taken; nothing when not given.
+
+    Attributes
+    ----------
+    names, units : list of str
+        Of the drift columns.
+    group : (p,) array of int
+        Index into `GROUPS`.
+    prior_std : (p,) array
+        In the column's unit.
+    range_of : (d,) array of int
+        Which range each coordinate of Z has: one per joint, one for the position.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        tf_flange_tool: FloatArray,
+        *,
+        convention: str = "hayati",
+        geometry: bool = True,
+        compliance: bool = True,
+        residual: Residual = "joint",
+        shift: FloatArray | None = None,
+    ) -> None:
+        self.robot = robot
+        self.tf_flange_tool = np.asarray(tf_flange_tool, float)
+        self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
+        dof = robot.dof
+        self._model = error_model(robot, convention, self.tf_flange_tool)
+        registration = {"base": _STATION_STD, "tool": {"mm": _TOOL_STD}}
+        self._chosen = [
+            i
+            for i, parameter in enumerate(self._model.parameters)
+            if (parameter.unit in registration[parameter.group] if parameter.group in registration else geometry)
+        ]
+        chosen = [self._model.parameters[i] for i in self._chosen]
+        self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
+        self.names = [parameter.name for parameter in chosen]
+        self.names += [f"joint {j + 1} under mass {k + 1 if k < dof else 'at tool'}" for j, k in self._pairs]
+        self.units = [parameter.unit for parameter in chosen] + ["rad/m"] * len(self._pairs)
+        group = [REGISTRATION if parameter.group in registration else GEOMETRY for parameter in chosen]
+        self.group = np.array(group + [COMPLIANCE] * len(self._pairs))
+        std = [registration.get(parameter.group, _GEOMETRY_STD)[parameter.unit] for parameter in chosen]
+        self.prior_std = np.array(std + [_COMPLIANCE_STD] * len(self._pairs))
+        self.shift = np.zeros(len(self.names)) if shift is None else shift
+        self._values = self._model.nominal.copy()
+        self._values[self._chosen] += self.shift[: len(chosen)]
+        joints = np.repeat(np.arange(dof), 2) if residual in ("joint", "both") else np.empty(0, np.int64)
+        position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
+        self.range_of = np.concatenate([joints, position]).astype(np.int64)
+        self.range_names = [f"joint {j + 1}" for j in np.unique(joints)] + (["position"] if len(position) else [])
+
+    def shifted(self, shift: FloatArray) -> Terms:
+        """Return the same terms with columns taken where registration and geometry are changed by `shift` (p,)."""
+        return Terms(
+            self.robot,
+            self.tf_flange_tool,
+            convention=self.convention,
+            geometry=self.geometry,
+            compliance=self.compliance,
+            residual=self.residual,
+            shift=np.where(self.group == COMPLIANCE, 0.0, shift),
+        )
+
+    def curvature(self, design: Design) -> FloatArray:
+        """Return what the columns miss of the shift, F(ψ + shift) − F(ψ) − J shift at the shift, (n, 3) [mm]."""
+        nominal: FloatArray = self.robot.forward(design.q, tool=self.tf_flange_tool)[:, :3, 3]
+        linear = np.einsum("nap,p->na", design.drift, self.shift / self.prior_std)
+        return np.asarray(design.p - nominal - linear)
+
+    def at(self, q: FloatArray) -> Design:
+        """Return all columns at configurations (n, dof) [rad]."""
+        p = self._model.forward(q, self._values)[:, :3, 3]
+        lever = self._model.joint_jacobian(q, self._values)
+        drift = self._model.jacobian(q, self._values)[:, :, self._chosen]
+        if self.compliance:
+            drift = np.concatenate([drift, self._compliance(q, p, lever)], axis=2)
+        return Design(q, p, drift * self.prior_std, lever, self._place(q, p))
+
+    def seen(self, design: Design) -> IntArray:
+        """Return the joints whose own error the samples can show: they move, and the tool point moves with them."""
+        size = np.sqrt(np.mean(np.sum(design.lever**2, axis=1), axis=0))
+        moves = np.ptp(design.q, axis=0) > 1e-3
+        return np.flatnonzero(moves & (size > _UNSEEN * size.max()))
+
+    def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray) -> FloatArray:
+        """Joint j gives way under the moment of a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, 3, pairs)."""
+        frames = self.robot.frames(q)
+        joint = frames[:, :-1] @ self.robot.link_before
+        mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
+        blocks = []
+        for j, k in self._pairs:
+            arm = mass[:, k] - joint[:, j, :3, 3]
+            axis = joint[:, j, :3, 2]
+            moment = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]  # (z × r)_z, gravity along z of the base
+            blocks.append(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None])
+        return np.stack(blocks, axis=2)
+
+    def _place(self, q: FloatArray, p: FloatArray) -> FloatArray:
+        parts = []
+        if self.residual in ("joint", "both"):
+            parts.append(np.stack([np.cos(q), np.sin(q)], axis=2).reshape(len(q), -1))
+        if self.residual in ("cartesian", "both"):
+            parts.append(p / 1000.0)
+        return np.concatenate(parts, axis=1) if parts else np.empty((len(q), 0))
