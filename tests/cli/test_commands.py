@@ -126,7 +126,12 @@ def test_similarity(run, cell_files, tmp_path):
     assert cartesian["verdict"].startswith("Yes")
     assert np.shape(cartesian["semivariance_mm2"]) == (15, 3)
     assert plot.read_text().lstrip().startswith("<?xml")
-    assert "Yes, near points" in run("similarity", cell_files.cell, cell_files.samples).out
+    assert 0 < cartesian["kinematics"]["explains"] < 1
+    assert set(cartesian["directions"]) == set(cartesian["practical_ranges"]) == set("xyz")
+    assert set(joint["practical_ranges"]) == {f"q{k}" for k in range(1, 7)}
+    shown = " ".join(run("similarity", cell_files.cell, cell_files.samples).out.split())
+    for words in ("Yes, near points", "How much is noise? Standard deviation", "Along which directions?", "kinematic"):
+        assert words in shown
     assert (
         "use .svg, .png or .pdf" in run("similarity", cell_files.cell, cell_files.samples, "--plot", "a.xyz").failed()
     )

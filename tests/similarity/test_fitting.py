@@ -122,3 +122,29 @@ def test_likelihood_refusals(rng):
         fit_likelihood(np.ones((10, 2)), x)
     with pytest.raises(KrigingError, match="'linear' has no likelihood"):
         fit_likelihood(x, x, "linear")
+
+
+@pytest.mark.parametrize(("family", "shape"), [("matern", 1.0), ("stable", 1.5), ("rational", 2.0), ("power", 1.25)])
+def test_shape_is_found_or_given(bins, family, shape):
+    true = VariogramModel(family, nugget=0.2, sill=1.5, range=200.0, shape=shape)
+    exact = replace(bins, vector=true.semivariance(bins.lag))
+    for found in (fit_variogram(exact, family), fit_variogram(exact, family, shape=shape)):
+        assert found.shape == shape
+        np.testing.assert_allclose(found.semivariance(bins.lag), exact.vector, rtol=1e-4)
+
+
+def test_nugget_alone_cubic_and_hole(bins):
+    flat = replace(bins, vector=np.full_like(bins.lag, 2.0))
+    assert fit_variogram(flat, "nugget").nugget == pytest.approx(2.0)
+    for family in ("cubic", "hole"):
+        true = VariogramModel(family, nugget=0.1, sill=1.0, range=300.0)
+        found = fit_variogram(replace(bins, vector=true.semivariance(bins.lag)), family)
+        assert found.range == pytest.approx(300, rel=1e-3)
+
+
+def test_a_value_set_by_hand_stands_beside_the_fit(bins):
+    fitted = fit_variogram(bins, "exponential")
+    assert not fitted.overridden
+    by_hand = replace(fitted, range=123.0)
+    assert by_hand.overridden
+    assert by_hand.fit.fitted["range"] == fitted.range

@@ -43,7 +43,7 @@ def similarity(
         rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
         say(
             table(part.title, [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"], rows),
-            part.verdict,
+            *(f"[bold]{question}[/] {answer}" for question, answer in part.findings),
             "",
         )
     if plot is not None:
@@ -61,6 +61,7 @@ def fit(
     import numpy as np
 
     from truepose.cell import load_cell
+    from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
     from truepose.error_map import fit_cell
     from truepose.samples import read_samples
     from truepose.verification import summary
@@ -68,13 +69,14 @@ def fit(
     error_map = fit_cell(load_cell(cell_path), read_samples(samples_path), predictor)
     error_map.save(out)
     registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
-    tool = error_map.registration.p_flange_tool
+    tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
+    parameters = {key: value for key, value in error_map.predictor.to_json().items() if key != "weights"}
     data: dict[str, Any] = {
         "map": out,
         "hash": error_map.hash,
         "n": len(error_map.samples),
         "predictor": error_map.predictor_name,
-        "parameters": error_map.predictor.to_json(),
+        "parameters": parameters,
         "tool_mm": None if tool is None else np.round(tool, 4),
         "hint": error_map.registration.hint,
         "registered": registered,
@@ -82,6 +84,8 @@ def fit(
         "ranking": error_map.ranking,
         "excluded": error_map.excluded,
     }
+    if calibration is not None:
+        data["calibration"] = calibration_data(calibration)
     if as_json:
         emit_json(data)
         return
@@ -96,6 +100,8 @@ def fit(
     if error_map.ranking:
         rows = [(row["predictor"], row.get("mean_mm", float("nan")), row.get("note", "")) for row in error_map.ranking]
         say(table("Candidates, in cross-validation over blocks of space", ["predictor", "mean [mm]", ""], rows))
+    if calibration is not None:
+        show_calibration(calibration)
     title = f"{error_map.predictor_name}: after registration, and predicted without the sample itself"
     say(accuracy_table(title, {"before": registered, "after": left_out}), f"Wrote {out}.")
 

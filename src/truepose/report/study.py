@@ -14,7 +14,20 @@ from numpy.typing import NDArray
 from truepose import files
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
-from truepose.similarity import Envelope, VariogramModel, fit_variogram, permutation_envelope, verdict
+from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
+from truepose.similarity import (
+    Direction,
+    Envelope,
+    ExperimentalVariogram,
+    Trend,
+    VariogramModel,
+    experimental_variogram,
+    fit_likelihood,
+    fit_variogram,
+    permutation_envelope,
+    remove_drift,
+    verdict,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +46,18 @@ class StudyPart:
         Fitted to the vector's variogram.
     envelope : Envelope
         With the variogram that it is the envelope of.
+    axes : tuple of str
+        Names of the coordinates.
+    likelihood, directional : VariogramModel
+        Fitted to the samples by restricted likelihood, with one range, and with one for each coordinate.
+    trend : Trend
+        A linear drift over the coordinates.
+    directions : dict of str to ExperimentalVariogram
+        Along each coordinate axis, within 30°; of positions alone.
+    explained : Explained, optional
+        What errors of the kinematic parameters explain, where the samples have joints.
+    extent : (d,) array
+        Of the coordinates.
     """
 
     title: str
@@ -40,6 +65,18 @@ class StudyPart:
     model: VariogramModel
     envelope: Envelope
     verdict: str
+    axes: tuple[str, ...]
+    likelihood: VariogramModel
+    directional: VariogramModel | None
+    trend: Trend
+    directions: dict[str, ExperimentalVariogram]
+    explained: Explained | None
+    extent: FloatArray
+
+    @property
+    def findings(self) -> list[tuple[str, str]]:
+        """Questions that a reader has, and their answers in words."""
+        return findings(self)
 
     def rows(self) -> Iterator[tuple[float, int, list[float], float]]:
         """Yield lag, pairs, semivariance of each component and of the vector."""
@@ -50,7 +87,14 @@ class StudyPart:
         """Return the picture: points, fit, envelope."""
         from truepose.similarity.plot import plot_variogram
 
-        return plot_variogram(self.envelope.variogram, self.model, self.envelope, unit=self.unit)
+        return plot_variogram(self.envelope.variogram, self.model, self.envelope, unit=self.unit, **self.curves)
+
+    @property
+    def curves(self) -> dict[str, Any]:
+        """What kinematics implies and what it leaves, for the picture."""
+        if self.explained is None:
+            return {}
+        return {"theory": self.explained.theory, "residual": self.explained.residual}
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
@@ -71,6 +115,29 @@ class StudyPart:
                 "practical_range": model.practical_range,
                 "structural_ratio": model.structural_ratio,
             },
+            "likelihood": {
+                **self.likelihood.to_dict(),
+                "practical_range": self.likelihood.practical_range,
+                "structural_ratio": self.likelihood.structural_ratio,
+                "standard_error": getattr(self.likelihood.fit, "standard_error", {}),
+            },
+            "practical_ranges": {}
+            if self.directional is None
+            else dict(zip(self.axes, self.directional.practical_ranges, strict=True)),
+            "linear_trend_explains": self.trend.adjusted,
+            "directions": {
+                axis: {"lag": found.lag, "vector_semivariance_mm2": found.vector, "pairs": found.pairs}
+                for axis, found in self.directions.items()
+            },
+            "kinematics": None
+            if self.explained is None
+            else {
+                "explains": self.explained.share,
+                "parameters": self.explained.rank,
+                "theory_mm2": self.explained.theory.vector,
+                "residual_mm2": self.explained.residual.vector,
+            },
+            "findings": dict(self.findings),
             "verdict": self.verdict,
         }
 
@@ -95,13 +162,25 @@ class SimilarityStudy:
         """
         from matplotlib.figure import Figure
 
-        from truepose.similarity.plot import draw_variogram
+        from truepose.similarity.plot import draw_curves, draw_variogram
 
-        figure = Figure(figsize=(6.4 * len(self.parts), 4.2), layout="constrained")
+        columns = len(self.parts)
+        figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
         for k, part in enumerate(self.parts, 1):
-            axes = figure.add_subplot(1, len(self.parts), k)
-            draw_variogram(axes, part.envelope.variogram, part.model, part.envelope, unit=part.unit)
+            axes = figure.add_subplot(2, columns, k)
+            ev = part.envelope.variogram
+            draw_variogram(axes, ev, part.model, part.envelope, unit=part.unit, **part.curves)
             axes.set_title(part.title)
+            below = figure.add_subplot(2, columns, columns + k)
+            if part.directions:
+                draw_curves(
+                    below, {f"along {axis}": (v.lag, v.vector) for axis, v in part.directions.items()}, part.unit
+                )
+                below.set_title("By direction of the distance: lower and flatter is more alike")
+            else:
+                by_component = zip("xyz", ev.semivariance.T, strict=True)
+                draw_curves(below, {f"error in {axis}": (ev.lag, gamma) for axis, gamma in by_component}, part.unit)
+                below.set_title("By component of the error")
         buffer = io.BytesIO()
         try:
             figure.savefig(buffer, format=path.suffix.removeprefix(".") or "svg", dpi=150)
@@ -127,13 +206,73 @@ def similarity_study(error_map: ErrorMap, *, family: str = "best", bins: int = 1
     KrigingError
         If the samples cannot bear a variogram.
     """
-    spaces = [("Errors against the distance of positions", "mm", error_map.p_cmd)]
-    if error_map.samples.q is not None:
-        spaces.append(("Errors against the distance of joint vectors", "rad", error_map.samples.q))
-    return SimilarityStudy([_part(title, unit, x, error_map.e, family, bins, rng) for title, unit, x in spaces])
+    positions, q = error_map.p_cmd, error_map.samples.q
+    effect = kinematic_columns(error_map)
+    parts = [
+        _part(
+            "Errors against the distance of positions",
+            "mm",
+            tuple("xyz"),
+            positions,
+            error_map.e,
+            effect,
+            family,
+            bins,
+            rng,
+        )
+    ]
+    if q is not None:
+        joints = tuple(f"q{k + 1}" for k in range(q.shape[1]))
+        parts.append(
+            _part(
+                "Errors against the distance of joint vectors",
+                "rad",
+                joints,
+                q,
+                error_map.e,
+                effect,
+                family,
+                bins,
+                rng,
+            )
+        )
+    return SimilarityStudy(parts)
 
 
-def _part(title: str, unit: str, x: FloatArray, e: FloatArray, family: str, bins: int, rng: int) -> StudyPart:
+def _part(
+    title: str,
+    unit: str,
+    axes: tuple[str, ...],
+    x: FloatArray,
+    e: FloatArray,
+    effect: FloatArray | None,
+    family: str,
+    bins: int,
+    rng: int,
+) -> StudyPart:
     envelope = permutation_envelope(x, e, bins, rng=rng)
     model = fit_variogram(envelope.variogram, family)
-    return StudyPart(title, unit, model, envelope, verdict(model, envelope, unit))
+    edges = envelope.variogram.edges
+    moving = np.ptp(x, axis=0) > 0
+    directions = {}
+    if len(axes) == 3:
+        wide = edges[:: max(1, bins // 8)]
+        directions = {
+            axis: experimental_variogram(x, e, wide, direction=Direction(np.eye(3)[k], np.pi / 6))
+            for k, axis in enumerate(axes)
+            if moving[k]
+        }
+    return StudyPart(
+        title=title,
+        unit=unit,
+        model=model,
+        envelope=envelope,
+        verdict=verdict(model, envelope, unit),
+        axes=axes,
+        likelihood=fit_likelihood(x, e),
+        directional=fit_likelihood(x, e, "matern32", ranges="each") if moving.all() else None,
+        trend=remove_drift(x, e),
+        directions=directions,
+        explained=None if effect is None else explained_by_kinematics(x, e, effect, edges, envelope.variogram),
+        extent=np.ptp(x, axis=0),
+    )

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,16 @@ from truepose.similarity.models import FAMILIES, VariogramModel
 
 FloatArray = NDArray[np.float64]
 
+USUAL: Final = ("spherical", "exponential", "gaussian", "matern32", "matern52")
+"""Families that "best" tries: monotonic, with nugget, sill and range."""
+SHAPES: Final[dict[str, tuple[float, ...]]] = {
+    "matern": (0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 4.0, 8.0),
+    "stable": (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
+    "rational": (0.25, 0.5, 1.0, 2.0, 4.0, 10.0),
+    "power": (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 1.9),
+}
+"""Shapes that are tried where none is given."""
+PARAMETERS: Final = {"nugget": 1, "linear": 2, "power": 2}
 STARTS: Final = 48
 ITERATIONS: Final = 100
 LONGEST: Final = 5.0
@@ -38,8 +48,8 @@ class VariogramFit:
     objective : float
         Σ N (γ/γ_model − 1)² / Σ N, the mean squared relative deviation: the criterion by which families are compared.
     standard_error : dict of str to float
-        Of nugget [mm²], sill [mm²] and range, from the weighted Jacobian. NaN for a parameter held at a bound, and for
-        all where there are no more bins than parameters. Bins share points, so these are lower than the truth.
+        Of nugget [mm²], sill [mm²] and range, from the weighted Jacobian, at the shape that was chosen. NaN for a
+        parameter held at a bound, and for all where there are no more bins than parameters. Bins share points, so these are lower than the truth.
     bounds_hit : dict of str to {"lower", "upper"}
         Parameters that ended at a bound.
     bins : int
@@ -48,6 +58,8 @@ class VariogramFit:
         Whether the weights settled.
     candidates : dict of str to float
         The objective of every family tried.
+    fitted : dict
+        The model that was found, as `VariogramModel.to_dict` gives it: it stays when a value is replaced by hand.
     """
 
     objective: float
@@ -56,6 +68,7 @@ class VariogramFit:
     bins: int
     converged: bool
     candidates: dict[str, float]
+    fitted: dict[str, Any] = field(default_factory=dict)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -71,7 +84,11 @@ class VariogramFit:
 
 
 def fit_variogram(
-    ev: ExperimentalVariogram, family: str | Sequence[str] = "spherical", *, component: int | None = None
+    ev: ExperimentalVariogram,
+    family: str | Sequence[str] = "spherical",
+    *,
+    component: int | None = None,
+    shape: float | None = None,
 ) -> VariogramModel:
     """Return the model that fits an experimental variogram best.
 
@@ -79,10 +96,12 @@ def fit_variogram(
     ----------
     ev : ExperimentalVariogram
     family : str or sequence of str
-        A name of `VariogramModel`; several names, or "best" for all with a sill that are valid in the points'
-        dimension: the smallest `VariogramFit.objective` wins.
+        A name of `VariogramModel`; several names, or "best" for the usual ones with a sill that are valid in the
+        points' dimension, all with three parameters: the smallest `VariogramFit.objective` wins.
     component : int, optional
         Column of the errors; the vector (sum over the components) when not given.
+    shape : float, optional
+        Of a family that has one; the best of `SHAPES` when not given.
 
     Returns
     -------
@@ -106,7 +125,7 @@ def fit_variogram(
     used = (ev.pairs > 0) & (ev.lag > 0)
     h, gamma, pairs = ev.lag[used], gamma[used], ev.pairs[used].astype(np.float64)
     names = _families(family, ev.dimensions)
-    parameters = min(2 if name == "linear" else 3 for name in names)
+    parameters = min(PARAMETERS.get(name, 3) for name in names)
     if len(h) < parameters:
         raise KrigingError(
             f"{len(h)} bins hold pairs, but a variogram model has {parameters} parameters; "
@@ -114,7 +133,7 @@ def fit_variogram(
         )
     if not gamma.max() > 0:
         raise KrigingError("the errors do not vary within the lags; use a larger max_lag, or check the column of e")
-    fits = {name: _fit_family(name, h, gamma, pairs) for name in names}
+    fits = {name: _fit_shapes(name, shape, h, gamma, pairs) for name in names}
     candidates = {name: _objective(model, h, gamma, pairs) for name, (model, _) in fits.items()}
     best = min(candidates, key=candidates.__getitem__)
     model, converged = fits[best]
@@ -126,6 +145,7 @@ def fit_variogram(
         bins=len(h),
         converged=converged,
         candidates=candidates,
+        fitted=model.to_dict(),
     )
     return replace(model, fit=record)
 
@@ -140,11 +160,7 @@ def _column(ev: ExperimentalVariogram, component: int) -> FloatArray:
 
 def _families(family: str | Sequence[str], dimensions: int) -> list[str]:
     if family == "best":
-        return [
-            name
-            for name, kind in FAMILIES.items()
-            if kind.bounded and kind.shape is None and kind.code < 6 and kind.dimensions >= dimensions
-        ]
+        return [name for name in USUAL if FAMILIES[name].dimensions >= dimensions]
     names = [family] if isinstance(family, str) else list(family)
     unknown = [name for name in names if name not in FAMILIES]
     if unknown or not names:
@@ -152,22 +168,36 @@ def _families(family: str | Sequence[str], dimensions: int) -> list[str]:
     return names
 
 
-def _range_bounds(name: str, h: FloatArray) -> tuple[float, float]:
+def _range_bounds(unit: VariogramModel, h: FloatArray) -> tuple[float, float]:
     """Return the interval of a: practical ranges from half the shortest lag to five times the longest."""
-    if name == "linear":  # only sill/range matters
+    if not unit.kind.bounded:  # only sill/range^α matters
         return float(h.max()), float(h.max())
-    practical = FAMILIES[name].practical_range()
+    practical = unit.kind.practical_range(unit.shape)
     return h.min() / 2 / practical, LONGEST * h.max() / practical
 
 
-def _fit_family(name: str, h: FloatArray, gamma: FloatArray, pairs: FloatArray) -> tuple[VariogramModel, bool]:
+def _fit_shapes(
+    name: str, shape: float | None, h: FloatArray, gamma: FloatArray, pairs: FloatArray
+) -> tuple[VariogramModel, bool]:
+    """Return the model of the best shape, and whether its weights settled."""
+    if name == "nugget":
+        return VariogramModel(name, nugget=float(gamma @ pairs / pairs.sum())), True
+    shapes = SHAPES.get(name, (None,)) if shape is None else (shape,)
+    units = [VariogramModel(name, sill=1.0, shape=one) for one in shapes]
+    fits = [_fit_family(unit, h, gamma, pairs) for unit in units]
+    return min(fits, key=lambda fit: _objective(fit[0], h, gamma, pairs))
+
+
+def _fit_family(
+    unit: VariogramModel, h: FloatArray, gamma: FloatArray, pairs: FloatArray
+) -> tuple[VariogramModel, bool]:
     """Return the model after Cressie's iteration, and whether it settled."""
-    lower, upper = _range_bounds(name, h)
+    lower, upper = _range_bounds(unit, h)
     ranges = np.geomspace(lower, upper, STARTS) if upper > lower else np.array([lower])
     floor = 1e-6 * gamma.max()
     weights, fitted = pairs, np.zeros_like(h)
     for _ in range(ITERATIONS):
-        model = _best_range(name, ranges, h, gamma, weights)
+        model = _best_range(unit, ranges, h, gamma, weights)
         previous, fitted = fitted, model.semivariance(h)
         if np.allclose(fitted, previous, rtol=1e-8, atol=0):
             return model, True
@@ -175,28 +205,30 @@ def _fit_family(name: str, h: FloatArray, gamma: FloatArray, pairs: FloatArray) 
     return model, False
 
 
-def _best_range(name: str, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray) -> VariogramModel:
-    _, _, loss = _linear_part(name, ranges, h, gamma, weights)
+def _best_range(
+    unit: VariogramModel, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray
+) -> VariogramModel:
+    _, _, loss = _linear_part(unit, ranges, h, gamma, weights)
     i = int(np.argmin(loss))
     best = float(ranges[i])
     if len(ranges) > 1:
         interval = math.log(ranges[max(i - 1, 0)]), math.log(ranges[min(i + 1, len(ranges) - 1)])
 
         def loss_at(log_range: float) -> float:
-            return float(_linear_part(name, np.array([math.exp(log_range)]), h, gamma, weights)[2][0])
+            return float(_linear_part(unit, np.array([math.exp(log_range)]), h, gamma, weights)[2][0])
 
         refined = minimize_scalar(loss_at, bounds=interval, method="bounded", options={"xatol": 1e-10})
         if refined.fun < loss[i]:
             best = math.exp(refined.x)
-    nugget, sill, _ = _linear_part(name, np.array([best]), h, gamma, weights)
-    return VariogramModel(name, nugget=float(nugget[0]), sill=float(sill[0]), range=best)
+    nugget, sill, _ = _linear_part(unit, np.array([best]), h, gamma, weights)
+    return replace(unit, nugget=float(nugget[0]), sill=float(sill[0]), range=best)
 
 
 def _linear_part(
-    name: str, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray
+    unit: VariogramModel, ranges: FloatArray, h: FloatArray, gamma: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return nugget, sill >= 0 and the weighted squares that they leave, for each range."""
-    shape = np.stack([VariogramModel(name, sill=1.0, range=float(a)).semivariance(h) for a in ranges])
+    shape = 1 - unit._correlation(h / ranges[:, None])
     w0, w1, w2 = weights.sum(), shape @ weights, shape**2 @ weights
     y0, y1 = gamma @ weights, shape @ (gamma * weights)
     determinant = w0 * w2 - w1**2
@@ -223,10 +255,10 @@ def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, Literal["lowe
     hit: dict[str, Literal["lower", "upper"]] = {}
     if model.nugget <= 1e-9 * model.sill:
         hit["nugget"] = "lower"
-    if model.sill <= 1e-9 * model.nugget:
+    if model.family != "nugget" and model.sill <= 1e-9 * model.nugget:
         hit["sill"] = "lower"
-    elif model.kind.bounded:
-        lower, upper = _range_bounds(model.family, h)
+    elif model.sill and model.kind.bounded:
+        lower, upper = _range_bounds(model, h)
         if float(np.min(model.range)) <= lower * 1.001:
             hit["range"] = "lower"
         elif float(np.max(model.range)) >= upper * 0.999:
@@ -242,10 +274,10 @@ def _standard_errors(
     pairs: FloatArray,
 ) -> dict[str, float]:
     """Return sqrt diag s² (JᵀWJ)⁻¹ over the free parameters, s² the weighted mean square left."""
-    columns = model.derivatives(h) if model.sill else dict.fromkeys(("nugget", "sill", "range"), np.ones_like(h))
-    fixed = set(hit) | ({"range"} if "sill" in hit or model.family == "linear" else set())
+    columns = model.derivatives(h)  # of the nugget alone where there is no sill
+    fixed = set(hit) | ({"range"} if "sill" in hit or not model.kind.bounded else set()) | {"shape"}
     free = [name for name in columns if name not in fixed]
-    errors = dict.fromkeys(columns, math.nan)
+    errors = dict.fromkeys(("nugget", "sill", "range"), math.nan)
     if len(h) <= len(free):
         return errors
     fitted = model.semivariance(h)

@@ -63,6 +63,8 @@ class LikelihoodFit:
         From the curvature of the criterion at its optimum; NaN for a parameter at a bound, and for ``loo``.
     scales : (c,) array [mm²]
         Partial sill of each component.
+    fitted : dict
+        The model that was found, as `VariogramModel.to_dict` gives it: it stays when a value is replaced by hand.
     """
 
     log_likelihood: float
@@ -72,6 +74,7 @@ class LikelihoodFit:
     method: str = "reml"
     standard_error: dict[str, float] = field(default_factory=dict)
     scales: FloatArray = field(default_factory=lambda: np.empty(0))
+    fitted: dict[str, Any] = field(default_factory=dict)
 
 
 def fit_likelihood(
@@ -155,6 +158,7 @@ def fit_likelihood(
         method=method,
         standard_error=errors_of,
         scales=judged.scale,
+        fitted=model.to_dict(),
     )
     return replace(model, fit=record)
 

@@ -144,6 +144,11 @@ class VariogramModel:
         return all(isinstance(part.range, float | int) for part in self.structures)
 
     @property
+    def overridden(self) -> bool:
+        """Whether a value was replaced by hand since the fit, whose own values are in ``fit.fitted``."""
+        return self.fit is not None and self.fit.fitted != self.to_dict()
+
+    @property
     def partial_sill(self) -> float:
         """Sum of the partial sills of all structures [mm²]."""
         return self.sill + sum(part.sill for part in self.plus)

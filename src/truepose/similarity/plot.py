@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,6 +22,8 @@ POINT: Final = "#1f4e79"
 WEAK: Final = "#9db4c9"
 MODEL: Final = "#c8442b"
 BAND: Final = "#dcdcdc"
+THEORY: Final = "#5a8f3d"
+CURVES: Final = ("#1f4e79", "#c8442b", "#5a8f3d", "#8a5aa8", "#c28a1e", "#4aa3a3")
 QUIET: Final = "#6b6b6b"
 
 
@@ -32,6 +35,8 @@ def plot_variogram(
     component: int | None = None,
     unit: str = "mm",
     title: str = "",
+    theory: ExperimentalVariogram | None = None,
+    residual: ExperimentalVariogram | None = None,
 ) -> Figure:
     """Return a figure of an experimental variogram, with its model and its permutation band where given.
 
@@ -46,6 +51,8 @@ def plot_variogram(
     unit : str
         Unit of the distances.
     title : str
+    theory, residual : ExperimentalVariogram, optional
+        What kinematics implies, equation (6), and what it leaves: of the vector.
 
     Examples
     --------
@@ -58,7 +65,7 @@ def plot_variogram(
 
     figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
     axes = figure.add_subplot()
-    draw_variogram(axes, ev, model, envelope, component=component, unit=unit)
+    draw_variogram(axes, ev, model, envelope, component=component, unit=unit, theory=theory, residual=residual)
     axes.set_title(title)
     return figure
 
@@ -71,6 +78,8 @@ def draw_variogram(
     *,
     component: int | None = None,
     unit: str = "mm",
+    theory: ExperimentalVariogram | None = None,
+    residual: ExperimentalVariogram | None = None,
 ) -> None:
     """Draw what `plot_variogram` shows on axes that the caller has."""
     gamma = ev.vector if component is None else ev.semivariance[:, component]
@@ -79,7 +88,24 @@ def draw_variogram(
     _draw_points(axes, ev, gamma)
     if model is not None:
         _draw_model(axes, model, ev.edges[-1], unit)
+    if theory is not None:
+        axes.plot(theory.lag, theory.vector, color=THEORY, lw=1.4, ls=(0, (5, 2)), label="implied by kinematics")
+    if residual is not None:
+        style: dict[str, Any] = {"s": 22, "facecolors": "none", "edgecolors": THEORY, "lw": 1.1, "zorder": 3}
+        axes.scatter(residual.lag, residual.vector, label="left by a fit of kinematics", **style)
     axes.set(xlabel=f"distance h [{unit}]", ylabel="semivariance γ(h) [mm²]", xlim=(0, ev.edges[-1]))
+    axes.set_ylim(bottom=0)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8, loc="best")
+
+
+def draw_curves(axes: Axes, curves: Mapping[str, tuple[FloatArray, FloatArray]], unit: str) -> None:
+    """Draw several semivariograms as lines: by name, lags and semivariances."""
+    for colour, (name, (lag, gamma)) in zip(CURVES, curves.items(), strict=False):
+        told = np.isfinite(gamma)
+        axes.plot(lag[told], gamma[told], color=colour, lw=1.5, marker="o", ms=3.5, label=name)
+    axes.set(xlabel=f"distance h [{unit}]", ylabel="semivariance γ(h) [mm²]")
+    axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="best")

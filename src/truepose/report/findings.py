@@ -1,0 +1,179 @@
+"""Similarity in words, for a reader who does not know geostatistics; and what kinematics explains of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import RobotError
+from truepose.similarity import (
+    ExperimentalVariogram,
+    LikelihoodFit,
+    VariogramModel,
+    experimental_variogram,
+    model_based_variogram,
+)
+
+if TYPE_CHECKING:
+    from truepose.error_map import ErrorMap
+    from truepose.report.study import StudyPart
+
+FloatArray = NDArray[np.float64]
+
+TYPICAL_MM: Final = 0.3
+TYPICAL_RAD: Final = 3e-4
+"""Typical errors of the parameters of an arm (method.md §7); only their ratio matters here."""
+
+DIRECTIONAL: Final = 1.5
+"""Ranges that differ by less than this factor are told as equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What errors of the kinematic parameters explain.
+
+    Attributes
+    ----------
+    share : float
+        Of the sum of squared errors, taken away by a least-squares fit of the parameters, less chance.
+    rank : int
+        Parameters that the samples can tell.
+    theory : ExperimentalVariogram
+        Equation (6) of typical parameter errors, of a size that fits their share: the similarity that they imply.
+    residual : ExperimentalVariogram
+        Of what the fit leaves.
+    """
+
+    share: float
+    rank: int
+    theory: ExperimentalVariogram
+    residual: ExperimentalVariogram
+
+
+def kinematic_columns(error_map: ErrorMap) -> FloatArray | None:
+    """Return the effect of one typical error of each parameter after registration, (n, 3, p) [mm]; nothing without q.
+
+    What registration (and the fit of the tool) would take away is projected out, since errors are told after it.
+    """
+    robot, q = error_map.robot, error_map.samples.q
+    if q is None:
+        return None
+    fitted = ["base", "tool"] if error_map.tool_fitted else ["base"]
+    try:
+        J = robot.error_jacobian(q, tool=error_map.tf_flange_tool)
+        G = robot.error_jacobian(q, tool=error_map.tf_flange_tool, parameters=fitted)
+    except RobotError:  # a chain that has no Denavit-Hartenberg parameters
+        return None
+    std = [TYPICAL_RAD if name.startswith(("theta", "alpha", "beta")) else TYPICAL_MM for name in robot.parameter_names]
+    columns, taken = (J * std).reshape(-1, J.shape[2]), G.reshape(-1, G.shape[2])
+    taken = taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300)
+    left = columns - taken @ np.linalg.lstsq(taken, columns, rcond=1e-10)[0]
+    return np.asarray(left.reshape(J.shape))
+
+
+def explained_by_kinematics(
+    x: FloatArray, e: FloatArray, effect: FloatArray, edges: FloatArray, measured: ExperimentalVariogram
+) -> Explained | None:
+    """Return what `kinematic_columns` (n, 3, p) explain of errors e (n, 3); nothing with too few samples."""
+    n, c, p = effect.shape
+    columns = effect.reshape(n * c, p)
+    solution, _, rank, _ = np.linalg.lstsq(columns, e.ravel(), rcond=1e-8)
+    if n * c <= 2 * rank:
+        return None
+    residual = e - (columns @ solution).reshape(n, c)
+    left = float((residual**2).sum() / (e**2).sum())
+    implied = model_based_variogram(x, effect, np.ones(p), edges)
+    weights = measured.pairs / np.maximum(np.nan_to_num(measured.vector), 1e-30) ** 2
+    used = measured.pairs > 0
+    share = 1 - left * n * c / (n * c - int(rank))
+    theory_size = max(share, 0.0) * _ratio(measured.vector[used], implied.vector[used], weights[used])
+    theory = ExperimentalVariogram(
+        implied.lag,
+        theory_size * implied.semivariance,
+        theory_size * implied.vector,
+        implied.pairs,
+        implied.edges,
+        implied.repeats,
+        implied.repeat_semivariance,
+        implied.dimensions,
+        "model",
+    )
+    return Explained(share, int(rank), theory, experimental_variogram(x, residual, edges))
+
+
+def _ratio(measured: FloatArray, implied: FloatArray, weights: FloatArray) -> float:
+    return float((weights * measured) @ implied / ((weights * implied) @ implied))
+
+
+def findings(part: StudyPart) -> list[tuple[str, str]]:
+    """Return questions and answers about one space."""
+    found = [("Is there structure at all?", part.verdict), ("How far does it reach?", _reach(part))]
+    found += [("How much is noise?", _noise(part.likelihood)), ("Along which directions?", _directions(part))]
+    found.append(("Is there a trend?", _trend(part)))
+    if part.explained is not None:
+        found.append(("Does kinematics explain it?", _kinematics(part)))
+    return found
+
+
+def _reach(part: StudyPart) -> str:
+    model = part.likelihood
+    fit = model.fit
+    assert isinstance(fit, LikelihoodFit)
+    told = f"By likelihood ({model.family}), the errors of two poses are alike out to about"
+    if fit.bounds_hit.get("sill") == "lower":
+        return "Nowhere: by likelihood, all of the variance is noise."
+    if fit.bounds_hit.get("range") == "upper":
+        return "Farther than the samples do: the errors behave like a trend."
+    error = fit.standard_error.get("range", math.nan) * model.practical_range / float(np.max(model.range))
+    width = "" if math.isnan(error) else f" ± {error:.2g}"
+    nearer = f"; at half of {model.practical_range:.3g} {part.unit} they still share"
+    share = float(model.signal_covariance(model.practical_range / 2)) / model.partial_sill
+    return f"{told} {model.practical_range:.3g}{width} {part.unit}{nearer} {100 * share:.0f} % of the structure."
+
+
+def _noise(model: VariogramModel) -> str:
+    total = math.sqrt(model.nugget + model.partial_sill)
+    small = isinstance(model.fit, LikelihoodFit) and model.fit.bounds_hit.get("nugget") == "lower"
+    noise = "too small to be told" if small else f"{math.sqrt(model.nugget):.2g} mm"
+    return (
+        f"Standard deviation of one component: {total:.2g} mm in all, noise {noise}; "
+        f"noise is {100 * (1 - model.structural_ratio):.2g} % of the variance, and no map can predict that part."
+    )
+
+
+def _directions(part: StudyPart) -> str:
+    if part.directional is None:
+        return "Not told: a coordinate is the same for all samples."
+    ranges = part.directional.practical_ranges
+    told = ", ".join(
+        f"{axis} {a:.3g} {part.unit}" if a < 2 * extent else f"{axis} beyond the samples"
+        for axis, a, extent in zip(part.axes, ranges, part.extent.tolist(), strict=True)
+    )
+    if max(ranges) < DIRECTIONAL * min(ranges):
+        return f"Alike in all ({told})."
+    short, long = part.axes[int(np.argmin(ranges))], part.axes[int(np.argmax(ranges))]
+    return f"It reaches {told}: errors change fastest along {short}, slowest along {long}."
+
+
+def _trend(part: StudyPart) -> str:
+    share = max(part.trend.adjusted, 0.0)
+    rises = getattr(part.model.fit, "bounds_hit", {}).get("range") == "upper"
+    answer = f"A linear trend over the coordinates takes away {100 * share:.0f} % of the variance"
+    return answer + ("; the semivariance rises without a sill." if rises else "; the semivariance has a sill.")
+
+
+def _kinematics(part: StudyPart) -> str:
+    assert part.explained is not None
+    measured, left = part.envelope.variogram, part.explained.residual
+    used = measured.pairs > 0
+    plateau = float(np.average(left.vector[used], weights=measured.pairs[used]))
+    whole = float(np.average(measured.vector[used], weights=measured.pairs[used]))
+    return (
+        f"Errors of {part.explained.rank} kinematic parameters take away {100 * max(part.explained.share, 0.0):.0f} % "
+        f"of the squared errors; the semivariance left is {100 * plateau / whole:.0f} % of the measured one "
+        "(rings in the picture): what Kriging, or the similarity of single joints, has still to tell."
+    )
