@@ -17,13 +17,13 @@ from truepose.robots.jacobian import Outputs
 FloatArray = NDArray[np.float64]
 
 _TOLERANCE: Final = {"mm": 1.0, "rad": 1e-3, "1": 1e-3, "rad/Nm": 5e-6}
-_WIDE: Final = {"mm": 10.0, "rad": 1e-2}
+_WIDE: Final = {"mm": 30.0, "rad": 3e-2}
 
 
 def tolerance(parameter: Parameter) -> float:
     """Return how far a parameter may be from its nominal value, one standard deviation [its unit].
 
-    Links are made to 1 mm and 1 mrad, wide for arms; base and tool are what registration left, to 10 mm and 10 mrad;
+    Links are made to 1 mm and 1 mrad, wide for arms; base and tool are what registration left, to 30 mm and 30 mrad;
     joints deviate by 1 mrad, and by 5 µrad/Nm.
     """
     return (_WIDE if parameter.group in ("base", "tool") else _TOLERANCE)[parameter.unit]

@@ -1,8 +1,8 @@
 """Sequential identification, method.md (11): the parameters as the state of a Kalman filter that does not move.
 
-Each observation corrects x and its covariance P; before the first they are the tolerances. Extended: linearised at the
-current x. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical linearisation H = P_xyᵀ P⁻¹ in its
-place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays positive definite in rounding.
+Each observation corrects x and its covariance P; before the first they are zero and the tolerances. Extended: linearised
+where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical linearisation
+H = P_xyᵀ P⁻¹ in its place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays positive definite in rounding.
 """
 
 from __future__ import annotations
@@ -19,9 +19,12 @@ from truepose.identification.solve import estimate_misfit
 FloatArray = NDArray[np.float64]
 
 Kind = Literal["ekf", "ukf"]
+_Step = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # gain, H, noise, step of z
 
 _ALPHA: Final = 0.1  # spread of the sigma points
 _BETA: Final = 2.0  # normal prior
+_ITERATIONS: Final = 5  # of one update of the extended filter
+_STILL: Final = 1e-2  # change of its step, in tolerances
 _ROUNDS: Final = 6
 _SETTLED: Final = 0.01
 
@@ -70,22 +73,27 @@ class KalmanFilter:
         misfit : (kinds,) array [mm] or [mm], [rad]
         """
         extra = np.diag(np.asarray(misfit, float)[data.kind] ** 2)
+        step = self._extended if self.kind == "ekf" else self._unscented
         for i in range(len(data)):  # a filter is a loop: each step needs the one before
-            step = self._extended if self.kind == "ekf" else self._unscented
-            innovation, columns, linearisation = step(data, i)
-            noise = data.covariance[i] + extra + linearisation
-            gain = np.linalg.solve(columns @ self._p @ columns.T + noise, columns @ self._p).T
-            self._z = self._z + gain @ innovation
+            gain, columns, noise, moved = step(data, i, data.covariance[i] + extra)
+            self._z = self._z + moved
             kept = np.eye(len(self._z)) - gain @ columns
             self._p = kept @ self._p @ kept.T + gain @ noise @ gain.T
             self.n += 1
 
-    def _extended(self, data: Observations, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        one, x = data.one(i), self.x
-        innovation, columns = one.residual(self.arm, x)[0], one.jacobian(self.arm, x)[0]
-        return innovation, columns * self._scale, np.zeros((len(innovation), len(innovation)))
+    def _extended(self, data: Observations, i: int, noise: FloatArray) -> _Step:
+        """Linearise where the step ends, until it ends there (iterated filter, Bell and Cathey 1993)."""
+        one, moved = data.one(i), np.zeros(len(self._z))
+        for _ in range(_ITERATIONS):
+            x = self._scale * (self._z + moved)
+            columns = one.jacobian(self.arm, x)[0] * self._scale
+            gain = self._gain(columns, noise)
+            before, moved = moved, gain @ (one.residual(self.arm, x)[0] + columns @ moved)
+            if np.abs(moved - before).max() < _STILL:
+                break
+        return gain, columns, noise, moved
 
-    def _unscented(self, data: Observations, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _unscented(self, data: Observations, i: int, noise: FloatArray) -> _Step:
         n = len(self._z)
         spread = _ALPHA * np.sqrt(n)
         root = np.linalg.cholesky(self._p)
@@ -100,7 +108,12 @@ class KalmanFilter:
         covariance = weight * np.outer(first, first) + away.T @ away / (2 * spread**2)
         cross = -(points[1:] - self._z).T @ away / (2 * spread**2)  # the prediction is minus the residual
         columns = np.linalg.solve(root.T, np.linalg.solve(root, cross)).T
-        return innovation, columns, covariance - columns @ self._p @ columns.T
+        noise = noise + covariance - columns @ self._p @ columns.T  # what is not linear counts as noise
+        gain = self._gain(columns, noise)
+        return gain, columns, noise, gain @ innovation
+
+    def _gain(self, columns: FloatArray, noise: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.solve(columns @ self._p @ columns.T + noise, columns @ self._p).T)
 
 
 def filtered(
