@@ -49,7 +49,8 @@ class VariogramFit:
         Σ N (γ/γ_model − 1)² / Σ N, the mean squared relative deviation: the criterion by which families are compared.
     standard_error : dict of str to float
         Of nugget [mm²], sill [mm²] and range, from the weighted Jacobian, at the shape that was chosen. NaN for a
-        parameter held at a bound, and for all where there are no more bins than parameters. Bins share points, so these are lower than the truth.
+        parameter held at a bound, and for all where there are no more bins than parameters. Bins share points, so these
+        are lower than the truth.
     bounds_hit : dict of str to {"lower", "upper"}
         Parameters that ended at a bound.
     bins : int
