@@ -3,8 +3,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
-from truepose.errors import DataError, IdentifiabilityError, RefusedError, RobotError
+from truepose.errors import DataError, IdentifiabilityError, RobotError
 from truepose.geometry import make_transform
+from truepose.robots import status_turn
 from truepose.samples import Poses, Samples
 
 
@@ -125,12 +126,39 @@ def test_gross_readings_among_steep_errors_are_named(virtual, steep):
     assert [row["row"] for row in tp.fit_cell(virtual.cell, spoiled, "ordinary-kriging").excluded] == [20, 31]
 
 
-def test_joint_space_maps_predict_and_do_not_correct(virtual, samples, targets):
+@pytest.mark.parametrize("predictor", ["ordinary-kriging-joint", "kinematic-kriging"])
+def test_maps_in_joint_space_correct_poses(virtual, samples, targets, predictor):
+    """On the branch that the program names, or that of the samples; as well as the map in Cartesian space."""
+    fitted = tp.fit_cell(virtual.cell, samples, predictor)
+    tools = np.broadcast_to(virtual.tf_flange_tool, (30, 4, 4))
+    status, turn = status_turn(virtual.robot, virtual.reach(targets[:, :3, 3]))
+    corrections = fitted.correct(targets, tf_flange_tool=tools, status=status, turn=turn)
+    assert set(corrections.verdict) == {"correct"}
+    np.testing.assert_allclose(fitted.correct(targets).p_command, corrections.p_command, atol=1e-9)
+    miss = virtual.true_position(virtual.reach(corrections.p_command))
+    registered = miss - targets[:, :3, 3] - _systematic(virtual, fitted, targets)
+    assert np.linalg.norm(registered, axis=1).mean() < 1.5 * virtual.noise_floor
+
+
+def _systematic(virtual, fitted, targets):
+    """What the registration makes of the true positions of its own frame: a rigid motion, no error of the map."""
+    tf = fitted.registration.tf_base_tracker @ np.linalg.inv(virtual.truth.tf_base_tracker)
+    p = targets[:, :3, 3]
+    return p - (p @ tf[:3, :3].T + tf[:3, 3])
+
+
+def test_maps_in_joint_space_guard(virtual, samples, targets):
     fitted = tp.fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
-    held_out = virtual.measure(virtual.design(40, seed=9))
-    assert fitted.validate(held_out)["reduction_mean_percent"] > 70
-    with pytest.raises(RefusedError, match="joint space and cannot correct poses; fit one in Cartesian space"):
-        fitted.correct(targets)
+    far = targets[:4].copy()
+    far[0, 0, 3] += 5000.0
+    far[1, :3, :3] = tp.euler("kuka", (180.0, 80.0, 180.0)).as_matrix()
+    found = fitted.correct(far, status=np.array([2, 2, 6, 2]), turn=np.full(4, -1))
+    assert "out of reach" in found.reason[0]
+    assert "outside the sampled region" in found.reason[1]
+    assert "outside the sampled region" in found.reason[2]  # the other wrist
+    assert found.verdict.tolist() == ["refuse", "refuse", "refuse", "correct"]
+    with pytest.raises(DataError, match=r"needs poses \(n, 4, 4\)"):
+        fitted.correct(targets[:, :3, 3])
 
 
 def test_positions_without_joints(virtual, samples):

@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from truepose import files
 from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, Policy, apply_policy, mirror, solve
-from truepose.errors import DataError, RefusedError, RobotError
+from truepose.errors import DataError, RobotError
+from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
 from truepose.predictors import PREDICTORS, Arm, Predictor, choose, make_predictor
 from truepose.registering import check_limits, register_samples
@@ -185,8 +186,7 @@ class ErrorMap:
         tf_flange_tool : (n, 4, 4) or (4, 4) array [mm], optional
             The tool of each target; the measured one when not given.
         status, turn : (n,) arrays of int, optional
-            KUKA configuration of each target, −1 where it is not given. The turn names full turns of an axis, which no
-            map of positions tells apart.
+            KUKA configuration of each target, −1 where it is not given.
         on_guard : {"refuse", "skip", "clip"}, optional
             Policy; the cell file's when not given. Under ``refuse`` the verdicts say which targets refuse the program;
             the caller stops then.
@@ -197,37 +197,57 @@ class ErrorMap:
 
         Raises
         ------
-        RefusedError
-            If the map predicts in joint space: joints of a pose need the branch that the program names.
         DataError
-            If a target is no pose.
+            If a target is no pose, or the map predicts in joint space and only positions came.
+
+        Notes
+        -----
+        A predictor in joint space is asked at the joints by which the controller reaches the command: on the branch
+        that Status and Turn name, or on that of the nearest sample where they are not given.
         """
-        if self.space != "cartesian":
-            raise RefusedError(
-                f"a map of {self.predictor_name!r} predicts in joint space and cannot correct poses; "
-                "fit one in Cartesian space: --predictor ordinary-kriging"
-            )
         targets = np.asarray(poses, float)
         if targets.ndim == 2:
-            p_target, rotation = targets, None
             if targets.shape[1:] != (3,) or not np.isfinite(targets).all():
                 raise DataError(
                     f"targets of shape {targets.shape} came; finite (n, 3) positions or (n, 4, 4) poses were expected"
                 )
+            if self.space != "cartesian":
+                raise DataError(f"a map of {self.predictor_name!r} needs poses (n, 4, 4), for their joints")
+            p_target, rotation = targets, None
         else:
             targets = check_transforms("targets", targets)
             p_target, rotation = targets[:, :3, 3], Rotation.from_matrix(targets[:, :3, :3])
-        solution = solve(p_target, self.predictor.predict, getattr(self.predictor, "gradient", None))
-        _, std = self.predictor.predict(solution.p_command, return_std=True)
-        p_flange_tool = None
-        if tf_flange_tool is not None:
-            p_flange_tool = np.broadcast_to(np.asarray(tf_flange_tool, float), (len(targets), 4, 4))[:, :3, 3]
-        reasons = self.guards.reasons(solution.p_command, std, solution.converged, rotation, p_flange_tool, status)
+        tools = np.broadcast_to(self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool, (len(targets), 4, 4))
+        predictor, guards, gradient = self.predictor, self.guards, None
+        if self.space == "cartesian":
+            follower = None
+            if hasattr(predictor, "gradient"):
+                gradient = lambda p, _: predictor.gradient(p)  # noqa: E731
+        else:
+            assert self.samples.q is not None
+            follower = Follower(self.robot, targets, tools, self.samples.q, status, turn)
+
+        def coordinates(p: FloatArray, rows: IntArray) -> FloatArray:
+            return p if follower is None else follower.joints(p, rows)
+
+        def predict(p: FloatArray, rows: IntArray) -> FloatArray:
+            return predictor.predict(coordinates(p, rows))
+
+        p_mirror = mirror(p_target, predict)
+        solution = solve(p_target, predict, gradient)
+        x = coordinates(solution.p_command, np.arange(len(targets)))
+        _, std = predictor.predict(x, return_std=True)
+        if follower is None:
+            reasons = guards.reasons(x, "mm", std, solution.converged, rotation, tools[:, :3, 3], status)
+        else:  # orientation and branch are in the joints
+            reasons = guards.reasons(x, "rad", std, solution.converged, p_flange_tool=tools[:, :3, 3])
+            reasons = [
+                "out of reach" if lost else reason for lost, reason in zip(follower.lost.tolist(), reasons, strict=True)
+            ]
         policy = on_guard or self.cell.correction.on_guard
         p_command, verdict, reason = apply_policy(
-            p_target, solution.p_command, reasons, self.guards.limits.max_correction, policy
+            p_target, solution.p_command, reasons, guards.limits.max_correction, policy
         )
-        p_mirror = mirror(p_target, self.predictor.predict)
         return Corrections(p_target, p_command, p_mirror, solution.e, std, verdict, reason)
 
     @cached_property
@@ -248,7 +268,7 @@ class ErrorMap:
                 status, _ = status_turn(self.robot, samples.q)
             except RobotError:
                 status = None  # no KUKA arm: its programs name no Status
-        return Guards(self.p_cmd, self.e, limits, self.tf_flange_tool[:3, 3], rotation, status)
+        return Guards(self._coordinates(samples), self.e, limits, self.tf_flange_tool[:3, 3], rotation, status)
 
     @cached_property
     def _bytes(self) -> bytes:

@@ -6,7 +6,7 @@ SLOPE = np.array([[0.02, -0.01, 0.0], [0.005, 0.03, 0.01], [0.0, 0.01, -0.02]])
 OFFSET = np.array([0.5, -1.0, 0.25])
 
 
-def linear(p):
+def linear(p, _rows=None):
     return p @ SLOPE.T + OFFSET
 
 
@@ -14,7 +14,7 @@ def test_closed_form_of_a_linear_error(rng):
     """P_c + S P_c + o = P_t has the solution (I + S)⁻¹ (P_t − o)."""
     p_target = rng.uniform(-1000, 1000, size=(50, 3))
     expected = np.linalg.solve(np.eye(3) + SLOPE, (p_target - OFFSET).T).T
-    for gradient in (None, lambda p: np.broadcast_to(SLOPE, (len(p), 3, 3))):
+    for gradient in (None, lambda p, _rows: np.broadcast_to(SLOPE, (len(p), 3, 3))):
         solution = solve(p_target, linear, gradient)
         assert solution.converged.all()
         np.testing.assert_allclose(solution.p_command, expected, atol=1.1e-4)
@@ -23,7 +23,7 @@ def test_closed_form_of_a_linear_error(rng):
 
 def test_newton_takes_one_step_for_a_linear_error(rng):
     p_target = rng.uniform(-1000, 1000, size=(50, 3))
-    assert solve(p_target, linear, lambda p: np.broadcast_to(SLOPE, (len(p), 3, 3))).iterations == 1
+    assert solve(p_target, linear, lambda p, _rows: np.broadcast_to(SLOPE, (len(p), 3, 3))).iterations == 1
     assert solve(p_target, linear).iterations > 3
 
 
@@ -35,13 +35,13 @@ def test_mirror_differs_in_second_order():
 
 def test_no_error_no_step():
     p_target = np.ones((4, 3))
-    solution = solve(p_target, np.zeros_like)
+    solution = solve(p_target, lambda p, _rows: np.zeros_like(p))
     np.testing.assert_array_equal(solution.p_command, p_target)
     assert solution.iterations == 0
 
 
 def test_a_target_that_does_not_settle_is_told():
-    def wild(p):
+    def wild(p, _rows):
         return np.where(p[:, :1] > 0, -3.0 * p, 0.1)  # no contraction where x > 0
 
     solution = solve(np.array([[1.0, 1.0, 1.0], [-5.0, 0.0, 0.0]]), wild)

@@ -104,12 +104,14 @@ class Region:
 
 
 class Guards:
-    """All guards of a map in Cartesian space, made once from its samples.
+    """All guards of a map, made once from its samples.
 
     Parameters
     ----------
-    p_cmd, e : (n, 3) arrays [mm], base frame
-        Commanded positions and errors of the samples.
+    x : (n, d) array
+        The samples in the predictor's coordinates: commanded positions [mm] or joints [rad].
+    e : (n, 3) array [mm], base frame
+        Their errors.
     limits : Limits
     p_flange_tool : (3,) array [mm], flange frame
         The measured point.
@@ -121,7 +123,7 @@ class Guards:
 
     def __init__(
         self,
-        p_cmd: FloatArray,
+        x: FloatArray,
         e: FloatArray,
         limits: Limits,
         p_flange_tool: FloatArray,
@@ -129,7 +131,7 @@ class Guards:
         status: IntArray | None = None,
     ) -> None:
         self.limits = limits
-        self.region = Region(p_cmd, limits.max_distance)
+        self.region = Region(x, limits.max_distance)
         rms = float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
         self.max_std = _STD_SHARE * rms if limits.max_std is None else limits.max_std
         self._p_flange_tool = p_flange_tool
@@ -141,7 +143,8 @@ class Guards:
 
     def reasons(
         self,
-        p_command: FloatArray,
+        x: FloatArray,
+        unit: str,
         std: FloatArray,
         converged: NDArray[np.bool_],
         rotation: Rotation | None = None,
@@ -152,8 +155,12 @@ class Guards:
 
         Parameters
         ----------
-        p_command, std : (m, 3) arrays [mm], base frame
-            Solved commands and the predicted standard deviation there.
+        x : (m, d) array
+            Solved commands in the predictor's coordinates.
+        unit : str
+            Of x.
+        std : (m, 3) array [mm], base frame
+            Predicted standard deviation there.
         converged : (m,) array of bool
         rotation : Rotation of length m, optional
             Orientations of the targets, base frame.
@@ -162,7 +169,7 @@ class Guards:
         status : (m,) array of int, optional
             KUKA Status of the targets, −1 where it is not given.
         """
-        reasons = self.region.reasons(p_command, "mm")
+        reasons = self.region.reasons(x, unit)
 
         def flag(where: NDArray[np.bool_], reason: Callable[[int], str]) -> None:
             for i in np.flatnonzero(where).tolist():

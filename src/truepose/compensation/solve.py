@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Predict = Callable[[FloatArray], FloatArray]
+IntArray = NDArray[np.int64]
+Predict = Callable[[FloatArray, IntArray], FloatArray]
+"""Positions (m, 3) [mm] of the targets of some rows (m,), to an array of m."""
 
 TOLERANCE: Final = 1e-4
 """[mm] A solution reproduces its target to this; ten times finer than the 1 µm that (16) asks for."""
@@ -43,15 +45,15 @@ def mirror(p_target: FloatArray, predict: Predict) -> FloatArray:
     ----------
     p_target : (n, 3) array [mm], base frame
     predict : callable
-        Positions (n, 3) to predicted errors (n, 3) [mm].
+        Positions and their rows to predicted errors (n, 3) [mm].
     """
-    return p_target - predict(p_target)
+    return p_target - predict(p_target, np.arange(len(p_target)))
 
 
 def solve(
     p_target: FloatArray,
     predict: Predict,
-    gradient: Callable[[FloatArray], FloatArray] | None = None,
+    gradient: Predict | None = None,
     *,
     tolerance: float = TOLERANCE,
     max_iterations: int = 20,
@@ -65,9 +67,9 @@ def solve(
     ----------
     p_target : (n, 3) array [mm], base frame
     predict : callable
-        Positions (n, 3) to predicted errors (n, 3) [mm].
+        Positions (m, 3) and their rows (m,) to predicted errors (m, 3) [mm].
     gradient : callable, optional
-        Positions (n, 3) to ∂ê/∂P (n, 3, 3), component by coordinate.
+        The same to ∂ê/∂P (m, 3, 3), component by coordinate.
     tolerance : float [mm]
     max_iterations : int
 
@@ -76,16 +78,17 @@ def solve(
     Solution
     """
     p_command = p_target.copy()
-    e = predict(p_command)
+    rows = np.arange(len(p_target))
+    e = predict(p_command, rows)
     active = np.linalg.norm(e, axis=1) > tolerance
     iteration = 0
     while active.any() and iteration < max_iterations:
         iteration += 1
         miss = p_command[active] + e[active] - p_target[active]
         if gradient is not None:
-            slope = np.eye(3) + gradient(p_command[active])
+            slope = np.eye(3) + gradient(p_command[active], rows[active])
             miss = np.linalg.solve(slope, miss[..., None])[..., 0]
         p_command[active] -= miss
-        e[active] = predict(p_command[active])
+        e[active] = predict(p_command[active], rows[active])
         active[active] = np.linalg.norm(p_command[active] + e[active] - p_target[active], axis=1) > tolerance
     return Solution(p_command, e, ~active, iteration)
