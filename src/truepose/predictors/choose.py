@@ -14,7 +14,14 @@ from truepose.predictors.named import PREDICTORS, Arm, make_predictor
 
 FloatArray = NDArray[np.float64]
 
-CANDIDATES: Final = ("registration", "idw", "ordinary-kriging", "ordinary-kriging-joint", "kinematic-kriging")
+CANDIDATES: Final = (
+    "registration",
+    "idw",
+    "ordinary-kriging",
+    "universal-kriging",
+    "ordinary-kriging-joint",
+    "kinematic-kriging",
+)
 
 
 def choose(
