@@ -123,6 +123,8 @@ def correct(
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; writes the programs and a list of what was done to each target."""
+    from rich.markup import escape
+
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.programs import correct_program
@@ -152,6 +154,8 @@ def correct(
             f"{summary['refused']} refused; largest correction "
             f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
         )
+        for warning in program.warnings[:_LISTED]:
+            say(f"  {escape(warning)}")
         _say_reasons([outcome for outcome in program.targets if outcome.verdict != "correct"])
     for file in written:
         say(f"Wrote {file}")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs import sidecar
 from truepose.programs.configurations import changed_words
+from truepose.programs.paths import bends
 from truepose.programs.source import Patch, apply_patches, format_number, prove, unified_diff
 from truepose.programs.targets import IDENTITY, FloatArray, FrameTable, Program, ReadOptions, Target, linked
 
@@ -134,6 +135,8 @@ class CorrectedProgram:
     on_guard : {"refuse", "skip", "clip"}
     resolution : float [mm]
     map_hash : str, optional
+    warnings : tuple of str
+        What a user should look at: straight paths that bend (see `truepose.programs.paths`).
     """
 
     program: Program
@@ -142,6 +145,7 @@ class CorrectedProgram:
     on_guard: Policy
     resolution: float
     map_hash: str | None
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
@@ -219,6 +223,8 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     array([[1., 2., 3.]])
     """
     path = Path(path)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise FileError(path, "is no file but a device or a pipe; name a program")
     if path.is_dir():
         raise FileError(path, "is a folder; name the program's files one by one")
     dialect = _DIALECTS.get(path.suffix.lower())
@@ -288,14 +294,15 @@ def correct_program(
         raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, reasons)}")
     outcomes = [_untouched(target) for target in program.targets]
     patches: dict[Path, list[Patch]] = {source.path: [] for source in program.sources}
+    warnings: list[str] = []
     if len(chosen):
-        _correct(program, chosen, error_map, on_guard, resolution, outcomes, patches)
+        warnings = _correct(program, chosen, error_map, on_guard, resolution, outcomes, patches)
     files = {}
     for source in program.sources:
         files[source.path] = apply_patches(source.data, patches[source.path])
         prove(source, files[source.path], patches[source.path], program.lexer)
     map_hash = getattr(error_map, "hash", None)
-    return CorrectedProgram(program, files, tuple(outcomes), on_guard, resolution, map_hash)
+    return CorrectedProgram(program, files, tuple(outcomes), on_guard, resolution, map_hash, tuple(warnings))
 
 
 def _correct(
@@ -306,8 +313,8 @@ def _correct(
     resolution: float,
     outcomes: list[Outcome],
     patches: dict[Path, list[Patch]],
-) -> None:
-    """Ask the map, and put what it says into outcomes and patches."""
+) -> list[str]:
+    """Ask the map, and put what it says into outcomes and patches; return what a user should look at."""
     targets = [program.targets[i] for i in chosen]
     poses, tools = program.poses_base(), program.tools(getattr(error_map, "tf_flange_tool", IDENTITY))
     answer = error_map.correct(
@@ -345,6 +352,10 @@ def _correct(
             raise RefusedError(f"{target.where}: {target.name}: the map gave a correction that is not a number")
         after = _patch(data[target.path], target, moved[k], resolution, patches[target.path])
         outcomes[i] = Outcome(target, verdict[k], reason[k], after, answer.e[k], answer.std[k])
+    added = np.where(np.isin(verdict, _CORRECTED)[:, None], difference, 0.0)
+    return [
+        f"{targets[k].where}: {targets[k].name} {what}" for k, what in bends(targets, answer.p_target, added).items()
+    ]
 
 
 def _patch(data: bytes, target: Target, moved: FloatArray, resolution: float, patches: list[Patch]) -> FloatArray:

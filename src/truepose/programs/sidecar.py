@@ -52,6 +52,7 @@ def record(corrected: CorrectedProgram) -> dict[str, Any]:
         "on_guard": corrected.on_guard,
         "resolution_mm": corrected.resolution,
         "summary": corrected.summary(),
+        "warnings": list(corrected.warnings),
         "targets": [_target(outcome) for outcome in corrected.targets],
     }
 
@@ -78,6 +79,9 @@ def names(program: Program) -> list[str]:
 def write_in_place(corrected: CorrectedProgram) -> list[Path]:
     """Write over the program; see `CorrectedProgram.write_in_place`."""
     changed = [source for source in corrected.program.sources if corrected.files[source.path] != source.data]
+    for source in changed:
+        if source.path.is_symlink():
+            raise FileError(source.path, "is a link; name the file itself")
     for source in corrected.program.sources:
         if files.read_bytes(source.path) != source.data:
             raise FileError(source.path, "changed while it was being corrected; run again")
