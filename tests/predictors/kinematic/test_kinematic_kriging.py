@@ -190,11 +190,12 @@ def test_circle_spectrum_gives_back_the_kernel():
     np.testing.assert_allclose(series, matern32(joint_chord(angle, np.zeros(1)), 0.3)[0][:, 0], atol=1e-4)
 
 
-def test_large_sets_take_the_basis_and_say_so():
-    q, e = simulate(420, np.random.default_rng(8))
-    model = KinematicKriging(ROBOT, TOOL, robust=False, residual="none").fit(q[:400], e[:400])
-    assert model.solver_ == "basis"
-    assert np.linalg.norm(model.predict(q[400:]) - e[400:], axis=1).mean() < 0.05
+@pytest.mark.parametrize(("n", "solver"), [(400, "covariance"), (1100, "basis")])
+def test_the_solver_is_chosen_by_size_and_told(n, solver):
+    q, e = simulate(n + 50, np.random.default_rng(8))
+    model = KinematicKriging(ROBOT, TOOL, robust=False, residual="none").fit(q[:n], e[:n])
+    assert model.solver_ == solver
+    assert np.linalg.norm(model.predict(q[n:]) - e[n:], axis=1).mean() < 0.03
 
 
 def test_gross_readings_are_named_and_do_no_harm():

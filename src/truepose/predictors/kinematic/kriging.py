@@ -23,10 +23,11 @@ from truepose.similarity.threads import blas_threads
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-EXACT_UP_TO: Final = 350
+EXACT_UP_TO: Final = 1000
 """Samples up to which ``solver="auto"`` takes the covariance form."""
 
-_SUBSET: Final = 250  # samples that hyperparameters are searched on before all of them refine these
+_SUBSET: Final = 350  # samples that hyperparameters are searched on where there are more
+_ANCHORS: Final = 250  # samples that carry Z in a basis
 _FEWEST: Final = 6
 _LARGE: Final = 1500  # equations from which BLAS gains by threads
 _DEGREES_OF_FREEDOM: Final = 5.0  # of the Student t that noise is taken for
@@ -77,7 +78,8 @@ class KinematicKriging(Predictor):
         Weigh readings down that the others contradict; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
         The covariance of all readings (exact, cubic in n) or a basis (linear in n); auto takes the first up to
-        `EXACT_UP_TO` samples. `solver_` says which.
+        `EXACT_UP_TO` samples. `solver_` says which. Above 350 samples hyperparameters are searched on 350 drawn at
+        random; a basis then refines them with all.
     hyper : dict, optional
         Hyperparameters as `Hyper.to_dict` gives them, instead of a search.
     weight : sequence of float, optional
@@ -189,7 +191,7 @@ class KinematicKriging(Predictor):
         """Search hyperparameters and robust weights in turn until the weights settle."""
         n = len(self._e)
         rng = np.random.default_rng(self.random_state)
-        rows = np.sort(rng.permutation(n)[:_SUBSET]) if self.solver_ == "basis" else np.arange(n)
+        rows = np.sort(rng.permutation(n)[:_SUBSET])
         start = Hyper.start(len(self.joints_), len(self._terms.range_names))
         starts = spread_starts(start) if len(self.joints_) else [start]
         self.weight_ = self._first_weights(design) if self.robust else np.ones(n)
@@ -206,7 +208,7 @@ class KinematicKriging(Predictor):
                 found = search(likelihood, starts)
                 self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
                 self.bounds_hit_ = found.bounds_hit
-            self._form = self._solved(design)
+            self._form = self._solved(design, refining=turn == 0)
             if not self.robust:
                 return
             weight = self._weights()
@@ -241,16 +243,16 @@ class KinematicKriging(Predictor):
     def _noise_variance(self) -> FloatArray:
         return np.asarray((self.hyper_.noise**2 + self._reading**2) / self.weight_[:, None])
 
-    def _solved(self, design: Design) -> CovarianceForm | BasisForm:
-        """Return the posterior at the current hyperparameters; a basis refines these with all samples first."""
+    def _solved(self, design: Design, refining: bool = False) -> CovarianceForm | BasisForm:
+        """Return the posterior at the current hyperparameters; in a basis all samples may refine these first."""
         if self.solver_ == "covariance":
             return CovarianceForm.of(
                 self._terms, design, self.joints_, self.hyper_, self._target(design), self._noise_variance()
             )
         rng = np.random.default_rng(self.random_state)
-        anchor = take(design, np.sort(rng.permutation(len(self._e))[:_SUBSET])) if self._terms.range_names else None
+        anchor = take(design, np.sort(rng.permutation(len(self._e))[:_ANCHORS])) if self._terms.range_names else None
         basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor)
-        if self.hyper is None:
+        if refining:
             found = refine(basis, Sums.of(basis, design, self._e, self._noise_variance()), self.hyper_)
             self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
