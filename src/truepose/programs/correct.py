@@ -292,17 +292,18 @@ def correct_program(
     if not len(chosen) and any(not target.reason.startswith("joint target") for target in program.targets):
         reasons = {i: target.reason for i, target in enumerate(program.targets)}
         raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, reasons)}")
-    outcomes = [_untouched(target) for target in program.targets]
+    outcomes: dict[int, Outcome] = {}
     patches: dict[Path, list[Patch]] = {source.path: [] for source in program.sources}
     warnings: list[str] = []
     if len(chosen):
         warnings = _correct(program, chosen, error_map, on_guard, resolution, outcomes, patches)
+    done = [outcomes.get(i) or _untouched(target) for i, target in enumerate(program.targets)]
     files = {}
     for source in program.sources:
         files[source.path] = apply_patches(source.data, patches[source.path])
         prove(source, files[source.path], patches[source.path], program.lexer)
     map_hash = getattr(error_map, "hash", None)
-    return CorrectedProgram(program, files, tuple(outcomes), on_guard, resolution, map_hash, tuple(warnings))
+    return CorrectedProgram(program, files, tuple(done), on_guard, resolution, map_hash, tuple(warnings))
 
 
 def _correct(
@@ -311,7 +312,7 @@ def _correct(
     error_map: Corrector,
     on_guard: Policy,
     resolution: float,
-    outcomes: list[Outcome],
+    outcomes: dict[int, Outcome],
     patches: dict[Path, list[Patch]],
 ) -> list[str]:
     """Ask the map, and put what it says into outcomes and patches; return what a user should look at."""

@@ -10,10 +10,9 @@ import csv
 import hashlib
 import io
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
 
 from truepose import files
 from truepose.errors import FileError, RefusedError
@@ -31,12 +30,12 @@ _COLUMNS: Final = (
 )
 
 
-def record(corrected: CorrectedProgram) -> dict[str, Any]:
+def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[str, Any]:
     """Return the record of a correction, for JSON: None stands where there is no number.
 
     Positions and corrections are in each target's own frame, predicted errors and deviations in the base frame.
     """
-    return {
+    found = {
         "format": FORMAT,
         "schema": SCHEMA,
         "program": str(corrected.program.path),
@@ -53,8 +52,18 @@ def record(corrected: CorrectedProgram) -> dict[str, Any]:
         "resolution_mm": corrected.resolution,
         "summary": corrected.summary(),
         "warnings": list(corrected.warnings),
-        "targets": [_target(outcome) for outcome in corrected.targets],
     }
+    if with_targets:
+        found["targets"] = [_target(outcome) for outcome in corrected.targets]
+    return found
+
+
+def to_json(corrected: CorrectedProgram) -> str:
+    """Return the record as text, one line per target."""
+    head = record(corrected, with_targets=False)
+    lines = [json.dumps(head, indent=1, ensure_ascii=False)[:-2], ',\n "targets": [\n']
+    lines.append(",\n".join([json.dumps(_target(outcome), ensure_ascii=False) for outcome in corrected.targets]))
+    return "".join([*lines, "\n ]\n}\n"])
 
 
 def to_csv(corrected: CorrectedProgram) -> str:
@@ -93,7 +102,7 @@ def write_in_place(corrected: CorrectedProgram) -> list[Path]:
         files.write_atomic(backups[source.path], source.data)
     # the record first: a program that is corrected is never without it
     folder, (*_, json_name, csv_name) = corrected.program.path.parent, names(corrected.program)
-    files.write_atomic(folder / json_name, json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n")
+    files.write_atomic(folder / json_name, to_json(corrected))
     files.write_atomic(folder / csv_name, to_csv(corrected))
     done: list[Path] = []
     try:
@@ -112,7 +121,7 @@ def write(corrected: CorrectedProgram, out_dir: Path) -> list[Path]:
     """Write the program's files and the record; see `CorrectedProgram.write`."""
     *_, json_name, csv_name = names(corrected.program)
     contents: dict[Path, bytes | str] = {out_dir / path.name: data for path, data in corrected.files.items()}
-    contents[out_dir / json_name] = json.dumps(record(corrected), indent=1, ensure_ascii=False) + "\n"
+    contents[out_dir / json_name] = to_json(corrected)
     contents[out_dir / csv_name] = to_csv(corrected)
     new: list[Path] = []
     try:
@@ -168,7 +177,8 @@ def _hashes(path: Path) -> list[tuple[str, str]]:
 
 def _target(outcome: Outcome) -> dict[str, Any]:
     target = outcome.target
-    known = bool(np.isfinite(outcome.std).all())
+    size = math.hypot(*outcome.std.tolist())
+    before, after = outcome.p_before, outcome.p_after
     return {
         "file": str(target.path),
         "line": target.line,
@@ -179,16 +189,16 @@ def _target(outcome: Outcome) -> dict[str, Any]:
         "status": target.status,
         "turn": target.turn,
         "configuration": target.configuration,
-        "before_mm": _numbers(outcome.p_before),
-        "after_mm": _numbers(outcome.p_after),
-        "correction_mm": _numbers(outcome.correction),
+        "before_mm": _numbers(before),
+        "after_mm": _numbers(after),
+        "correction_mm": _numbers(after - before),
         "e_mm": _numbers(outcome.e),
         "std_xyz_mm": _numbers(outcome.std),
-        "std_mm": round(float(np.linalg.norm(outcome.std)), 6) if known else None,
+        "std_mm": round(size, 6) if math.isfinite(size) else None,
         "verdict": outcome.verdict,
         "reason": outcome.reason,
     }
 
 
 def _numbers(values: FloatArray) -> list[float | None]:
-    return [round(float(value), 6) if np.isfinite(value) else None for value in values]
+    return [round(value, 6) if math.isfinite(value) else None for value in values.tolist()]
