@@ -5,6 +5,7 @@ import pytest
 
 from truepose.errors import DataError
 from truepose.similarity import (
+    VariogramModel,
     experimental_variogram,
     fit_variogram,
     permutation_envelope,
@@ -76,3 +77,14 @@ def test_picture(structured, component):
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert {"spherical", "shuffled, 95 %", "measured (area: pairs)"} <= set(labels)
     assert any("practical range" in text.get_text() for text in axes.texts)
+
+
+def test_picture_of_several_ranges_and_of_gstools(rng):
+    gstools = pytest.importorskip("gstools")
+    ev = experimental_variogram(rng.random((60, 3)), rng.standard_normal((60, 3)))
+    for model, lines in (
+        (VariogramModel("gaussian", nugget=0.1, sill=1.0, range=(3.0, 1.0, 2.0)), 3),
+        (gstools.Exponential(dim=3, len_scale=9.0), 1),
+    ):
+        figure = plot_variogram(ev, model, theory=ev, residual=ev)
+        assert len(figure.axes[0].lines) == lines + 1  # and the curve of theory

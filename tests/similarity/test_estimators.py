@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 from skgstat import estimators as peers
 
 from truepose.errors import DataError
-from truepose.similarity import Direction, experimental_variogram
+from truepose.similarity import Direction, experimental_variogram, variogram_cloud
 from truepose.similarity.robust import _smallest_gap
 
 EDGES = np.array([0.0, 0.1, 0.25, 0.4, 0.8])
@@ -154,3 +154,14 @@ def test_edges_closer_than_a_cell(rng):
 def test_cloud_is_refused_for_many_points(rng):
     with pytest.raises(DataError, match="6000 points have too many pairs"):
         experimental_variogram(rng.random((6000, 1)), np.zeros(6000), max_lag=0.1, estimator="dowd")
+
+
+def test_cloud_holds_the_pairs_of_the_bins(rng):
+    x, e = rng.random((50, 3)), rng.standard_normal((50, 2))
+    for direction in (None, Direction([1.0, 2.0, 0.0], tolerance=0.6, bandwidth=0.3)):
+        found = variogram_cloud(x, e, 0.5, direction)
+        ev = experimental_variogram(x, e, bins=[0.0, 0.5], direction=direction)
+        assert len(found.distance) == ev.pairs[0]
+        np.testing.assert_allclose(found.semivariance.mean(axis=0), ev.semivariance[0])
+        np.testing.assert_allclose(np.linalg.norm(x[found.second] - x[found.first], axis=1), found.distance)
+    assert len(variogram_cloud(x, e).distance) == 50 * 49 / 2

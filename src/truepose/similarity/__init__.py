@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from truepose.similarity.coordinates import equal_count_bins, joint_coordinates, lever_arm_weights
 from truepose.similarity.envelope import Envelope, permutation_envelope, verdict
-from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
+from truepose.similarity.experimental import (
+    Direction,
+    ExperimentalVariogram,
+    VariogramCloud,
+    experimental_variogram,
+    variogram_cloud,
+)
 from truepose.similarity.fitting import VariogramFit, fit_variogram
 from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
@@ -20,6 +26,7 @@ __all__ = [
     "ExperimentalVariogram",
     "LikelihoodFit",
     "Trend",
+    "VariogramCloud",
     "VariogramFit",
     "VariogramModel",
     "as_variogram",
@@ -34,5 +41,6 @@ __all__ = [
     "permutation_envelope",
     "plot_variogram",
     "remove_drift",
+    "variogram_cloud",
     "verdict",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,6 +150,50 @@ def experimental_variogram(
         estimator=estimator,
         cross=_cross(semivariance[1:], gamma[1:, c:], duos) if cross else np.empty((0, 0, 0)),
     )
+
+
+class VariogramCloud(NamedTuple):
+    """Every pair of points by itself: which two samples make a bin high.
+
+    Attributes
+    ----------
+    first, second : (N,) arrays of int
+        Rows of the samples.
+    distance : (N,) array
+        In the unit of the coordinates.
+    semivariance : (N, c) array [mm²]
+        Half the squared difference of each component.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    distance: FloatArray
+    semivariance: FloatArray
+
+
+def variogram_cloud(
+    x: ArrayLike,
+    e: ArrayLike,
+    max_lag: float | None = None,
+    direction: Direction | ArrayLike | None = None,
+    *,
+    weights: ArrayLike | None = None,
+) -> VariogramCloud:
+    """Return all pairs up to a distance, for at most 5,000 points.
+
+    Parameters are those of `experimental_variogram`; all pairs when `max_lag` is not given.
+
+    Examples
+    --------
+    >>> variogram_cloud([[0.0], [1.0], [3.0]], [0.0, 2.0, 1.0], max_lag=2.0).semivariance.ravel()
+    array([2. , 0.5])
+    """
+    from truepose.similarity.robust import cloud
+
+    points, errors = check_points(x, e, weights)
+    found = cloud(points, *_cone(direction, weights, points.shape[1]), np.inf if max_lag is None else max_lag)
+    semivariance = (errors[found.second] - errors[found.first]) ** 2 / 2
+    return VariogramCloud(found.first, found.second, found.distance, semivariance)
 
 
 def _cross(direct: FloatArray, sides: FloatArray, duos: list[tuple[int, int]]) -> FloatArray:

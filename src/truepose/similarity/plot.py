@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from truepose.similarity.envelope import Envelope
 from truepose.similarity.experimental import ExperimentalVariogram
+from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.models import VariogramModel
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def plot_variogram(
     Parameters
     ----------
     ev : ExperimentalVariogram
-    model : VariogramModel, optional
+    model : VariogramModel or gstools.CovModel, optional
     envelope : Envelope, optional
         On the same bins as `ev`.
     component : int, optional
@@ -130,16 +131,23 @@ def _draw_points(axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray) -> No
             axes.scatter(ev.lag[mask], gamma[mask], s=area[mask], color=colour, lw=0, zorder=3, label=label)
 
 
-def _draw_model(axes: Axes, model: VariogramModel, longest: float, unit: str) -> None:
+def _draw_model(axes: Axes, given: VariogramModel, longest: float, unit: str) -> None:
+    model = as_variogram(given)
     h = np.linspace(0, longest, 400)[1:]
-    axes.plot(h, model.semivariance(h), color=MODEL, lw=1.8, zorder=4, label=model.family)
-    if model.practical_range <= longest and model.sill > 0:
+    if model.isotropic:
+        axes.plot(h, model.semivariance(h), color=MODEL, lw=1.8, zorder=4, label=model.family)
+    else:
+        d = len(model.practical_ranges)
+        for k, style in zip(range(d), ("-", "--", ":", "-.") * d, strict=False):
+            gamma = model.semivariance(h, np.eye(d)[k])
+            axes.plot(h, gamma, color=MODEL, lw=1.4, ls=style, zorder=4, label=f"{model.family}, axis {k + 1}")
+    if model.practical_range <= longest and model.partial_sill > 0:
         axes.axvline(model.practical_range, color=QUIET, lw=0.9, ls=(0, (4, 3)), zorder=1)
-        style: dict[str, Any] = {"color": QUIET, "fontsize": 8, "rotation": 90, "va": "bottom"}
+        look: dict[str, Any] = {"color": QUIET, "fontsize": 8, "rotation": 90, "va": "bottom"}
         text = f"practical range {model.practical_range:.3g} {unit}"
         anchor: dict[str, Any] = {
             "xycoords": ("data", "axes fraction"),
             "xytext": (4, 0),
             "textcoords": "offset points",
         }
-        axes.annotate(text, (model.practical_range, 0.03), **anchor, **style)
+        axes.annotate(text, (model.practical_range, 0.03), **anchor, **look)
