@@ -247,7 +247,7 @@ def test_names_of_what_cannot_be_told_apart(rng):
     seen = observability(data.jacobian(arm, np.zeros(len(arm.parameters))), arm.names, arm.tolerance)
     assert seen.rank == 27
     assert seen.apart["theta1"] == ("base rz",)
-    assert seen.apart["d2"] == ("d3",)
+    assert "d3" in seen.apart["d2"]
     assert "theta3" not in seen.apart
     found = least_squares(arm, data, free=minimal_subset(arm, data))
     rows = {row["parameter"]: row for row in parameter_table(arm, found, seen, prior=False)}

@@ -1,8 +1,9 @@
 """Sequential identification, method.md (11): the parameters as the state of a Kalman filter that does not move.
 
-Each observation corrects x and its covariance P; before the first they are zero and the tolerances. Extended: linearised
-where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical linearisation
-H = P_xyᵀ P⁻¹ in its place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays positive definite in rounding.
+Each observation corrects x and its covariance P; before the first they are zero and the tolerances. Extended:
+linearised where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical
+linearisation H = P_xyᵀ P⁻¹ in its place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays
+positive definite in rounding.
 """
 
 from __future__ import annotations

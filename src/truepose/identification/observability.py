@@ -78,8 +78,8 @@ def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray |
     >>> robot = load_robot("kuka-kr150-2")
     >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (50, 6))
     >>> seen = observability(robot.error_jacobian(q, tool=[100, 0, 200]), robot.parameter_names)
-    >>> seen.rank, seen.apart["d2"]
-    (25, ('d3',))
+    >>> seen.rank, "d3" in seen.apart["d2"]
+    (25, True)
     """
     rows = np.asarray(columns, float).reshape(-1, np.shape(columns)[-1])
     if len(names) != rows.shape[1] or not np.isfinite(rows).all():

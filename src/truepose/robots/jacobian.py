@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import DataError
-from truepose.robots.chain import walk
+from truepose.robots.chain import _cos_sin, walk
 
 FloatArray = NDArray[np.float64]
 
@@ -39,25 +39,42 @@ def columns(theta: FloatArray, fixed: FloatArray, twists: FloatArray, outputs: O
         Rows [mm] and [rad] over the parameter's unit, base frame.
     """
     rows = count_rows(outputs)
-    # only links that a parameter moves, with those parameters: most twists are zero
-    moving = [(k, np.flatnonzero(np.abs(link).sum(axis=0))) for k, link in enumerate(twists)]
-    moving = [(k, own) for k, own in moving if len(own)]
+    told = np.abs(twists).sum(axis=2) > 0.0  # most twists have few parts
+    parts, used = twists[told], np.argwhere(told).tolist()
+    turns = [(k, i - 3) for k, i in used if i >= 3]
+    turned = twists[:, 3:][told[:, 3:]]
     out = np.empty((len(theta), rows, twists.shape[2]))
+    buffers = _Buffers(len(fixed) - 1, len(used))
     for start in range(0, len(theta), _CHUNK):
-        part = theta[start : start + _CHUNK]
-        frames = _frames(part, fixed)
-        p_end = frames[-1][1]
-        n = len(part)
-        made = np.zeros((twists.shape[2], rows, n))
-        for k, own in moving:
-            axes, p = frames[k]
-            arm = _cross(axes, p_end - p)
-            link = twists[k][:, own].T
-            made[own, :3] += (link @ np.concatenate([axes, arm]).reshape(6, 3 * n)).reshape(-1, 3, n)
+        frames, moved, arm = buffers.of(len(theta[start : start + _CHUNK]))
+        _walk(theta[start : start + _CHUNK], fixed, frames)
+        for k in {k for k, _ in turns}:
+            np.subtract(frames[-1, 3], frames[k, 3], out=arm[k])
+        for row, (k, i) in zip(moved, used, strict=True):
+            if i < 3:
+                row[:] = frames[k, i]
+            else:
+                _cross(frames[k, i - 3], arm[k], row)
+        part = out[start : start + _CHUNK]
+        for c in range(3):  # one product for each component: it lands where it belongs
+            np.matmul(moved[:, c].T, parts, out=part[:, c])
             if rows == 6:
-                made[own, 3:] += (link[:, 3:] @ axes.reshape(3, 3 * n)).reshape(-1, 3, n)
-        out[start : start + n] = made.transpose(2, 1, 0)
+                spun = np.array([frames[k, i, c] for k, i in turns]).reshape(len(turns), len(part))
+                np.matmul(spun.T, turned, out=part[:, 3 + c])
     return out
+
+
+class _Buffers:
+    """Memory for one chunk after the other: frames (dof + 2, x y z origin, 3, n), columns (used, 3, n), arms."""
+
+    def __init__(self, dof: int, used: int) -> None:
+        self._shapes = (dof + 2, 4, 3), (used, 3), (dof + 2, 3)
+        self._n = -1
+
+    def of(self, n: int) -> tuple[FloatArray, ...]:
+        if n != self._n:
+            self._n, self._arrays = n, tuple(np.empty((*shape, n)) for shape in self._shapes)
+        return self._arrays
 
 
 def joint_columns(theta: FloatArray, fixed: FloatArray, sign: FloatArray, outputs: Outputs = "position") -> FloatArray:
@@ -86,18 +103,27 @@ def count_rows(outputs: Outputs) -> int:
     return _ROWS[outputs]
 
 
-def _frames(theta: FloatArray, fixed: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Return axes (3 axes, 3 components, n) and origin (3, n) of base, each link's frame, and the last frame."""
+def _walk(theta: FloatArray, fixed: FloatArray, out: FloatArray) -> None:
+    """Write the frames of the base, of each joint after its turn, and the last one; as `walk`, into given memory."""
     n = len(theta)
-    base = np.broadcast_to(np.eye(3)[..., None], (3, 3, n)), np.zeros((3, n))
-    return [base, *walk(theta, fixed)]
+    out[0, :3] = np.eye(3)[..., None]
+    out[0, 3] = 0.0
+    cos, sin = _cos_sin(np.ascontiguousarray(theta.T))
+    for k, link in enumerate(fixed):
+        frame = out[k + 1]
+        np.matmul(link[:3].T, out[k, :3].reshape(3, 3 * n), out=frame.reshape(4, 3 * n))
+        frame[3] += out[k, 3]
+        if k < len(cos):
+            x, y = frame[0], frame[1]
+            turned = cos[k] * x
+            turned += sin[k] * y
+            y *= cos[k]
+            y -= sin[k] * x
+            x[:] = turned
 
 
-def _cross(axes: FloatArray, arm: FloatArray) -> FloatArray:
-    """Return axis × arm for (3 axes, 3, n) and (3, n)."""
-    x, y, z = arm
-    out = np.empty(axes.shape)
-    out[:, 0] = axes[:, 1] * z - axes[:, 2] * y
-    out[:, 1] = axes[:, 2] * x - axes[:, 0] * z
-    out[:, 2] = axes[:, 0] * y - axes[:, 1] * x
-    return out
+def _cross(axis: FloatArray, arm: FloatArray, out: FloatArray) -> None:
+    """Write axis × arm of (3, n) arrays into another."""
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(axis[j], arm[k], out=out[i])
+        out[i] -= axis[k] * arm[j]
