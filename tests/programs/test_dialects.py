@@ -424,6 +424,15 @@ def test_a_program_of_another_language_is_told(tmp_path: Path, make_map: Any, na
             assert isinstance(attempt(path, make_map([1, 1, 1]), options=DIALECTS[name].options), str), other
 
 
+@pytest.mark.parametrize("name", DIALECTS)
+def test_numbers_of_thousands_of_digits(tmp_path: Path, make_map: Any, name: str) -> None:
+    dialect = DIALECTS[name]
+    path, data = tmp_path / f"a{dialect.ending}", whole(dialect)
+    for m in list(re.finditer(rb"\d+", data))[::3]:
+        path.write_bytes(data[: m.start()] + b"7" * 5000 + data[m.end() :])
+        attempt(path, make_map(), options=dialect.options)  # an error of ours, or none
+
+
 def main() -> None:
     """Injure programs of all dialects for a time."""
     parser = argparse.ArgumentParser(description=main.__doc__)

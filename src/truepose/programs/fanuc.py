@@ -21,9 +21,11 @@ _NUMBERED = re.compile(rb"[ \t]*\d*[ \t]*:")
 _CONTINUED = re.compile(rb"[ \t]*:")
 _REMARK = re.compile(rb"\s*(?:!|//|--)")
 _TEXT = re.compile(rb"'[^']*'|\"[^\"]*\"")
-_P = rb"(?<![\w$])P[ \t]*\[[ \t]*(?:(\d+)[ \t]*(?::[^\]]*)?|([^\]\[]*\[[^\]]*\][^\]]*|[^\]\d][^\]]*))\]"
+_P = rb"(?<![\w$])P[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|([^\]\[]*\[[^\]]*\][^\]]*|[^\]\d][^\]]*))\]"
 _POINT = re.compile(_P, re.I)
-_GOAL = re.compile(rb"(?<![\w$])P(R?)[ \t]*\[[ \t]*(?:(\d+)[ \t]*(?::[^\]]*)?|[^\]\[]*(?:\[[^\]]*\][^\]\[]*)*)\]", re.I)
+_GOAL = re.compile(
+    rb"(?<![\w$])P(R?)[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|[^\]\[]*(?:\[[^\]]*\][^\]\[]*)*)\]", re.I
+)
 _MOTION = re.compile(rb"\s*([JLCAS])\s+(?=P\s*R?\s*\[)", re.I)
 _SPEED = re.compile(
     rb"\d\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|\]\s*(?:mm/sec|cm/min|%)|\b(?:FINE|CNT\s*\d+)\b", re.I
@@ -37,13 +39,13 @@ _SHIFTS: Final = (
     (re.compile(rb"\bCOORD\b", re.I), Problem("refuse", "COORD: the frame moves with another group; it has no model")),
 )
 _FRAME_NUMBER = re.compile(rb"\b(UFRAME|UTOOL)_NUM\s*(?:\[\s*GP\d[^\]]*\]\s*)?=\s*(.*)", re.I)
-_FRAME_SET = re.compile(rb"\b(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\d*)[^=]*\]\s*=", re.I)
-_LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d+)", re.I)
+_FRAME_SET = re.compile(rb"\b(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\d{0,9})[^=]*\]\s*=", re.I)
+_LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
 _WRITE = re.compile(rb"\s*P\s*\[[^=]*=", re.I)
-_HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d+)[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
-_GROUP = re.compile(rb"\bGP(\d+)\s*:", re.I)
+_HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
+_GROUP = re.compile(rb"\bGP(\d{1,9})\s*:", re.I)
 _FRAMES = re.compile(rb"\b(UF|UT)\s*:\s*([^\s,]*)", re.I)
 _CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
 _VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
@@ -238,7 +240,11 @@ class _Reader:
         for m in _FRAME_NUMBER.finditer(code):
             digits = m[2].strip(b" \t;")
             text = f"{m[1].decode().upper()}_NUM={digits.decode('latin-1')}"
-            value = InForce("number", text, int(digits)) if digits.isdigit() else InForce("unknown", text)
+            value = (
+                InForce("number", text, int(digits))
+                if digits.isdigit() and len(digits) < 10
+                else InForce("unknown", text[:40])
+            )
             self._flow.change(**{"base" if m[1].upper() == b"UFRAME" else "tool": value})
         for m in _FRAME_SET.finditer(code):
             which = "base" if m[1].upper() == b"UFRAME" else "tool"

@@ -21,8 +21,8 @@ _SPEED = re.compile(rb"\bV[JRE]?[ \t]*=", re.I)
 _LABEL = re.compile(rb"[ \t]*\*([^\s]+)")
 _JUMP = re.compile(rb"[ \t]*JUMP[ \t]+(\*([^\s]+)|[^\s]+)([ \t]+IF\b)?", re.I)
 _STRUCTURED = re.compile(rb"[ \t]*(?:IFTHEN|WHILE|FOR|SWITCH)\b", re.I)
-_FRAME_CHANGE = re.compile(rb"[ \t]*(?:MFRAME|SETUF|GETUF)\b[^#]*UF#\([ \t]*(\d+)?", re.I)
-_TOOL_CHANGE = re.compile(rb"[ \t]*(?:SETTOOL|MTOOL)\b[^#]*TL#\([ \t]*(\d+)?", re.I)
+_FRAME_CHANGE = re.compile(rb"[ \t]*(?:MFRAME|SETUF|GETUF)\b[^#]*UF#\([ \t]*(\d{1,9})?", re.I)
+_TOOL_CHANGE = re.compile(rb"[ \t]*(?:SETTOOL|MTOOL)\b[^#]*TL#\([ \t]*(\d{1,9})?", re.I)
 _KEYS: Final = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _BASES: Final = ("BASE", "ROBOT")
 
@@ -196,7 +196,9 @@ class _Reader:
             )
             self._end_arc()
             return
-        external = [e for e in re.findall(rb"([BE][CP])X?(\d+)", m[3]) if (e[0].decode(), int(e[1])) in self._external]
+        external = [
+            e for e in re.findall(rb"([BE][CP])X?(\d{1,9})", m[3]) if (e[0].decode(), int(e[1])) in self._external
+        ]
         problem = None
         if external and not self._options.external_axes:
             name = b"".join(external[0]).decode()

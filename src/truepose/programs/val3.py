@@ -24,7 +24,7 @@ _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
 _MOVE = re.compile(rb"(?<![\w:])mov(?:e)?([jlc])\s*\(\s*", re.I)
 _ROOTS: Final = {"world": 0, "flange": 0}
-_FATHER = re.compile(r"(\w+)(?:\[(\d+)\])?")
+_FATHER = re.compile(r"(\w+)(?:\[(\d{1,9})\])?")
 _POINTS: Final = ("pointRx", "point")
 
 
@@ -204,7 +204,7 @@ def _uses(
         for point in points:
             point.uses = []
     name = re.compile(
-        rb"(?<![\w.:])(" + b"|".join(re.escape(n.encode()) for n in named) + rb")\b(?:\[\s*(\d+)\s*\])?", re.I
+        rb"(?<![\w.:])(" + b"|".join(re.escape(n.encode()) for n in named) + rb")\b(?:\[\s*(\d{1,9})\s*\])?", re.I
     )
     for program in programs:
         data = re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), files.read_bytes(program))
