@@ -38,6 +38,16 @@ def test_a_bent_path_is_told(tmp_path: Path, make_map: Any) -> None:
     assert corrected(tmp_path, make_map, 0.5 * jump).warnings == ()
 
 
+def test_going_there_and_back_is_no_straight_path(tmp_path: Path, make_map: Any) -> None:
+    path = tmp_path / "a.src"
+    poses = "\n".join(f"LIN {{X {x},Y 0,Z 500,A 0,B 0,C 0}}" for x in (0, 100, 0, 0, 100))
+    path.write_text(f"DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n{poses}\nEND\n")
+    jump = np.zeros((5, 3))
+    jump[1] = 1.0
+    with np.errstate(all="raise"):
+        assert correct_program(path, make_map(jump)).warnings == ()
+
+
 def test_pipes_folders_and_links(tmp_path: Path, make_map: Any) -> None:
     os.mkfifo(tmp_path / "a.nc")
     with pytest.raises(FileError, match="is no file but a device or a pipe"):

@@ -38,7 +38,7 @@ def bends(targets: Sequence[Target], p: FloatArray, correction: FloatArray, limi
     a, b, c = p[:-2], p[1:-1], p[2:]
     along = c - a
     length = np.linalg.norm(along, axis=1)
-    share = np.einsum("ij,ij->i", b - a, along) / np.maximum(length, np.finfo(float).tiny) ** 2
+    share = np.einsum("ij,ij->i", b - a, along) / np.maximum(length**2, np.finfo(float).tiny)
     off = np.linalg.norm(b - a - share[:, None] * along, axis=1)
     straight = linear[1:-1] & linear[2:] & (length > 0) & (share > 0) & (share < 1) & (off < _STRAIGHT)
     even = correction[:-2] + share[:, None] * (correction[2:] - correction[:-2])
