@@ -41,6 +41,7 @@ class LocalKriging(NeighbourKriging):
 
     Examples
     --------
+    >>> from truepose.similarity import VariogramModel
     >>> x = np.arange(100.0)[:, None]
     >>> model = LocalKriging(4, VariogramModel("matern52", sill=1.0, range=20.0)).fit(x, np.sin(x / 10))
     >>> model.predict([[25.5]]).round(3)

@@ -76,11 +76,11 @@ class VecchiaKriging(NeighbourKriging):
 
     Examples
     --------
+    >>> from truepose.similarity import VariogramModel
     >>> x = np.arange(1000.0)[:, None]
     >>> model = VecchiaKriging(8, VariogramModel("exponential", sill=1.0, range=20.0)).fit(x, np.sin(x / 10))
-    >>> model.predict([[25.5], [1e6]]).round(2)
-    array([[ 0.56],
-           [-0.  ]])
+    >>> model.predict([[25.5]]).round(2)
+    array([[0.56]])
     """
 
     def __init__(

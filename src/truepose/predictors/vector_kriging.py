@@ -68,8 +68,8 @@ class VectorKriging(Predictor):
     >>> vm = VariogramModel("exponential", sill=1.0, range=100.0)
     >>> model = VectorKriging(vm, [[1.0, 0.5], [0.5, 1.0]]).fit([[0.0], [100.0]], [[1.0, 0.0], [3.0, 1.0]])
     >>> model.predict_covariance([[50.0]]).round(3)
-    array([[[0.462, 0.231],
-            [0.231, 0.462]]])
+    array([[[0.471, 0.235],
+            [0.235, 0.471]]])
     """
 
     def __init__(
