@@ -147,6 +147,17 @@ def _systematic(virtual, fitted, targets):
     return p - (p @ tf[:3, :3].T + tf[:3, 3])
 
 
+def test_payload_of_the_cell_reaches_the_compliance(virtual, samples, tmp_path):
+    cell = tp.Cell.model_validate(
+        {**virtual.cell.model_dump(exclude_defaults=True), "payload": {"mass_kg": 120.0, "z_mm": 200.0}}
+    )
+    fitted = tp.fit_cell(cell, samples, "calibration-compliance")
+    assert fitted.predictor.payload == (120.0, 0.0, 0.0, 200.0)
+    fitted.save(tmp_path / "m.truepose")
+    again = tp.load_map(tmp_path / "m.truepose")
+    np.testing.assert_allclose(again.predictor.predict(samples.q), fitted.predictor.predict(samples.q), atol=1e-9)
+
+
 def test_maps_in_joint_space_guard(virtual, samples, targets):
     fitted = tp.fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
     far = targets[:4].copy()

@@ -6,6 +6,7 @@ A map is made by `fit_cell`, asked by `ErrorMap.predict_measured` and `ErrorMap.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -300,7 +301,21 @@ def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatA
     return poses.q
 
 
-def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: int = 5, rng: int = 0) -> ErrorMap:
+def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> Arm:
+    """Return what predictors may need to know of a cell's arm."""
+    load = cell.payload
+    return Arm(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)
+
+
+def fit_cell(
+    cell: Cell,
+    samples: Samples,
+    predictor: str = "auto",
+    *,
+    folds: int = 5,
+    rng: int = 0,
+    progress: Callable[[str], Any] = str,
+) -> ErrorMap:
     """Register, fit the tool if the cell asks for it, and fit an error model.
 
     Parameters
@@ -311,6 +326,8 @@ def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: in
         A name of `PREDICTORS`, or ``auto``: the best in cross-validation over blocks of space.
     folds, rng : int
         Of the cross-validation.
+    progress : callable
+        Takes a line about what is being done.
 
     Returns
     -------
@@ -323,13 +340,14 @@ def fit_cell(cell: Cell, samples: Samples, predictor: str = "auto", *, folds: in
     """
     robot = cell.load_robot()
     registration, tf_flange_tool, p_cmd = register_samples(cell, robot, samples)
-    arm, trusted = Arm(robot, tf_flange_tool), ~registration.outliers
+    arm, trusted = arm_of(cell, robot, tf_flange_tool), ~registration.outliers
     ranking: list[dict[str, Any]] = []
     if predictor == "auto":
         coordinates = {"cartesian": p_cmd} if samples.q is None else {"cartesian": p_cmd, "joint": samples.q}
         few = {space: x[trusted] for space, x in coordinates.items()}
-        ranking = choose(few, registration.residuals[trusted], arm=arm, folds=folds, rng=rng)
+        ranking = choose(few, registration.residuals[trusted], arm=arm, folds=folds, rng=rng, progress=progress)
         predictor = ranking[0]["predictor"]
+    progress(f"Fitting {predictor}")
     model = make_predictor(predictor, arm=arm)
     x = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd)
     gross = _fit_without_gross(model, x, registration.residuals)

@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from truepose import archive
 from truepose.cell import Cell
-from truepose.error_map import ErrorMap, predictor_coordinates
+from truepose.error_map import ErrorMap, arm_of, predictor_coordinates
 from truepose.errors import FileError
 from truepose.geometry import Registration
-from truepose.predictors import PREDICTORS, Arm, make_predictor
+from truepose.predictors import PREDICTORS, make_predictor
 from truepose.robots import parse_robot
 from truepose.samples import Samples
 
@@ -72,14 +72,15 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
             p_flange_tool=tf_flange_tool[:3, 3] if content["registration"]["tool_fitted"] else None,
         )
         name = content["predictor"]["name"]
+        cell = Cell.model_validate(content["cell"], context={"robot": robot})
         error_map = ErrorMap(
-            cell=Cell.model_validate(content["cell"], context={"robot": robot}),
+            cell=cell,
             robot=robot,
             samples=samples,
             registration=registration,
             tf_flange_tool=tf_flange_tool,
             predictor_name=name,
-            predictor=make_predictor(name, content["predictor"]["parameters"], Arm(robot, tf_flange_tool)),
+            predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_tool)),
             ranking=content["ranking"],
             excluded=content["excluded"],
         )

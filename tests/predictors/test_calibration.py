@@ -88,7 +88,7 @@ def test_pinned_copy_answers_the_same_bit_by_bit(model, samples, targets):
     model = clone(model).fit(*samples)
     plain = json.loads(json.dumps(model.to_json()))
     assert "robot" not in plain
-    again = type(model).from_json({**plain, "robot": ROBOT, "tf_flange_tool": TOOL})
+    again = type(model).from_json({**plain, **{name: getattr(model, name) for name in model.of_arm}})
     for copy in (model.pinned(), again):
         answer = copy.fit(*samples).predict(targets, return_std=True)
         np.testing.assert_array_equal(answer, model.predict(targets, return_std=True))

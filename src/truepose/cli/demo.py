@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, accuracy_table, emit_json, say
+from truepose.cli.output import Json, accuracy_table, emit_json, say, working
 
 
 def demo(
@@ -24,10 +24,8 @@ def demo(
     if as_json:
         emit_json(run_demo(directory, preset=preset, seed=seed, progress=lambda _: None))
         return
-    from rich.console import Console
-
-    with Console().status("Starting") as status:
-        result = run_demo(directory, preset=preset, seed=seed, progress=status.update)
+    with working() as progress:
+        result = run_demo(directory, preset=preset, seed=seed, progress=progress)
     say(
         f"A virtual {result['robot']}: {result['n_samples']} poses to fit, {result['before']['n']} held out; "
         f"errors after {result['registration']}.",

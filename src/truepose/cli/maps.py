@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.output import Json, accuracy_table, emit_json, say, table
+from truepose.cli.output import Json, accuracy_table, emit_json, say, table, working
 
 if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
@@ -66,11 +66,14 @@ def fit(
     from truepose.samples import read_samples
     from truepose.verification import summary
 
-    error_map = fit_cell(load_cell(cell_path), read_samples(samples_path), predictor)
-    error_map.save(out)
+    with working() as progress:
+        error_map = fit_cell(load_cell(cell_path), read_samples(samples_path), predictor, progress=progress)
+        error_map.save(out)
     registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
     tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
-    parameters = {key: value for key, value in error_map.predictor.to_json().items() if key != "weights"}
+    parameters = {
+        key: value for key, value in error_map.predictor.to_json().items() if key not in ("weight", "weights")
+    }
     data: dict[str, Any] = {
         "map": out,
         "hash": error_map.hash,

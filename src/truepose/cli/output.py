@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,6 +29,15 @@ def say(*items: Any) -> None:
     console = Console(highlight=False)
     for item in items:
         console.print(item, soft_wrap=isinstance(item, str))
+
+
+@contextmanager
+def working() -> Iterator[Callable[[str], None]]:
+    """Show on stderr, if a person is looking, what is being done: yields what takes a line about it."""
+    from rich.console import Console
+
+    with Console(stderr=True).status("Reading") as status:
+        yield status.update
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:

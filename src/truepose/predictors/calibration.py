@@ -97,7 +97,7 @@ class KinematicCalibration(Predictor):
     [0.3]
     """
 
-    of_arm: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool")
+    of_arm: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool", "payload")
 
     def __init__(
         self,

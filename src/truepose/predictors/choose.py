@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +32,7 @@ def choose(
     candidates: Sequence[str] = CANDIDATES,
     folds: int = 5,
     rng: np.random.Generator | int = 0,
+    progress: Callable[[str], Any] = str,
 ) -> list[dict[str, Any]]:
     """Rank predictors by the mean length of their residuals on blocks left out.
 
@@ -47,6 +48,8 @@ def choose(
     folds : int
     rng : Generator or int
         For the blocks.
+    progress : callable
+        Takes a line before each candidate.
 
     Returns
     -------
@@ -65,6 +68,7 @@ def choose(
         x = coordinates.get(PREDICTORS[name].space)
         if x is None or (PREDICTORS[name].family.of_arm and arm is None):
             continue
+        progress(f"Cross-validating {name}")
         try:
             length = np.linalg.norm(e - _left_out(name, x, e, fold, arm), axis=1)
         except TrueposeError as error:

@@ -69,6 +69,7 @@ PREDICTORS: Final[dict[str, Named]] = {
     "calibration-ekf": Named(KinematicCalibration, "joint", {"method": "ekf"}),
     "calibration-ukf": Named(KinematicCalibration, "joint", {"method": "ukf"}),
     "calibration-harmonics": Named(KinematicCalibration, "joint", {"terms": ("sin1", "cos1")}),
+    "calibration-compliance": Named(KinematicCalibration, "joint", {"terms": ("compliance",)}),
     "calibration-network": Named(ResidualNetwork, "joint", {"terms": ("sin1", "cos1")}),
 }
 """All predictors by name."""
@@ -84,10 +85,13 @@ class Arm:
         Nominal.
     tf_flange_tool : (4, 4) array [mm]
         The measured point.
+    payload : tuple of 4 float, optional
+        Mass [kg] and centre x, y, z [mm], flange frame.
     """
 
     robot: Robot
     tf_flange_tool: NDArray[np.float64]
+    payload: tuple[float, float, float, float] | None = None
 
 
 def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: Arm | None = None) -> Predictor:
