@@ -99,7 +99,7 @@ def standard_deviation(p: FloatArray, std: FloatArray) -> str:
             axes: Axes = figure.add_subplot(1, 3, k)
             drawn = axes.scatter(p[:, i], p[:, j], c=std, s=14, cmap="viridis", vmin=0.0)
             axes.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
-            axes.locator_params(nbins=5)
+            axes.locator_params(nbins=3)
         figure.subplots_adjust(wspace=0.45, right=0.9)
         bar = figure.colorbar(drawn, ax=figure.axes, shrink=0.85, pad=0.02)
         bar.set_label("predicted std [mm]")
