@@ -222,8 +222,8 @@ class ErrorMap:
         predictor, guards, gradient = self.predictor, self.guards, None
         if self.space == "cartesian":
             follower = None
-            if hasattr(predictor, "gradient"):
-                gradient = lambda p, _: predictor.gradient(p)  # noqa: E731
+            slope = getattr(predictor, "gradient", None)
+            gradient = None if slope is None else _of_position(slope)
         else:
             assert self.samples.q is not None
             follower = Follower(self.robot, targets, tools, self.samples.q, status, turn)
@@ -284,6 +284,11 @@ class ErrorMap:
     def _coordinates(self, poses: Poses) -> FloatArray:
         """Return what the predictor takes, (n, 3) [mm] or (n, dof) [rad]."""
         return predictor_coordinates(self.space, poses, self.commanded_positions(poses))
+
+
+def _of_position(function: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, IntArray], FloatArray]:
+    """Return a function of positions as one of positions and their rows, as `solve` calls it."""
+    return lambda p, _rows: function(p)
 
 
 def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatArray:

@@ -39,6 +39,20 @@ def test_isaaks_srivastava_weights():
     np.testing.assert_allclose(weights, [0.173, 0.318, 0.129, 0.086, 0.151, 0.057, 0.086], atol=5e-4)
 
 
+def test_isaaks_srivastava_lagrange_parameter():
+    """Of the system in the book's form, C λ + μ = c0: the same for every sample, and what the variance contains."""
+    variogram = VariogramModel("exponential", sill=10, range=1 / 0.3)
+    xy = ISAAKS_SRIVASTAVA[:, :2]
+    model = OrdinaryKriging(variogram, exact=True)
+    weights = model.fit(xy, np.eye(7)).predict([(65, 137)])[0]
+    to_target = variogram.covariance(np.linalg.norm(xy - (65, 137), axis=1))
+    between = variogram.covariance(np.linalg.norm(xy[:, None] - xy, axis=2))
+    lagrange = between @ weights - to_target
+    np.testing.assert_allclose(lagrange, 0.907, atol=5e-4)
+    _, std = model.fit(xy, ISAAKS_SRIVASTAVA[:, 2]).predict([(65, 137)], return_std=True)
+    assert std[0] ** 2 == pytest.approx(10 - weights @ to_target + lagrange[0], rel=1e-9)
+
+
 @pytest.mark.parametrize("exact", [True, False])
 def test_kitanidis_example_3_2(exact):
     """Kitanidis, Introduction to Geostatistics (1997), example 3.2: gamma = 0.006 h + 0.1, variance with the nugget."""
