@@ -4,6 +4,10 @@ Each observation corrects x and its covariance P; before the first they are zero
 linearised where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical
 linearisation H = P_xyᵀ P⁻¹ in its place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays
 positive definite in rounding.
+
+A filter cannot take back what it linearised far from where it ends. So a series is filtered again from its prior, now
+linearised about the last pass's end, until that end is still: for the extended filter these are Gauss-Newton's steps
+(Bell 1994), for the unscented the iterated posterior linearisation (García-Fernández et al. 2015).
 """
 
 from __future__ import annotations
@@ -26,8 +30,8 @@ _ALPHA: Final = 0.1  # spread of the sigma points
 _BETA: Final = 2.0  # normal prior
 _ITERATIONS: Final = 5  # of one update of the extended filter
 _STILL: Final = 1e-2  # change of its step, in tolerances
-_ROUNDS: Final = 6
-_SETTLED: Final = 0.01
+_PASSES: Final = 12
+_SETTLED: Final = 0.01  # of the misfit, relative, and of the parameters, in standard deviations
 
 
 class KalmanFilter:
@@ -39,6 +43,8 @@ class KalmanFilter:
     tolerance : (p,) array, optional
         Standard deviations before the first observation; the arm's own when not given.
     kind : {"ekf", "ukf"}
+    about : KalmanFilter, optional
+        Linearised about its state, not this filter's own: a second pass over a series that `about` has seen.
 
     Attributes
     ----------
@@ -49,8 +55,10 @@ class KalmanFilter:
         Observations seen.
     """
 
-    def __init__(self, arm: Arm, tolerance: FloatArray | None = None, kind: Kind = "ekf") -> None:
-        self.arm, self.kind, self.n = arm, kind, 0
+    def __init__(
+        self, arm: Arm, tolerance: FloatArray | None = None, kind: Kind = "ekf", about: KalmanFilter | None = None
+    ) -> None:
+        self.arm, self.kind, self.n, self._about = arm, kind, 0, about
         self._scale = arm.tolerance if tolerance is None else tolerance  # x = scale z: P of z is the identity
         self._z = np.zeros(len(self._scale))
         self._p = np.eye(len(self._scale))
@@ -84,8 +92,9 @@ class KalmanFilter:
 
     def _extended(self, data: Observations, i: int, noise: FloatArray) -> _Step:
         """Linearise where the step ends, until it ends there (iterated filter, Bell and Cathey 1993)."""
-        one, moved = data.one(i), np.zeros(len(self._z))
-        for _ in range(_ITERATIONS):
+        one = data.one(i)
+        moved = np.zeros(len(self._z)) if self._about is None else self._about._z - self._z
+        for _ in range(_ITERATIONS if self._about is None else 1):
             x = self._scale * (self._z + moved)
             columns = one.jacobian(self.arm, x)[0] * self._scale
             gain = self._gain(columns, noise)
@@ -97,8 +106,9 @@ class KalmanFilter:
     def _unscented(self, data: Observations, i: int, noise: FloatArray) -> _Step:
         n = len(self._z)
         spread = _ALPHA * np.sqrt(n)
-        root = np.linalg.cholesky(self._p)
-        points = self._z + spread * np.concatenate([np.zeros((1, n)), root.T, -root.T])
+        centre = self if self._about is None else self._about
+        root = np.linalg.cholesky(centre._p)
+        points = centre._z + spread * np.concatenate([np.zeros((1, n)), root.T, -root.T])
         residual = data.residuals_of(self.arm, i, self._scale * points)
         # weights of the mean: w_0 = 1 − 1/α², the others 1 / (2 α² n); differences to the first avoid cancellation
         off = residual[1:] - residual[0]
@@ -107,14 +117,25 @@ class KalmanFilter:
         away = residual[1:] - innovation
         weight = 1 - 1 / _ALPHA**2 + 1 - _ALPHA**2 + _BETA
         covariance = weight * np.outer(first, first) + away.T @ away / (2 * spread**2)
-        cross = -(points[1:] - self._z).T @ away / (2 * spread**2)  # the prediction is minus the residual
+        cross = -(points[1:] - centre._z).T @ away / (2 * spread**2)  # the prediction is minus the residual
         columns = np.linalg.solve(root.T, np.linalg.solve(root, cross)).T
-        noise = noise + covariance - columns @ self._p @ columns.T  # what is not linear counts as noise
+        noise = noise + covariance - columns @ centre._p @ columns.T  # what is not linear counts as noise
         gain = self._gain(columns, noise)
-        return gain, columns, noise, gain @ innovation
+        return gain, columns, noise, gain @ (innovation + columns @ (centre._z - self._z))
 
     def _gain(self, columns: FloatArray, noise: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.solve(columns @ self._p @ columns.T + noise, columns @ self._p).T)
+
+    def again(self, data: Observations, misfit: FloatArray) -> KalmanFilter:
+        """Return a filter that has seen the whole series from the prior, linearised about this one's end."""
+        found = KalmanFilter(self.arm, self._scale, self.kind, about=self)
+        found.update(data, misfit)
+        found._about = None
+        return found
+
+    def moved(self, other: KalmanFilter) -> float:
+        """Return the largest difference of the parameters, in standard deviations."""
+        return float(np.abs((self._z - other._z) / np.sqrt(np.diag(self._p))).max())
 
 
 def filtered(
@@ -127,20 +148,25 @@ def filtered(
 ) -> tuple[KalmanFilter, FloatArray]:
     """Return a filter that has seen all observations, and the misfit.
 
-    When the misfit is not given the series is filtered again with the one that its own end leaves, until it settles.
+    The series is filtered again, linearised about its own last end and (when the misfit is not given) with the misfit
+    that this end leaves, until both settle.
     """
-    known = misfit is not None
     residual = data.residual(arm, np.zeros(len(arm.parameters)))
     level = estimate_misfit(data, residual, np.zeros(residual.shape)) if misfit is None else np.asarray(misfit, float)
-    for _ in range(_ROUNDS):
-        found = KalmanFilter(arm, tolerance, kind)
-        found.update(data, level)
-        if known:
-            break
-        columns = data.jacobian(arm, found.x)
-        noise = np.einsum("nkk->nk", data.covariance) + level[data.kind] ** 2
-        leverage = np.einsum("nkp,pr,nkr->nk", columns, found.covariance, columns) / noise
-        before, level = level, estimate_misfit(data, data.residual(arm, found.x), leverage)
-        if (np.abs(level - before) <= _SETTLED * before).all():
+    found = KalmanFilter(arm, tolerance, kind)
+    found.update(data, level)
+    for _ in range(_PASSES):
+        before = level
+        if misfit is None:
+            level = _misfit_left(data, found, level)
+        last, found = found, found.again(data, level)
+        if found.moved(last) <= _SETTLED and (np.abs(level - before) <= _SETTLED * before).all():
             break
     return found, level
+
+
+def _misfit_left(data: Observations, found: KalmanFilter, level: FloatArray) -> FloatArray:
+    columns = data.jacobian(found.arm, found.x)
+    noise = np.einsum("nkk->nk", data.covariance) + level[data.kind] ** 2
+    leverage = np.einsum("nkp,pr,nkr->nk", columns, found.covariance, columns) / noise
+    return estimate_misfit(data, data.residual(found.arm, found.x), leverage)

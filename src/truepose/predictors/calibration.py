@@ -173,7 +173,9 @@ class KinematicCalibration(Predictor):
         misfit = np.array([self.misfit_std or 0.0])
         self._filter.update(data, misfit)
         self._seen = tuple(np.concatenate(pair) for pair in zip(self._seen, (checked, e, std), strict=True))  # type: ignore[assignment]
-        self._keep(self._observations(*self._seen), self._filter.x, misfit, known_noise=noise_std is not None)
+        seen = self._observations(*self._seen)
+        self._filter = self._filter.again(seen, misfit)
+        self._keep(seen, self._filter.x, misfit, known_noise=noise_std is not None)
         return self
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
