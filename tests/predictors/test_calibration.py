@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 
 from truepose.errors import DataError, IdentifiabilityError
@@ -55,6 +56,22 @@ def test_predicts_to_a_part_of_the_noise(method, samples, targets):
     assert model.misfit_std_ == pytest.approx(NOISE, rel=0.15)
     _, wider = model.predict(targets, return_std=True, include_nugget=True)
     assert (wider > std).all()
+
+
+def test_orientation_of_the_identified_arm(samples, targets):
+    """A turn of the last frame is hidden by the tool's shift; the rest of the orientation error follows."""
+    model = KinematicCalibration(ROBOT, TOOL).fit(*samples)
+    error, std = model.predict_pose(targets, return_std=True)
+    for found, expected in zip((error, std), model.predict(targets, return_std=True), strict=True):
+        np.testing.assert_allclose(found[:, :3], expected, atol=1e-12)
+    real, nominal = TRUE.forward(targets, TOOL), ROBOT.forward(targets, TOOL)
+    true = Rotation.from_matrix(real[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)).as_rotvec()
+    miss = Rotation.from_rotvec(true) * Rotation.from_rotvec(-error[:, 3:])
+    in_flange = (Rotation.from_matrix(nominal[:, :3, :3]).inv() * miss).as_matrix() @ nominal[:, :3, :3]
+    left = Rotation.from_matrix(in_flange).as_rotvec()
+    assert np.linalg.norm(left - left.mean(axis=0), axis=1).mean() < 0.1 * np.linalg.norm(true, axis=1).mean()
+    assert (np.abs(miss.as_rotvec()) < 1.96 * std[:, 3:]).mean() > 0.93
+    np.testing.assert_array_equal(model.predict_pose(targets), error)
 
 
 @pytest.mark.parametrize("options", [{}, {"prior": "subset"}, {"loss": "huber"}, {"terms": ("sin1", "cos1 q2")}])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final, Literal, Self
+from typing import Any, ClassVar, Final, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification import (
@@ -25,6 +27,7 @@ from truepose.identification import (
 )
 from truepose.identification.solve import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.orientation import rotation_per_mm
 from truepose.robots import ErrorModel, Load, Robot
 
 FloatArray = NDArray[np.float64]
@@ -238,6 +241,44 @@ class KinematicCalibration(Predictor):
         if self._known_noise or include_nugget:
             variance = variance + self.misfit_std_**2
         return e, np.sqrt(variance + (self._noise**2 if include_nugget else 0.0))
+
+    @overload
+    def predict_pose(self, X: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
+    @overload
+    def predict_pose(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+    def predict_pose(self, X: ArrayLike, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Predict errors of position and orientation by the identified arm, whose positions alone were measured.
+
+        What the model does not explain is turned into an uncertainty of orientation by `rotation_per_mm`. The tool's
+        orientation on the flange is taken as stated.
+
+        Parameters
+        ----------
+        X : (m, dof) or (m, 2 dof) array_like [rad]
+            As `predict`.
+        return_std : bool
+
+        Returns
+        -------
+        error : (m, 6) array [mm, rad], base frame
+            e, and the rotation vector w of R_meas R_cmdᵀ.
+        std : (m, 6) array [mm, rad]
+            Only with `return_std`.
+        """
+        check_is_fitted(self)
+        q, approach = self._split(self._validate(X)[0])
+        x, arm = self.solution_.x, self._arm
+        real, nominal = arm.pose(q, x, approach), arm.pose(q, np.zeros(len(x)), approach)
+        turned = Rotation.from_matrix(real[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2))
+        error = np.concatenate([real[:, :3, 3] - nominal[:, :3, 3], turned.as_rotvec()], axis=1)
+        if not return_std:
+            return error
+        columns = arm.jacobian(q, x, approach, "pose")
+        variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
+        misfit = np.full(len(q), self.misfit_std_**2 if self._known_noise else 0.0)
+        variance[:, :3] += misfit[:, None]
+        variance[:, 3:] += (misfit * rotation_per_mm(arm.model.joint_jacobian(q)) ** 2)[:, None]
+        return error, np.sqrt(variance)
 
     def _leave_one_out(self) -> LeaveOneOut:
         """Return the closed form: with H = W J C Jᵀ Wᵀ a group's whitened residual without it is (I − H)⁻¹ r."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.kinematic import KinematicKriging
@@ -24,18 +25,25 @@ def true_curve(j: int, angle):
     return 2e-4 * np.sin(7 * angle + j) + 1e-4 * np.cos(11 * angle - 2 * j)
 
 
-def simulate(n: int, rng, noise=0.01, gear=1.0, geometry=1.0):
-    """Configurations about home, and errors of geometry and joints with normal noise [mm]."""
-    q = HOME + rng.uniform(-1, 1, size=(n, 6)) * np.deg2rad([40, 25, 25, 60, 40, 90])
-    rng_truth = np.random.default_rng(7)
+def true_errors(q):
+    """Errors of position [mm] and orientation [rad], both from the geometry and the gears, (n, 6)."""
+    rng = np.random.default_rng(7)
     real = replace(
         ROBOT,
-        a=ROBOT.a + geometry * rng_truth.normal(scale=0.3, size=6),
-        alpha=ROBOT.alpha + geometry * rng_truth.normal(scale=3e-4, size=6),
-        offset=ROBOT.offset + geometry * rng_truth.normal(scale=3e-4, size=6),
+        a=ROBOT.a + rng.normal(scale=0.3, size=6),
+        alpha=ROBOT.alpha + rng.normal(scale=3e-4, size=6),
+        offset=ROBOT.offset + rng.normal(scale=3e-4, size=6),
     )
-    turned = q + gear * np.stack([true_curve(j, q[:, j]) for j in range(6)], axis=1)
-    e = real.forward(turned, tool=TOOL)[:, :3, 3] - ROBOT.forward(q, tool=TOOL)[:, :3, 3]
+    turned = real.forward(q + np.stack([true_curve(j, q[:, j]) for j in range(6)], axis=1), tool=TOOL)
+    nominal = ROBOT.forward(q, tool=TOOL)
+    w = Rotation.from_matrix(turned[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)).as_rotvec()
+    return np.concatenate([turned[:, :3, 3] - nominal[:, :3, 3], w], axis=1)
+
+
+def simulate(n: int, rng, noise=0.01):
+    """Configurations about home, and errors of geometry and joints with normal noise [mm]."""
+    q = HOME + rng.uniform(-1, 1, size=(n, 6)) * np.deg2rad([40, 25, 25, 60, 40, 90])
+    e = true_errors(q)[:, :3]
     return q, e + rng.normal(scale=noise, size=e.shape)
 
 
@@ -78,6 +86,40 @@ def test_joint_curves_are_the_gears(fitted):
         ]
         inside.append(np.abs(both[0] - both[1]) < 1.96 * curve.std)
     assert np.mean(inside) > 0.9
+
+
+def test_orientation_is_predicted_from_positions(fitted):
+    """Most of the arm's orientation error is in its geometry and its joints; positions are predicted as before."""
+    _, _, model = fitted
+    q, _ = simulate(100, np.random.default_rng(2))
+    true = true_errors(q)
+    error, std = model.predict_pose(q, return_std=True)
+    expected, expected_std = model.predict(q, return_std=True)
+    np.testing.assert_allclose(error[:, :3], expected, atol=1e-12)
+    np.testing.assert_allclose(std[:, :3], expected_std, rtol=1e-9)
+    before, after = (np.linalg.norm(w, axis=1).mean() for w in (true[:, 3:], (true - error)[:, 3:]))
+    assert before > 0.5e-3
+    assert after < 0.25 * before
+    assert np.mean(np.abs((true - error) / std)[:, 3:] < 1.96) > 0.93  # a turn of the last frame is known by its prior
+
+
+@pytest.mark.parametrize("residual", ["joint", "none"])
+def test_orientation_in_both_forms(residual):
+    q, e = simulate(60, np.random.default_rng(3))
+    terms = Terms(ROBOT, TOOL, residual=residual)
+    design = terms.at(q)
+    values, joints = hyper(6, 6 if residual == "joint" else 0), np.arange(6)
+    noise = np.full((60, 3), 0.02**2)
+    exact = CovarianceForm.of(terms, design, joints, values, e, noise)
+    basis = Basis.of(terms, joints, values, design if residual == "joint" else None, modes=60.0, most=2000)
+    found = BasisForm.of(basis, design, values, e, noise)
+    new = terms.at(simulate(10, np.random.default_rng(4))[0], "pose")
+    covariance = exact.covariance(new)
+    std = np.sqrt(np.einsum("maa->ma", covariance))
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+    assert np.abs((exact.mean(new) - found.mean(new)) / std.mean(axis=0)).max() < 0.2
+    np.testing.assert_allclose(np.sqrt(np.einsum("maa->ma", found.covariance(new))), std, rtol=0.2)
+    np.testing.assert_allclose(sum(exact.contributions(new).values()), exact.mean(new), atol=1e-8)
 
 
 def test_contributions_sum_to_the_prediction(fitted):

@@ -94,8 +94,8 @@ class Basis:
         return [*drift, *joint, ("rest", 3 * self.anchor_map.shape[1])]
 
     def columns(self, design: Design) -> FloatArray:
-        """Return Φ at m configurations, (3m, p)."""
-        m = len(design.q)
+        """Return Φ at m configurations, (r m, p); Z knows no orientation."""
+        m, rows = len(design.q), design.rows
         order = np.argsort(self.terms.group, kind="stable")
         blocks = [design.drift[:, :, order]]
         for j, harmonics in zip(self.joints, self.harmonics, strict=True):
@@ -105,14 +105,14 @@ class Basis:
         if self.anchor is not None:
             rest = _rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map
             width = rest.shape[1]
-            block = np.zeros((m, 3, 3 * width))
+            block = np.zeros((m, rows, 3 * width))
             for a in range(3):
                 block[:, a, a * width : (a + 1) * width] = rest
             blocks.append(block)
-        return np.concatenate(blocks, axis=2).reshape(3 * m, -1)
+        return np.concatenate(blocks, axis=2).reshape(rows * m, -1)
 
     def left_out_covariance(self, design: Design, hyper: Hyper) -> FloatArray:
-        """Return the prior covariance that the columns do not hold at m configurations, (m, 3, 3) [mm²].
+        """Return the prior covariance that the columns do not hold at m configurations, (m, r, r) [mm², rad²].
 
         Z away from the anchors, and harmonics beyond the last: without it the basis would be too sure there.
         """
@@ -127,7 +127,7 @@ class Basis:
         if self.anchor is not None:
             rest = _rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map
             missing = hyper.rest_std**2 * np.maximum(1.0 - np.einsum("mr,mr->m", rest, rest), 0.0)
-            covariance += missing[:, None, None] * np.eye(3)
+            covariance += missing[:, None, None] * np.diag(np.arange(design.rows) < 3)
         return covariance
 
     def prior(self, hyper: Hyper) -> tuple[FloatArray, FloatArray]:
@@ -257,24 +257,28 @@ class BasisForm:
         return cls(basis, design, hyper, noise_variance, e, root @ (root.T @ sums.phi_e), root)
 
     def mean(self, design: Design) -> FloatArray:
-        """Return the predicted errors at m configurations, (m, 3) [mm]."""
-        return np.concatenate([(self.basis.columns(part) @ self.weight).reshape(-1, 3) for part in parts(design)])
+        """Return the predicted errors at m configurations, (m, r) [mm, rad]."""
+        return np.concatenate(
+            [(self.basis.columns(part) @ self.weight).reshape(-1, design.rows) for part in parts(design)]
+        )
 
     def covariance(self, design: Design) -> FloatArray:
-        """Return the covariance of the noise-free error at m configurations, (m, 3, 3) [mm²]."""
+        """Return the covariance of the noise-free error at m configurations, (m, r, r) [mm², rad²]."""
         out = []
         for part in parts(design):
-            half = (self.basis.columns(part) @ self.root).reshape(len(part.q), 3, -1)
+            half = (self.basis.columns(part) @ self.root).reshape(len(part.q), design.rows, -1)
             out.append(half @ np.swapaxes(half, 1, 2) + self.basis.left_out_covariance(part, self.hyper))
         return np.concatenate(out)
 
     def contributions(self, design: Design) -> dict[str, FloatArray]:
-        """Return the predicted error of each term at m configurations, (m, 3) [mm] each."""
+        """Return the predicted error of each term at m configurations, (m, r) [mm, rad] each."""
         phi = self.basis.columns(design)
         out, start = {}, 0
         for name, count in self.basis.groups:
             if count:
-                out[name] = (phi[:, start : start + count] @ self.weight[start : start + count]).reshape(-1, 3)
+                out[name] = (phi[:, start : start + count] @ self.weight[start : start + count]).reshape(
+                    -1, design.rows
+                )
             start += count
         return out
 

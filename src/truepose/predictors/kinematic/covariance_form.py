@@ -167,26 +167,27 @@ class CovarianceForm:
         return cls(terms, design, joints, hyper, factor, alpha)
 
     def mean(self, design: Design) -> FloatArray:
-        """Return the predicted errors at m configurations, (m, 3) [mm]."""
+        """Return the predicted errors at m configurations, (m, r) [mm, rad]."""
         cross = self._covariance_with(design)
-        return np.asarray((cross @ self.alpha).reshape(-1, 3))
+        return np.asarray((cross @ self.alpha).reshape(-1, design.rows))
 
     def covariance(self, design: Design) -> FloatArray:
-        """Return the covariance of the noise-free error at m configurations, (m, 3, 3) [mm²]."""
+        """Return the covariance of the noise-free error at m configurations, (m, r, r) [mm², rad²]."""
         cross = self._covariance_with(design)
-        half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False).reshape(len(self.alpha), -1, 3)
+        half: FloatArray = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
+        half = half.reshape(len(self.alpha), -1, design.rows)
         return np.asarray(self.prior_covariance(design) - np.einsum("kma,kmb->mab", half, half, optimize=True))
 
     def prior_covariance(self, design: Design) -> FloatArray:
-        """Return what is expected at m configurations before any reading, (m, 3, 3) [mm²]."""
+        """Return what is expected at m configurations before any reading, (m, r, r) [mm², rad²]."""
         drift = design.drift * tolerances(self.terms, self.hyper)
         lever = design.lever[:, :, self.joints] * self.hyper.joint_std
-        rest = self.hyper.rest_std**2 * np.eye(3)
+        rest = self.hyper.rest_std**2 * np.diag(np.arange(design.rows) < 3)  # Z knows no orientation
         return np.asarray(np.einsum("map,mbp->mab", drift, drift) + np.einsum("maj,mbj->mab", lever, lever) + rest)
 
     def contributions(self, design: Design) -> dict[str, FloatArray]:
-        """Return the predicted error of each term at m configurations, (m, 3) [mm] each."""
-        return {name: (cross @ self.alpha).reshape(-1, 3) for name, cross in self._cross(design).items()}
+        """Return the predicted error of each term at m configurations, (m, r) [mm, rad] each."""
+        return {name: (cross @ self.alpha).reshape(-1, design.rows) for name, cross in self._cross(design).items()}
 
     def drift_estimate(self) -> tuple[FloatArray, FloatArray]:
         """Return the drift coefficients (p,) in prior standard deviations, and their covariance (p, p)."""
@@ -231,33 +232,33 @@ class CovarianceForm:
         return residual, covariance
 
     def _covariance_with(self, design: Design) -> FloatArray:
-        """Return the covariance between m configurations and the samples, (3m, 3n) [mm²]."""
+        """Return the covariance between m configurations and the samples, (r m, 3n) [mm²]."""
         return np.asarray(np.sum(list(self._cross(design).values()), axis=0))
 
     def _cross(self, design: Design) -> dict[str, FloatArray]:
-        """Return the covariances of each term between m configurations and the samples, (3m, 3n) [mm²] each."""
-        m, n = len(design.q), len(self.design.q)
+        """Return the covariances of each term between m configurations and the samples, (r m, 3n) [mm²] each."""
+        m, n, rows = len(design.q), len(self.design.q), design.rows
         scale = tolerances(self.terms, self.hyper)
         out: dict[str, FloatArray] = {}
         for g, name in enumerate(("registration", "geometry", "compliance")):
             columns = np.flatnonzero(self.terms.group == g)
             if len(columns):
-                left = (design.drift[:, :, columns] * scale[columns] ** 2).reshape(3 * m, -1)
+                left = (design.drift[:, :, columns] * scale[columns] ** 2).reshape(rows * m, -1)
                 out[name] = left @ self.design.drift[:, :, columns].reshape(3 * n, -1).T
         for j, std, length in zip(self.joints, self.hyper.joint_std, self.hyper.joint_length, strict=True):
             rho = std**2 * matern32(joint_chord(design.q[:, j], self.design.q[:, j]), float(length))[0]
-            block = np.empty((m, 3, n, 3))
-            for a in range(3):
+            block = np.empty((m, rows, n, 3))
+            for a in range(rows):
                 for b in range(3):
                     block[:, a, :, b] = rho * np.outer(design.lever[:, a, j], self.design.lever[:, b, j])
-            out[f"joint {j + 1}"] = block.reshape(3 * m, 3 * n)
+            out[f"joint {j + 1}"] = block.reshape(rows * m, 3 * n)
         if len(self.hyper.rest_range):
             squared = squared_distances(
                 design.place, self.design.place, self.terms.range_of, len(self.hyper.rest_range)
             )
             rho = self.hyper.rest_std**2 * matern52(np.tensordot(1.0 / self.hyper.rest_range**2, squared, axes=1))[0]
-            block = np.zeros((m, 3, n, 3))
+            block = np.zeros((m, rows, n, 3))
             for a in range(3):
                 block[:, a, :, a] = rho
-            out["rest"] = block.reshape(3 * m, 3 * n)
+            out["rest"] = block.reshape(rows * m, 3 * n)
         return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likeli
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyper import Hyper
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms
+from truepose.predictors.orientation import rotation_per_mm
 from truepose.robots import Robot
 from truepose.similarity.threads import blas_threads
 
@@ -286,6 +287,42 @@ class KinematicKriging(Predictor):
         design = self._terms.at(self.robot.check_joints(X))
         e = self._form.mean(design) + self._terms.curvature(design)
         return e, self.inflation_ * self._form.covariance(design)
+
+    @overload
+    def predict_pose(self, X: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
+    @overload
+    def predict_pose(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+    def predict_pose(self, X: ArrayLike, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Predict errors of position and orientation, both from positions measured.
+
+        Registration, geometry, compliance and the joints' errors are seen in the rows of orientation; Z is zero there,
+        and its standard deviation that of `rotation_per_mm`. Joints that positions cannot show are taken to err as much
+        as the others. The tool's orientation on the flange is taken as stated.
+
+        Parameters
+        ----------
+        X : (m, dof) array_like [rad]
+        return_std : bool
+
+        Returns
+        -------
+        error : (m, 6) array [mm, rad], base frame
+            e, and the rotation vector w of R_meas R_cmdᵀ.
+        std : (m, 6) array [mm, rad]
+            Only with `return_std`.
+        """
+        check_is_fitted(self)
+        assert self.robot is not None
+        design = self._terms.at(self.robot.check_joints(self._validate(X)[0]), "pose")
+        error = self._form.mean(design) + self._terms.curvature(design)
+        if not return_std:
+            return error
+        variance = np.einsum("maa->ma", self._form.covariance(design)).copy()
+        hyper, axis = self.hyper_, design.lever[:, 3:]
+        variance[:, 3:] += (hyper.rest_std * rotation_per_mm(design.lever))[:, None] ** 2
+        if len(hyper.joint_std):
+            variance[:, 3:] += np.mean(hyper.joint_std**2) * np.sum(axis[:, :, self.unseen_] ** 2, axis=2)
+        return error, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
 
     def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
         """Return what each term adds to the prediction at joints (m, dof) [rad], (m, 3) [mm] each.

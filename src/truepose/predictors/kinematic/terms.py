@@ -11,8 +11,10 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from truepose.robots import Robot, error_model
+from truepose.robots.jacobian import Outputs
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,10 +41,11 @@ class Design:
     q : (n, dof) array [rad]
     p : (n, 3) array [mm], base frame
         Nominal positions of the tool point.
-    drift : (n, 3, p) array
-        In units of each column's prior standard deviation: mm for one standard deviation.
-    lever : (n, 3, dof) array [mm/rad], base frame
-        ∂P/∂q_j.
+    drift : (n, r, p) array
+        In units of each column's prior standard deviation: mm (and rad) for one standard deviation. r is 3, or 6 with
+        the rows of orientation.
+    lever : (n, r, dof) array [mm/rad], [rad/rad], base frame
+        ∂P/∂q_j, and the joint's axis in the rows of orientation.
     place : (n, d) array
         Coordinates of the rest Z: cosine and sine of each joint, metres for positions.
     """
@@ -52,6 +55,11 @@ class Design:
     drift: FloatArray
     lever: FloatArray
     place: FloatArray
+
+    @property
+    def rows(self) -> int:
+        """3 for positions, 6 for poses."""
+        return int(self.lever.shape[1])
 
 
 class Terms:
@@ -135,28 +143,31 @@ class Terms:
         )
 
     def curvature(self, design: Design) -> FloatArray:
-        """Return what the columns miss of the shift, F(ψ + shift) − F(ψ) − J shift at the shift, (n, 3) [mm]."""
-        nominal: FloatArray = self.robot.forward(design.q, tool=self.tf_flange_tool)[:, :3, 3]
-        linear = np.einsum("nap,p->na", design.drift, self.shift / self.prior_std)
-        return np.asarray(design.p - nominal - linear)
+        """Return what the columns miss of the shift, F(ψ + shift) − F(ψ) − J shift at the shift, (n, r) [mm, rad]."""
+        nominal = self.robot.forward(design.q, tool=self.tf_flange_tool)
+        moved: FloatArray = design.p - nominal[:, :3, 3]
+        if design.rows == 6:
+            turned = self._model.forward(design.q, self._values)[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
+            moved = np.concatenate([moved, Rotation.from_matrix(turned).as_rotvec()], axis=1)
+        return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
 
-    def at(self, q: FloatArray) -> Design:
-        """Return all columns at configurations (n, dof) [rad]."""
+    def at(self, q: FloatArray, outputs: Outputs = "position") -> Design:
+        """Return all columns at configurations (n, dof) [rad], for positions or for poses."""
         p = self._model.forward(q, self._values)[:, :3, 3]
-        lever = self._model.joint_jacobian(q, self._values)
-        drift = self._model.jacobian(q, self._values)[:, :, self._chosen]
+        lever = self._model.joint_jacobian(q, self._values, outputs=outputs)
+        drift = self._model.jacobian(q, self._values, outputs=outputs)[:, :, self._chosen]
         if self.compliance:
             drift = np.concatenate([drift, self._compliance(q, p, lever)], axis=2)
         return Design(q, p, drift * self.prior_std, lever, self._place(q, p))
 
     def seen(self, design: Design) -> IntArray:
         """Return the joints whose own error the samples can show: they move, and the tool point moves with them."""
-        size = np.sqrt(np.mean(np.sum(design.lever**2, axis=1), axis=0))
+        size = np.sqrt(np.mean(np.sum(design.lever[:, :3] ** 2, axis=1), axis=0))
         moves = np.ptp(design.q, axis=0) > 1e-3
         return np.flatnonzero(moves & (size > _UNSEEN * size.max()))
 
     def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray) -> FloatArray:
-        """Joint j gives way under the moment of a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, 3, pairs)."""
+        """Joint j gives way under the moment of a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs)."""
         frames = self.robot.frames(q)
         joint = frames[:, :-1] @ self.robot.link_before
         mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
