@@ -1,0 +1,166 @@
+"""The cell file: which robot, which tool, where the tracker stands, and how far a correction may go.
+
+``cell.toml`` has one table for each of these; lengths are mm and angles are the controller's own, as its pendant shows
+them. Everything but ``[robot] model`` may be left out.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
+
+from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, Pose, Section
+from truepose.cell.sections import Base, Correction, Frames, Payload, RobotSection, Tool, Tracker
+from truepose.cell.text import explain, line_of, tables, toml_position
+from truepose.errors import FileError
+from truepose.files import read_text
+from truepose.geometry.transforms import invert_transform
+from truepose.robots import load_robot
+
+if TYPE_CHECKING:
+    from truepose.robots import Robot
+
+FloatArray = NDArray[np.float64]
+
+
+class Cell(Section):
+    """A robot cell as its user describes it.
+
+    Attributes
+    ----------
+    robot, tool, base, tracker, payload, frames, correction : Section
+        The tables of the file.
+    tf_flange_tool : (4, 4) array [mm]
+        The measured point, seen from the flange.
+    tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
+        Poses as stated; where ``fit`` asks for them, only starting values.
+    tools, bases : dict of int or str to (4, 4) array [mm]
+        The frames given in this file, by number or name; those of ``config_dat`` are not among them.
+    """
+
+    robot: RobotSection
+    tool: Tool = Field(default_factory=Tool)
+    base: Base = Field(default_factory=Base)
+    tracker: Tracker = Field(default_factory=Tracker)
+    payload: Payload = Field(default_factory=Payload)
+    frames: Frames = Field(default_factory=Frames)
+    correction: Correction = Field(default_factory=Correction)
+
+    _folder: Path = PrivateAttr(default=Path())
+    _controller: str | None = PrivateAttr(default=None)
+    _robot: Any = PrivateAttr(default=None)
+
+    @classmethod
+    def from_toml(cls, text: str, *, folder: str | Path = ".", source: str | Path = "cell.toml") -> Self:
+        """Return the cell that a text describes; its relative paths start at `folder`, messages name `source`.
+
+        Raises
+        ------
+        FileError
+            If it is not TOML, a key is unknown or has a wrong value, or the robot cannot be loaded.
+        """
+        try:
+            return cls.model_validate(tomllib.loads(text), context={"folder": Path(folder)})
+        except tomllib.TOMLDecodeError as error:
+            what, line = toml_position(str(error))
+            raise FileError(source, f"is not TOML: {what}", line=line) from None
+        except ValidationError as error:
+            loc, message = explain(error, cls)
+            raise FileError(source, message, line=line_of(text, loc)) from None
+
+    @model_validator(mode="after")
+    def _resolve(self, info: ValidationInfo) -> Self:
+        context = info.context or {}
+        self._folder, self._robot = Path(context.get("folder", "")), context.get("robot")
+        try:
+            maker = self.load_robot().maker.lower()
+        except ValueError as error:
+            raise CellError(("robot", "model"), str(error)) from None
+        controller = CONTROLLER.get(maker, maker)
+        self._controller = controller if controller in ANGLE_KEYS else None
+        poses: dict[tuple[str | int, ...], Pose] = {
+            ("tool",): self.tool,
+            ("base",): self.base,
+            ("tracker",): self.tracker,
+        }
+        poses |= {("frames", "tools", number): pose for number, pose in self.frames.tools.items()}
+        poses |= {("frames", "bases", number): pose for number, pose in self.frames.bases.items()}
+        for loc, pose in poses.items():
+            try:
+                pose.matrix(self._controller)
+            except CellError as error:
+                raise CellError((*loc, *error.loc), str(error)) from None
+        return self
+
+    def load_robot(self) -> Robot:
+        """Return the robot that ``[robot] model`` names, or the one of the validation context (a map holds its own)."""
+        if self._robot is not None:
+            robot: Robot = self._robot
+            return robot
+        model = self.robot.model
+        return load_robot(str(self._folder / model) if model.lower().endswith((".toml", ".urdf")) else model)
+
+    @property
+    def station_fitted(self) -> bool:
+        """Whether the tracker's station (or the base, which is the same six numbers) is found from the samples."""
+        return self.tracker.fit == "pose" or self.base.fit != "none"
+
+    @property
+    def config_dat(self) -> Path | None:
+        """Path of the controller's ``$config.dat``, if the file names one."""
+        return None if self.frames.config_dat is None else self._folder / self.frames.config_dat
+
+    @property
+    def tf_flange_tool(self) -> FloatArray:
+        """The measured point, seen from the flange, (4, 4) [mm]."""
+        return self.tool.matrix(self._controller)
+
+    @property
+    def tf_world_base(self) -> FloatArray:
+        """The robot's base in the world frame, (4, 4) [mm]."""
+        return self.base.matrix(self._controller)
+
+    @property
+    def tf_world_tracker(self) -> FloatArray:
+        """The tracker's station in the world frame, (4, 4) [mm]."""
+        return self.tracker.matrix(self._controller)
+
+    @property
+    def tf_base_tracker(self) -> FloatArray:
+        """The tracker's station in the robot's base frame, (4, 4) [mm]."""
+        tf: FloatArray = invert_transform(self.tf_world_base) @ self.tf_world_tracker
+        return tf
+
+    @property
+    def tools(self) -> dict[int | str, FloatArray]:
+        """Tools given in this file, flange to tool, (4, 4) [mm]."""
+        return {number: pose.matrix(self._controller) for number, pose in self.frames.tools.items()}
+
+    @property
+    def bases(self) -> dict[int | str, FloatArray]:
+        """Bases given in this file, robot base to frame, (4, 4) [mm]."""
+        return {number: pose.matrix(self._controller) for number, pose in self.frames.bases.items()}
+
+    def to_toml(self) -> str:
+        """Return the file's text, without what is the default; relative paths stay relative to the cell file."""
+        return "\n".join(tables((), self.model_dump(exclude_defaults=True))).lstrip("\n") + "\n"
+
+
+def load_cell(path: str | Path) -> Cell:
+    """Return the cell that a file describes.
+
+    Raises
+    ------
+    FileError
+        See `Cell.from_toml`; the message names file and line.
+
+    Examples
+    --------
+    >>> load_cell("cell.toml").tf_flange_tool  # doctest: +SKIP
+    """
+    return Cell.from_toml(read_text(path), folder=Path(path).parent, source=path)

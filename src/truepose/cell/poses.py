@@ -1,0 +1,104 @@
+"""The tables of a cell file that are poses, and what all tables share."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from truepose.errors import DataError
+from truepose.geometry.angles import euler
+from truepose.geometry.transforms import make_transform
+
+FloatArray = NDArray[np.float64]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+
+ANGLE_KEYS: Final[dict[str, tuple[str, ...]]] = {
+    "kuka": ("a_deg", "b_deg", "c_deg"),
+    "abb": ("q1", "q2", "q3", "q4"),
+    "fanuc": ("w_deg", "p_deg", "r_deg"),
+    "ur": ("rx_rad", "ry_rad", "rz_rad"),
+    "yaskawa": ("rx_deg", "ry_deg", "rz_deg"),
+    "staubli": ("rx_deg", "ry_deg", "rz_deg"),
+}
+"""The keys of an orientation, by controller; `truepose.geometry.euler` says what they mean."""
+CONTROLLER: Final = {"universal-robots": "ur", "universal robots": "ur", "stäubli": "staubli"}
+"""Controllers of makers that are not called like them."""
+
+
+class CellError(ValueError):
+    """An error that several keys cause together; `loc` says at which it is shown."""
+
+    def __init__(self, loc: tuple[str | int, ...], message: str) -> None:
+        self.loc = loc
+        super().__init__(message)
+
+
+class Section(BaseModel):
+    """A table of the cell file: frozen, and a key that it does not know is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Pose(Section):
+    """A pose by its values: x_mm, y_mm, z_mm and the controller's own angles; what is left out is zero.
+
+    Lengths are mm: a key such as x_m is refused, but a value in metres under x_mm cannot be told from a short tool.
+    """
+
+    x_mm: Number = 0.0
+    y_mm: Number = 0.0
+    z_mm: Number = 0.0
+    a_deg: Number | None = None
+    b_deg: Number | None = None
+    c_deg: Number | None = None
+    q1: Number | None = None
+    q2: Number | None = None
+    q3: Number | None = None
+    q4: Number | None = None
+    w_deg: Number | None = None
+    p_deg: Number | None = None
+    r_deg: Number | None = None
+    rx_rad: Number | None = None
+    ry_rad: Number | None = None
+    rz_rad: Number | None = None
+    rx_deg: Number | None = None
+    ry_deg: Number | None = None
+    rz_deg: Number | None = None
+
+    def matrix(self, controller: str | None) -> FloatArray:
+        """Return the (4, 4) transform [mm]; ``controller=None`` (maker unknown) takes the angles that are there.
+
+        Raises
+        ------
+        ValueError
+            If the angles are another controller's, mixed, ambiguous, or no unit quaternion.
+        """
+        p = np.array([self.x_mm, self.y_mm, self.z_mm])
+        given = {key for keys in ANGLE_KEYS.values() for key in keys if getattr(self, key) is not None}
+        if not given:
+            return make_transform(translation=p)
+        controller = self._controller(given) if controller is None else controller
+        keys = ANGLE_KEYS[controller]
+        wrong = sorted(given - set(keys))
+        if wrong:
+            raise CellError((wrong[0],), f"is not an angle of a {controller} controller; write {', '.join(keys)}")
+        values = [getattr(self, key) for key in keys]
+        if controller == "abb" and None in values:
+            raise CellError((keys[0],), "a quaternion needs all of q1, q2, q3, q4")
+        try:
+            return make_transform(euler(controller, np.array([value or 0.0 for value in values])), p)
+        except DataError as error:
+            raise CellError((keys[0],), str(error)) from None
+
+    def _controller(self, given: set[str]) -> str:
+        fitting = [name for name, keys in ANGLE_KEYS.items() if given <= set(keys)]
+        if len(fitting) != 1:
+            why = f"may be {' or '.join(fitting)}" if fitting else "mix controllers"
+            remedy = "the robot's maker is unknown, so write a_deg, b_deg, c_deg (Rz Ry Rx) or q1 … q4"
+            raise CellError((min(given),), f"the angles {why}; {remedy}")
+        return fitting[0]

@@ -1,0 +1,115 @@
+"""The tables of a cell file, but for the cell itself."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section
+
+FloatArray = NDArray[np.float64]
+Fit = Literal["none", "position", "pose"]
+
+
+class RobotSection(Section):
+    """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file."""
+
+    model: str
+
+
+class Tool(Pose):
+    """``[tool]``: flange to the measured point. With ``fit`` the values are where the fit starts."""
+
+    fit: Fit = "none"
+
+
+class Base(Pose):
+    """``[base]``: the robot's base in the measuring (world) frame. With ``fit`` the values are where the fit starts."""
+
+    fit: Fit = "none"
+
+
+class Tracker(Pose):
+    """``[tracker]``: its station in the world frame, and its noise.
+
+    By default the station is found by registration. A fitted base and a fitted station are the same six numbers: data
+    cannot tell them apart, so both together mean one fit.
+    """
+
+    fit: Literal["none", "pose"] = "pose"
+    robust: bool = True
+    std_mm: Positive | None = None
+    range_um: NotNegative | None = None
+    range_um_per_m: NotNegative | None = None
+    angle_um: NotNegative | None = None
+    angle_um_per_m: NotNegative | None = None
+
+    @field_validator("fit", mode="before")
+    @classmethod
+    def _from_bool(cls, value: object) -> object:
+        return {True: "pose", False: "none"}[value] if isinstance(value, bool) else value
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        if self.std_mm is not None and self._terms():
+            raise CellError(("std_mm",), f"stands beside {', '.join(self._terms())}; give one or the other")
+        return self
+
+    def _terms(self) -> list[str]:
+        names = ("range_um", "range_um_per_m", "angle_um", "angle_um_per_m")
+        return [name for name in names if getattr(self, name) is not None]
+
+    def reading_std(self, p_tracker: FloatArray) -> FloatArray | None:
+        """Return the standard deviation of readings at (n, 3) [mm], tracker frame: (n, 3) [mm], or None if not stated.
+
+        With u the beam's direction: σ² = σ_across² + (σ_along² − σ_across²) u², each σ growing with the distance.
+        """
+        if self.std_mm is not None:
+            return np.full(p_tracker.shape, self.std_mm)
+        if not self._terms():
+            return None
+        distance = np.linalg.norm(p_tracker, axis=1, keepdims=True)
+        beam = p_tracker / np.maximum(distance, np.finfo(float).tiny)
+        along = 1e-3 * ((self.range_um or 0.0) + (self.range_um_per_m or 0.0) * 1e-3 * distance)
+        across = 1e-3 * ((self.angle_um or 0.0) + (self.angle_um_per_m or 0.0) * 1e-3 * distance)
+        std: FloatArray = np.sqrt(across**2 + (along**2 - across**2) * beam**2)
+        return std
+
+
+class Payload(Section):
+    """``[payload]``: mass and centre of mass in the flange frame."""
+
+    mass_kg: NotNegative = 0.0
+    x_mm: Number = 0.0
+    y_mm: Number = 0.0
+    z_mm: Number = 0.0
+
+
+class Frames(Section):
+    """``[frames]``: the controller's tool and base tables, given here or in its ``$config.dat``."""
+
+    config_dat: str | None = None
+    tools: dict[int | str, Pose] = Field(default_factory=dict)
+    bases: dict[int | str, Pose] = Field(default_factory=dict)
+
+    @field_validator("tools", "bases", mode="before")
+    @classmethod
+    def _number_keys(cls, value: object) -> object:
+        """Make numbers of keys that are digits: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
+        if not isinstance(value, dict):
+            return value
+        return {int(key) if isinstance(key, str) and key.isdecimal() else key: pose for key, pose in value.items()}
+
+
+class Correction(Section):
+    """``[correction]``: what a correction may be, and what happens where it may not. None: found from the samples."""
+
+    max_std_mm: Positive | None = None
+    max_correction_mm: Positive = 5.0
+    max_distance_mm: Positive | None = None
+    max_angle_deg: Positive = 20.0
+    max_tool_mm: Positive = 50.0
+    on_guard: Literal["refuse", "skip", "clip"] = "refuse"

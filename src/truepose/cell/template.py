@@ -1,0 +1,71 @@
+"""The commented cell file that `truepose init` writes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from truepose.cell.poses import ANGLE_KEYS, CONTROLLER
+from truepose.robots import load_robot
+
+_TEMPLATE: Final = """\
+# A cell for truepose. Lengths are mm; angles are the controller's own ({angles}).
+# Everything but the robot's model may be left out.
+
+[robot]
+model = "{model}"        # `truepose robots` lists the library; or a path to a .toml or .urdf file
+
+[tool]                   # from the flange to the measured point (the reflector)
+x_mm = 0.0
+y_mm = 0.0
+z_mm = 0.0
+{zero_angles}
+fit = "position"         # "none": the values are exact; "position", "pose": found from the samples, starting there
+
+[tracker]
+fit = "pose"             # "pose": the station is found by registration; "none": x_mm … and the angles say where it is
+robust = true            # gross readings are found and left out of the registration
+# std_mm = 0.02          # noise of a reading, or, along and across the beam:
+# range_um = 5.0
+# range_um_per_m = 0.5
+# angle_um = 7.5
+# angle_um_per_m = 3.0
+
+# [base]                 # the robot's base in the measuring frame; to fit it is to fit the tracker's station
+# x_mm = 0.0
+# fit = "none"
+
+# [payload]
+# mass_kg = 0.0
+# x_mm = 0.0             # centre of mass in the flange frame
+# y_mm = 0.0
+# z_mm = 0.0
+
+# [frames]               # the controller's frames, which programs refer to by number or name
+# config_dat = "$config.dat"
+# [frames.tools.1]
+# x_mm = 0.0
+# [frames.bases.1]
+# x_mm = 0.0
+
+[correction]
+max_correction_mm = 5.0
+on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" the correction
+# max_std_mm = 0.2       # largest predicted standard deviation; left out: three quarters of the samples' RMS error
+# max_distance_mm = 200  # to the nearest sample; left out: 1.5 times the widest gap between samples
+max_angle_deg = 20.0     # between a target's orientation and that of the sample most alike
+max_tool_mm = 50.0       # between the tool point of a target and the measured one
+"""
+
+
+def template(robot_name: str) -> str:
+    """Return a commented ``cell.toml`` for a robot, which loads as it is.
+
+    Raises
+    ------
+    RobotError
+        If the robot is not known.
+    """
+    maker = load_robot(robot_name).maker.lower()
+    keys = ANGLE_KEYS.get(CONTROLLER.get(maker, maker), ANGLE_KEYS["kuka"])
+    zero = [f"{key} = {1.0 if key == 'q1' else 0.0}" for key in keys]
+    return _TEMPLATE.format(model=robot_name, angles=", ".join(keys), zero_angles="\n".join(zero))

@@ -1,0 +1,80 @@
+"""A cell's text: written from its values, and what is wrong in it, said with line and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from truepose.cell.poses import CellError, Pose
+
+
+def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
+    """Return the lines of a table and of those within it."""
+    values = {key: value for key, value in table.items() if not isinstance(value, dict)}
+    names = [name if re.fullmatch(r"[\w-]+", name, re.A) else json.dumps(name, ensure_ascii=False) for name in header]
+    lines = [f"\n[{'.'.join(names)}]"] if values else []
+    # a JSON string is a TOML string, as long as non-ASCII letters stay themselves
+    lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            lines += tables((*header, str(key)), value)
+    return lines
+
+
+def toml_position(message: str) -> tuple[str, int | None]:
+    """Return the message without its position, and the line."""
+    match = re.search(r"^(.*) \(at line (\d+), column \d+\)$", message)
+    return (match[1], int(match[2])) if match else (message, None)
+
+
+def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
+    """Return where the first error stands and one line that says what it is and what to do."""
+    first = error.errors()[0]
+    cause = first.get("ctx", {}).get("error")
+    loc = (*first["loc"], *cause.loc) if isinstance(cause, CellError) else first["loc"]
+    loc = loc[:-1] if loc[-1:] == ("[key]",) else loc
+    if isinstance(cause, Exception):
+        message = str(cause)
+    elif first["type"] == "extra_forbidden":
+        message = "unknown key; " + _nearest(loc, cell)
+    elif first["type"] == "missing":
+        message = "is missing; `truepose init` writes a complete file"
+    else:
+        message = f"{first['msg'].removeprefix('Input ')}, not {first['input']!r}"
+    return loc, f"{_name(loc)}: {message}"
+
+
+def _name(loc: tuple[str | int, ...]) -> str:
+    *tables, key = loc
+    return f"[{'.'.join(map(str, tables))}] {key}" if tables else f"[{key}]"
+
+
+def _nearest(loc: tuple[str | int, ...], cell: type[BaseModel]) -> str:
+    known = list(cell.model_fields)
+    if len(loc) > 1:
+        section = cell.model_fields[str(loc[0])].annotation
+        model = Pose if len(loc) > 2 else section
+        known = list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
+    in_metres = " Lengths are mm." if str(loc[-1]).endswith("_m") else ""
+    return f"did you mean {near[0]}?{in_metres}" if near else f"known are {', '.join(known)}"
+
+
+def line_of(text: str, loc: tuple[str | int, ...]) -> int | None:
+    """Return the line of a key, or of the nearest table above it that the text writes."""
+    *tables, key = map(str, loc)
+    found, header = None, ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if match := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
+            header = match[1].replace('"', "").replace(" ", "")
+            if found is None and header in (".".join(tables), ".".join((*tables, key))):
+                found = number
+        elif (match := re.match(r"""\s*["']?([\w.-]+?)["']?\s*=""", line)) and f"{header}.{match[1]}".strip(
+            "."
+        ) == ".".join((*tables, key)):
+            return number
+    return found
