@@ -29,7 +29,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Family:
-    """One correlation function rho(r) of the scaled distance r = h/a, compiled in `similarity.covariance`.
+    """One correlation function rho(r) of the scaled distance r = h/a, compiled in `similarity.kernels`.
 
     Attributes
     ----------

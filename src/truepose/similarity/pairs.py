@@ -14,6 +14,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from truepose.similarity.compiled import BLOCK, REORDER, compiled, pack
+from truepose.similarity.kernels import squared_distances
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -97,16 +98,6 @@ def pair_sums(
 def largest_distance(x: FloatArray) -> float:
     """Return the largest distance between two rows of x (n, d)."""
     return math.sqrt(_largest_square(pack(x), len(x)).max())
-
-
-@compiled(fastmath=REORDER)
-def _squared_distances(x: FloatArray, block: FloatArray, out: FloatArray) -> None:
-    out[:] = 0.0
-    for a in range(x.size):
-        row = block[a]
-        for j in range(out.size):
-            z = row[j] - x[a]
-            out[j] += z * z
 
 
 @compiled(fastmath=REORDER)
@@ -205,7 +196,7 @@ def _pair_sums(
             x[:] = points[home, :, place]
             mine = home_values[home, place]
             for b in range(home, blocks):
-                _squared_distances(x, points[b], h)
+                squared_distances(x, points[b], h)
                 if axis.size > 0:
                     _leave_out_other_directions(x, points[b], axis, cosine2, bandwidth2, h, along)
                 _distances_and_bins(h, per_cell, first, upper, steps, bins)
@@ -230,7 +221,7 @@ def _largest_square(points: FloatArray, n: int) -> FloatArray:
         for i in range(task, n, TASKS):
             x[:] = points[i // width, :, i % width]
             for b in range(i // width, blocks):
-                _squared_distances(x, points[b], square)
+                squared_distances(x, points[b], square)
                 best = max(best, square[: min(width, n - b * width)].max())
         largest[task] = best
     return largest
