@@ -78,7 +78,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X, e = self._validate(X, y)
         self._flat = e.ndim == 1
         e = e.reshape(len(e), -1)
-        self._fit(X, e, None if noise_std is None else _noise(noise_std, e.shape))
+        noise = None if noise_std is None else _noise(noise_std, e.shape)
+        self._given: tuple[FloatArray, FloatArray, FloatArray | None] = X, e, noise
+        self._fit(X, e, noise)
         return self
 
     @overload
@@ -99,7 +101,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return_std : bool
             Also return the standard deviation.
         include_nugget : bool
-            Let the standard deviation hold the noise of one new reading, too; otherwise it is that of the error itself.
+            Let the standard deviation hold the noise of one new reading, too, as far as the model found it; what is
+            known of that reading beforehand, as `noise_std` of `fit`, comes on top. Otherwise it is that of the error
+            itself.
 
         Returns
         -------
@@ -132,6 +136,38 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         residual, std = self._leave_one_out()
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
+    def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
+        """Predict the samples of each block from those of the others, with the fitted hyperparameters.
+
+        Parameters
+        ----------
+        blocks : (n,) array_like
+            Label of each sample's block, as `block_folds` gives them.
+
+        Returns
+        -------
+        LeaveOneOut
+            residual, std: (n, k) or (n,) arrays [mm].
+
+        Raises
+        ------
+        DataError, KrigingError
+            If the labels are not as many as the samples, or what is left without a block cannot bear the model.
+        """
+        check_is_fitted(self)
+        X, e, noise = self._given
+        labels = np.asarray(blocks)
+        if labels.shape != (len(X),):
+            raise DataError(f"blocks have shape {labels.shape}; expected ({len(X)},), a label for each sample")
+        predicted, std = np.empty_like(e), np.empty_like(e)
+        for label in np.unique(labels):
+            out = labels == label
+            model = self._to_fit_again().fit(X[~out], e[~out], None if noise is None else noise[~out])
+            predicted[out], std[out] = model.predict(X[out], return_std=True, include_nugget=True)
+        if noise is not None:
+            std = np.sqrt(std**2 + noise**2)
+        return LeaveOneOut(self._shaped(e - predicted), self._shaped(std))
+
     def pinned(self) -> Self:
         """Return an unfitted copy whose parameters are the fitted hyperparameters: fitting it estimates nothing."""
         check_is_fitted(self)
@@ -161,6 +197,10 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {}
+
+    def _to_fit_again(self) -> Self:
+        """Return the unfitted copy that `leave_blocks_out` fits: with the hyperparameters, without what they tell."""
+        return self.pinned()
 
     def _shaped(self, values: FloatArray) -> FloatArray:
         return values[:, 0] if self._flat else values

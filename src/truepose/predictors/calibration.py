@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
+from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, IdentifiabilityError
@@ -176,6 +177,7 @@ class KinematicCalibration(Predictor):
         misfit = np.array([self.misfit_std or 0.0])
         self._filter.update(data, misfit)
         self._seen = tuple(np.concatenate(pair) for pair in zip(self._seen, (checked, e, std), strict=True))  # type: ignore[assignment]
+        self._given = self._seen
         seen = self._observations(*self._seen)
         self._filter = self._filter.again(seen, misfit)
         self._keep(seen, self._filter.x, misfit, known_noise=noise_std is not None)
@@ -227,7 +229,6 @@ class KinematicCalibration(Predictor):
         self.hint_ = self._hint(data)
         self._data = data
         self._known_noise = known_noise
-        self._noise = float(np.sqrt(np.einsum("nkk->", data.covariance) / (3 * len(data))))
 
     def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
         q, approach = self._split(X)
@@ -240,7 +241,7 @@ class KinematicCalibration(Predictor):
         # where the readings' own noise is known, the misfit is the model's; else it may be all noise
         if self._known_noise or include_nugget:
             variance = variance + self.misfit_std_**2
-        return e, np.sqrt(variance + (self._noise**2 if include_nugget else 0.0))
+        return e, np.sqrt(variance)
 
     @overload
     def predict_pose(self, X: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
@@ -301,6 +302,10 @@ class KinematicCalibration(Predictor):
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {"misfit_std": self.misfit_std_, "identified": tuple(self.solution_.x.tolist())}
+
+    def _to_fit_again(self) -> Self:
+        copy: Self = clone(self)
+        return copy  # what was identified would know the samples left out
 
     def _check_options(self) -> None:
         if self.robot is None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
 
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, Predictor
@@ -122,6 +123,10 @@ class ResidualNetwork(Predictor):
             "noise": tuple(self.noise_.tolist()),
             "weights": tuple(tuple(layer.tolist() for layer in net) for net in self.weights_),
         }
+
+    def _to_fit_again(self) -> Self:
+        copy: Self = clone(self)
+        return copy  # what was learnt would know the samples left out
 
     def _inputs(self, X: FloatArray) -> FloatArray:
         """Return cosine and sine of each joint, and the approach signs where there are any."""

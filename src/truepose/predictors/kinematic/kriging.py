@@ -346,18 +346,18 @@ class KinematicKriging(Predictor):
             curves.append(JointCurve(int(j), angle, *self._form.joint_error(i, angle)))
         return curves
 
-    def leave_block_out(self, block: ArrayLike) -> LeaveOneOut:
+    def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
         """Predict each sample without its whole block, with the fitted hyperparameters, in closed form.
 
         Parameters
         ----------
-        block : (n,) array_like of int
+        blocks : (n,) array_like of int
             Label of each sample's block.
         """
         check_is_fitted(self)
-        label = np.asarray(block)
+        label = np.asarray(blocks)
         if label.shape != (len(self._e),):
-            raise DataError(f"block has shape {label.shape}; expected one label for each of {len(self._e)} samples")
+            raise DataError(f"blocks have shape {label.shape}; expected one label for each of {len(self._e)} samples")
         residual, covariance = self._form.left_out(label)
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
@@ -375,7 +375,7 @@ class KinematicKriging(Predictor):
         return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept])))
 
     def _leave_one_out(self) -> LeaveOneOut:
-        return self.leave_block_out(np.arange(len(self._e)))
+        return self.leave_blocks_out(np.arange(len(self._e)))
 
     def _parameters(self) -> list[dict[str, Any]]:
         estimate, covariance = self._form.drift_estimate()
