@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.verification import accuracy, coverage, summary
+from truepose.verification import accuracy, coverage, mean_noise, summary
 
 
 def test_summary_by_hand():
@@ -62,3 +62,24 @@ def test_coverage_of_an_honest_predictor(rng):
     assert found.within_68 == pytest.approx(0.68, abs=0.01)
     assert found.within_95 == pytest.approx(0.95, abs=0.005)
     assert found.standardised_rms == pytest.approx(1.0, abs=0.01)
+
+
+def test_mean_noise_is_the_mean_length_of_draws():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(3, 3))
+    covariance = root @ root.T
+    drawn = np.linalg.norm(rng.multivariate_normal(np.zeros(3), covariance, size=400_000), axis=1).mean()
+    assert mean_noise([covariance])[0] == pytest.approx(drawn, rel=5e-3)
+
+
+def test_mean_noise_in_one_and_three_directions():
+    """√(2/π) σ on a line, 2 √(2/π) σ in space: half-normal and Maxwell distributions."""
+    line, space = np.diag([0.0, 4.0, 0.0]), 4.0 * np.eye(3)
+    np.testing.assert_allclose(mean_noise([line, space]), np.sqrt(2 / np.pi) * np.array([2.0, 4.0]))
+
+
+def test_mean_noise_of_no_covariance():
+    with pytest.raises(DataError, match=r"covariance has shape \(3, 3\); expected"):
+        mean_noise(np.eye(3))
+    with pytest.raises(DataError, match="negative eigenvalue"):
+        mean_noise([np.diag([1.0, 1.0, -1.0])])

@@ -15,7 +15,7 @@ def demo(
         "truepose-demo"
     ),
     seed: Annotated[int, typer.Option(help="Another robot, another tracker, other noise.", min=0)] = 0,
-    preset: Annotated[str, typer.Option(help="The virtual cell: paper.")] = "paper",
+    preset: Annotated[str, typer.Option(help="The virtual cell: paper, hard or ideal.")] = "paper",
     as_json: Json = False,
 ) -> None:
     """Plan, measure a virtual robot, find the similarity, fit, validate, correct a program, measure again, report."""

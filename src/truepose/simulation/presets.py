@@ -2,52 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from truepose.simulation.tracker import TrackerNoise
 
+Range = tuple[float, float]
+_ARCSEC: Final = float(np.pi / 180.0 / 3600.0)
 
-@dataclass(frozen=True)
-class TrackerNoise:
-    """Standard deviations of a laser tracker's reading.
-
-    Attributes
-    ----------
-    range_std : float [mm]
-    range_std_per_mm : float
-        Along the beam: range_std + range_std_per_mm · distance.
-    cross_std : float [mm]
-    cross_std_per_mm : float
-        In each direction across it.
-
-    Notes
-    -----
-    The defaults are a tracker of 5 µm + 0.5 µm/m along the beam and (15 µm + 6 µm/m)/2 across it.
-    """
-
-    range_std: float = 0.005
-    range_std_per_mm: float = 0.5e-6
-    cross_std: float = 0.0075
-    cross_std_per_mm: float = 3e-6
-
-    def covariance(self, p_tracker: FloatArray) -> FloatArray:
-        """Return the covariance of readings at (n, 3) positions [mm] in the tracker frame, (n, 3, 3) [mm²]."""
-        distance = np.linalg.norm(p_tracker, axis=1)
-        beam = p_tracker / distance[:, None]
-        along = (self.range_std + self.range_std_per_mm * distance) ** 2
-        across = (self.cross_std + self.cross_std_per_mm * distance) ** 2
-        outer = beam[:, :, None] * beam[:, None, :]
-        covariance: FloatArray = across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * outer
-        return covariance
+EFFECTS: Final = (
+    "geometry",
+    "compliance",
+    "harmonics",
+    "transmission",
+    "backlash",
+    "thermal",
+    "tool",
+    "repeatability",
+    "tracker",
+)
+"""What may be wrong in a virtual cell; each is switched on by its name."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """What a virtual cell is made of.
+    """What a virtual cell is made of. Sizes are drawn from their ranges for each joint, whether switched on or not.
 
     Attributes
     ----------
@@ -59,8 +40,12 @@ class Preset:
         The work region: a box in the base frame.
     abc_deg : tuple of 3
         Orientation of the tool in the work region, KUKA angles.
+    orientation_deg : float
+        By how much a design turns away from it, about each axis of the tool.
     home_deg : tuple of 6
         A joint vector on the branch that the work is done on.
+    effects : frozenset of str
+        Of `EFFECTS`, those that are on.
     length_std : float [mm]
         Of the errors of every a and d.
     angle_std : float [rad]
@@ -72,6 +57,30 @@ class Preset:
         Of the difference between the stated tool point and the real one.
     largest_error : float [mm], optional
         Parameter errors are scaled so that the largest error over the work region, after rigid registration, is this.
+    compliance : pair of ranges [rad/Nm]
+        Of joints 1–3, and of the others.
+    payload_kg, payload_mm : float, tuple of 3
+        Mass on the flange and its centre, flange frame, as the cell file states them.
+    own_weight : range
+        Share of each link's weight that bends the joints; balancers and mastering take the rest.
+    harmonic : range [rad]
+        Amplitude of the first and of the second harmonic of each joint's angle.
+    transmission : range [rad]
+        Standard deviation of each joint's smooth error beside the harmonics.
+    transmission_length : range [rad]
+        Angle over which it stays alike.
+    backlash : range [rad]
+        Lost motion between the two ways of coming.
+    expansion : range [1/K]
+        Of every length.
+    warm_up_K, warm_up_s : float
+        The arm grows warmer by warm_up_K, with the time constant warm_up_s.
+    first_reading_s, seconds_per_reading : float
+        Time of the first reading after the cold start, and from each to the next.
+    acceptance_deg : float
+        How far from its axis a reflector can be seen; the axis points to the tracker at the centre of the work region.
+    reflector_radius_mm : float
+        Of the circle about the tool point on which several reflectors sit.
     """
 
     robot: str
@@ -87,22 +96,53 @@ class Preset:
     tracker: TrackerNoise = field(default_factory=TrackerNoise)
     tool_std: float = 0.0
     largest_error: float | None = None
+    orientation_deg: float = 0.0
+    effects: frozenset[str] = frozenset({"geometry", "tool", "repeatability", "tracker"})
+    compliance: tuple[Range, Range] = ((3e-7, 7e-7), (2e-6, 3.5e-6))
+    payload_kg: float = 0.0
+    payload_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    own_weight: Range = (0.2, 0.4)
+    harmonic: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
+    transmission: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
+    transmission_length: Range = (0.25, 1.0)
+    backlash: Range = (0.0, 0.3e-3)
+    expansion: Range = (8e-6, 14e-6)
+    warm_up_K: float = 8.0  # noqa: N815 (kelvin)
+    warm_up_s: float = 2400.0
+    first_reading_s: float = 3600.0
+    seconds_per_reading: float = 15.0
+    acceptance_deg: float = 40.0
+    reflector_radius_mm: float = 120.0
 
+
+_PAPER: Final = Preset(
+    robot="kuka-kr210-r2700-extra",
+    tool_mm=(110.0, 0.0, 360.0),
+    tool_abc_deg=(0.0, 0.0, 0.0),
+    centre_mm=(1700.0, 0.0, 900.0),
+    size_mm=(900.0, 1600.0, 900.0),
+    abc_deg=(180.0, 20.0, 180.0),
+    home_deg=(0.0, -75.0, 95.0, 0.0, 50.0, 0.0),
+    length_std=0.35,
+    angle_std=0.35e-3,
+    repeatability_std=0.014,
+    tool_std=2.0,
+    largest_error=1.29,
+)
+_HARD: Final = replace(
+    _PAPER,
+    largest_error=None,
+    orientation_deg=15.0,
+    effects=frozenset(EFFECTS),
+    payload_kg=120.0,
+    payload_mm=(60.0, 0.0, 220.0),
+)
 
 PRESETS: Final[dict[str, Preset]] = {
     # The paper's experiment: positions in a box at one orientation, 1.2912 mm at most before compensation.
-    "paper": Preset(
-        robot="kuka-kr210-r2700-extra",
-        tool_mm=(110.0, 0.0, 360.0),
-        tool_abc_deg=(0.0, 0.0, 0.0),
-        centre_mm=(1700.0, 0.0, 900.0),
-        size_mm=(900.0, 1600.0, 900.0),
-        abc_deg=(180.0, 20.0, 180.0),
-        home_deg=(0.0, -75.0, 95.0, 0.0, 50.0, 0.0),
-        length_std=0.35,
-        angle_std=0.35e-3,
-        repeatability_std=0.014,
-        tool_std=2.0,
-        largest_error=1.29,
-    ),
+    "paper": _PAPER,
+    # Everything that method.md §7 names, on the same arm, orientations that vary by 15° about each axis.
+    "hard": _HARD,
+    # An arm without errors: what is left is noise, and the station to be found.
+    "ideal": replace(_HARD, effects=frozenset({"repeatability", "tracker"})),
 }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
@@ -15,30 +16,13 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform, register
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.samples import Samples
-from truepose.simulation.presets import PRESETS, Preset
+from truepose.simulation.presets import EFFECTS, PRESETS, Preset
+from truepose.simulation.tracker import fit_rigid, pose_covariance, reflector_ring
+from truepose.simulation.truth import Conditions, Truth, draw_joints
+from truepose.verification import mean_noise
 
 FloatArray = NDArray[np.float64]
 _REFERENCE_POSES: Final = 512
-_NOISE_DRAWS: Final = 4096
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What a virtual cell knows and a user does not.
-
-    Attributes
-    ----------
-    robot : Robot
-        The arm as it is.
-    tf_flange_tool : (4, 4) array [mm]
-        The tool as it is.
-    tf_base_tracker : (4, 4) array [mm]
-        The tracker's station.
-    """
-
-    robot: Robot
-    tf_flange_tool: FloatArray
-    tf_base_tracker: FloatArray
 
 
 class VirtualCell:
@@ -47,11 +31,24 @@ class VirtualCell:
     Parameters
     ----------
     preset : str or Preset
-        ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation.
+        ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation. ``"hard"``:
+        every effect of method.md §7, orientations within ±15°. ``"ideal"``: noise alone, and the station to be found.
     robot : str, optional
-        Library name of another robot.
+        Library name of another robot; work region and tool then scale with its reach.
     seed : int
         Decides the truth, and the noise of all measurements in their order.
+    effects : collection of str, optional
+        Those of `EFFECTS` that are on, instead of the preset's; what is drawn for one does not depend on the others.
+
+    Attributes
+    ----------
+    truth : Truth
+    effects : frozenset of str
+
+    Raises
+    ------
+    DataError
+        If there is no such preset or effect.
 
     Examples
     --------
@@ -61,55 +58,71 @@ class VirtualCell:
     (50, 3)
     """
 
-    def __init__(self, preset: str | Preset = "paper", robot: str | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        preset: str | Preset = "paper",
+        robot: str | None = None,
+        seed: int = 0,
+        effects: Collection[str] | None = None,
+    ) -> None:
         if isinstance(preset, str) and preset not in PRESETS:
             raise DataError(f"no preset {preset!r}; there is: {', '.join(PRESETS)}")
         self.preset = PRESETS[preset] if isinstance(preset, str) else preset
+        self.effects = frozenset(self.preset.effects if effects is None else effects)
+        if unknown := self.effects - set(EFFECTS):
+            raise DataError(f"no effect {min(unknown)!r}; there is: {', '.join(EFFECTS)}")
         self.seed = seed
         self.robot = load_robot(robot or self.preset.robot)
         self.tf_flange_tool = make_transform(euler("kuka", self.preset.tool_abc_deg), self.preset.tool_mm)
-        truth_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
+        truth_seed, noise_seed, joint_seed = np.random.SeedSequence(seed).spawn(3)
         self._noise = np.random.default_rng(noise_seed)
-        self.truth = self._draw_truth(np.random.default_rng(truth_seed))
+        self.truth = self._draw_truth(np.random.default_rng(truth_seed), np.random.default_rng(joint_seed))
 
     @property
     def cell(self) -> Cell:
         """The cell as its user would describe it."""
-        x, y, z = self.preset.tool_mm
-        a, b, c = self.preset.tool_abc_deg
+        tool = dict(zip(("x_mm", "y_mm", "z_mm"), self.preset.tool_mm, strict=True))
+        angles = dict(zip(("a_deg", "b_deg", "c_deg"), self.preset.tool_abc_deg, strict=True))
+        payload = dict(zip(("x_mm", "y_mm", "z_mm"), self.preset.payload_mm, strict=True))
         return Cell.model_validate(
             {
                 "robot": {"model": self.robot.name},
-                "tool": {
-                    "x_mm": x,
-                    "y_mm": y,
-                    "z_mm": z,
-                    **dict(zip(("a_deg", "b_deg", "c_deg"), (a, b, c), strict=True)),
-                },
+                "tool": {**tool, **angles},
                 "tracker": {"fit": "pose"},
+                "payload": {"mass_kg": self.preset.payload_kg, **payload},
             }
         )
 
     @property
     def noise_floor(self) -> float:
         """Mean length of repeatability and reading noise, centre of the work region [mm]: no predictor does better."""
-        centre = np.array([self.preset.centre_mm])
-        p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), centre)
-        covariance = self.preset.tracker.covariance(p_tracker)[0] + self.preset.repeatability_std**2 * np.eye(3)
-        draws = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, size=_NOISE_DRAWS)
-        return float(np.linalg.norm(draws, axis=1).mean())
+        p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), np.array([self.preset.centre_mm]))
+        covariance = float("tracker" in self.effects) * self.preset.tracker.covariance(p_tracker)
+        return float(mean_noise(covariance + self._repeatability**2 * np.eye(3))[0])
 
-    def design(self, n: int, *, seed: int | None = None) -> FloatArray:
+    def design(self, n: int, *, seed: int | None = None, orientation_deg: float | None = None) -> FloatArray:
         """Return n configurations spread over the work region (scrambled Sobol points), (n, dof) [rad].
+
+        Parameters
+        ----------
+        n : int
+        seed : int, optional
+            The cell's own when not given.
+        orientation_deg : float, optional
+            By how much to turn about each axis of the tool, instead of the preset's; 0 is one orientation.
 
         Raises
         ------
         RobotError
             If a position of the work region is out of reach on the branch of the preset.
         """
-        sobol = qmc.Sobol(3, rng=np.random.default_rng(self.seed if seed is None else seed))
-        unit = sobol.random_base2(max(int(np.ceil(np.log2(max(n, 1)))), 0))[:n]
-        return self.reach(np.asarray(self.preset.centre_mm) + (unit - 0.5) * self.preset.size_mm)
+        turn = np.deg2rad(self.preset.orientation_deg if orientation_deg is None else orientation_deg)
+        sobol = qmc.Sobol(6 if turn else 3, rng=np.random.default_rng(self.seed if seed is None else seed))
+        unit = sobol.random_base2(max(int(np.ceil(np.log2(max(n, 1)))), 0))[:n] - 0.5
+        rotation = euler("kuka", self.preset.abc_deg)
+        if turn:
+            rotation = rotation * Rotation.from_rotvec(2.0 * turn * unit[:, 3:])
+        return self.reach(np.asarray(self.preset.centre_mm) + unit[:, :3] * self.preset.size_mm, rotation)
 
     def reach(self, p_target: FloatArray, rotation: Rotation | None = None) -> FloatArray:
         """Return the joints by which the controller goes to positions (n, 3) [mm] in the base frame, (n, dof) [rad].
@@ -118,8 +131,7 @@ class VirtualCell:
         """
         rotation = euler("kuka", self.preset.abc_deg) if rotation is None else rotation
         poses = make_transform(rotation, p_target)
-        home = np.deg2rad(self.preset.home_deg)
-        q = nearest_branch(self.robot.inverse(poses, tool=self.tf_flange_tool), home)
+        q = nearest_branch(self.robot.inverse(poses, tool=self.tf_flange_tool), self._home)
         lost = np.flatnonzero(np.isnan(q).any(axis=1))
         if len(lost):
             raise RobotError(
@@ -127,47 +139,180 @@ class VirtualCell:
             )
         return q
 
-    def true_position(self, q: FloatArray) -> FloatArray:
-        """Return where the tool point goes without any noise, (n, 3) [mm], base frame."""
-        position: FloatArray = self.truth.robot.forward(q, tool=self.truth.tf_flange_tool)[:, :3, 3]
-        return position
+    def true_position(
+        self,
+        q: FloatArray,
+        *,
+        approach: ArrayLike | str | None = None,
+        payload_kg: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> FloatArray:
+        """Return where the tool point goes without any noise, (n, 3) [mm], base frame; arguments as of `measure`."""
+        return self.truth.forward(q, self._conditions(q, approach, payload_kg, time))[:, :3, 3]
 
-    def measure(self, q: FloatArray) -> Samples:
+    def visible(self, q: FloatArray) -> NDArray[np.bool_]:
+        """Return whether the tracker sees the reflector's front at configurations (n, dof) [rad]: (n,)."""
+        tf = self.robot.forward(q, tool=self.tf_flange_tool)
+        beam = self.truth.tf_base_tracker[:3, 3] - tf[:, :3, 3]
+        beam /= np.linalg.norm(beam, axis=1, keepdims=True)
+        centre = self.truth.tf_base_tracker[:3, 3] - self.preset.centre_mm
+        axis = euler("kuka", self.preset.abc_deg).inv().apply(centre / np.linalg.norm(centre))
+        facing = np.einsum("nij,j,ni->n", tf[:, :3, :3], axis, beam)
+        return np.asarray(facing > np.cos(np.deg2rad(self.preset.acceptance_deg)))
+
+    def measure(
+        self,
+        q: FloatArray,
+        *,
+        seed: int | None = None,
+        approach: ArrayLike | str | None = None,
+        payload_kg: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        reflectors: int = 1,
+    ) -> Samples:
         """Command configurations (n, dof) [rad] and read the tracker.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad]
+        seed : int, optional
+            Of this measurement's noise: the same again gives the same readings. Without it each call has its own.
+        approach : array of -1, 0, +1 that broadcasts to (n, dof), or "order", optional
+            Sign of each joint's last motion. When not given every pose is approached with +1, as good measuring
+            programs do; ``"order"`` goes from each pose straight to the next, to the first from home.
+        payload_kg : float or (n,) array, optional
+            On the flange, instead of the preset's.
+        time : (n,) array [s], optional
+            Of each reading, after a cold start. When not given the arm has run for an hour before the first.
+        reflectors : int
+            1: positions. 3 or more, on a circle about the tool point: positions and orientations.
 
         Returns
         -------
         Samples
             With joints, commanded poses (of the tool as stated), measured positions in the tracker frame and their
-            standard deviation as a tracker reports it (its own noise, without the robot's repeatability).
+            standard deviation as a tracker reports it (its own noise, without the robot's repeatability). Approach,
+            load, time and temperature are there when given, or when the cell has an effect that depends on them.
+
+        Raises
+        ------
+        DataError
+            If there are 2 reflectors or none, or a condition has the wrong shape.
         """
+        conditions = self._conditions(q, approach, payload_kg, time)
+        p, covariance = self._read(q, conditions, reflectors, seed)
         tf_base_tool = self.robot.forward(q, tool=self.tf_flange_tool)
-        p_base = self.true_position(q) + self._noise.normal(scale=self.preset.repeatability_std, size=(len(q), 3))
-        p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), p_base)
-        covariance = self.preset.tracker.covariance(p_tracker)
-        white = self._noise.normal(size=(len(q), 3))
+        known: dict[str, Any] = {}
+        if approach is not None or "backlash" in self.effects:
+            known["approach"] = conditions.approach
+        if payload_kg is not None or "compliance" in self.effects:
+            known["load"] = conditions.payload_kg
+        if time is not None or "thermal" in self.effects:
+            known |= {"time": conditions.time, "temperature": conditions.temperature}
         return Samples(
-            p_meas=p_tracker + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), white),
+            **self._pose(p, covariance),
             q=np.array(q),
             p_cmd=tf_base_tool[:, :3, 3],
             rotation_cmd=Rotation.from_matrix(tf_base_tool[:, :3, :3]),
-            p_std=np.sqrt(np.einsum("nii->ni", covariance)),
             source=f"virtual cell, seed {self.seed}",
+            **known,
         )
 
-    def _draw_truth(self, rng: np.random.Generator) -> Truth:
+    def read_reflectors(self, q: FloatArray, reflectors: int = 3, *, seed: int | None = None) -> FloatArray:
+        """Return what the tracker reads of each reflector in turn, (n, reflectors, 3) [mm], tracker frame.
+
+        Where the reflectors sit on the tool is `reflector_positions`.
+        """
+        return self._read(q, self._conditions(q), reflectors, seed)[0]
+
+    def reflector_positions(self, reflectors: int) -> FloatArray:
+        """Return where reflectors sit, (reflectors, 3) [mm], tool frame: one at the tool point, more around it."""
+        if reflectors < 1 or reflectors == 2:
+            raise DataError(f"{reflectors} reflectors; 1 gives positions, 3 or more give poses")
+        radius = self.preset.reflector_radius_mm if reflectors > 1 else 0.0
+        return reflector_ring(reflectors, radius)
+
+    def _conditions(
+        self,
+        q: FloatArray,
+        approach: ArrayLike | str | None = None,
+        payload_kg: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> Conditions:
+        preset, n = self.preset, len(q)
+        if isinstance(approach, str):
+            if approach != "order":
+                raise DataError(f'approach {approach!r}; expected -1, 0, +1 for each joint, or "order"')
+            approach = np.sign(np.diff(q, axis=0, prepend=[self._home]))
+        return Conditions(
+            approach=_broadcast("approach", 1.0 if approach is None else approach, q.shape),
+            payload_kg=_broadcast("payload_kg", preset.payload_kg if payload_kg is None else payload_kg, (n,)),
+            time=_broadcast(
+                "time",
+                preset.first_reading_s + preset.seconds_per_reading * np.arange(n) if time is None else time,
+                (n,),
+            ),
+            warm_up_K=preset.warm_up_K,
+            warm_up_s=preset.warm_up_s,
+        )
+
+    def _read(
+        self, q: FloatArray, conditions: Conditions, reflectors: int, seed: int | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return readings (n, m, 3) [mm], tracker frame, and their covariances (n, m, 3, 3) [mm²]."""
+        rng = self._noise if seed is None else np.random.default_rng([self.seed, seed])
+        on_tool = self.reflector_positions(reflectors)
+        tf = self.truth.forward(q, conditions)
+        tf[:, :3, 3] += rng.normal(scale=self._repeatability, size=(len(q), 3))
+        p_base = tf[:, None, :3, 3] + np.einsum("nij,mj->nmi", tf[:, :3, :3], on_tool)
+        p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), p_base.reshape(-1, 3))
+        covariance = self.preset.tracker.covariance(p_tracker)
+        noise = np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.normal(size=p_tracker.shape))
+        on = float("tracker" in self.effects)
+        return (p_tracker + on * noise).reshape(p_base.shape), on * covariance.reshape(*p_base.shape, 3)
+
+    def _pose(self, p: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """Return what `Samples` holds of readings: a position, or with several reflectors a pose."""
+        noisy = "tracker" in self.effects
+        if p.shape[1] == 1:
+            std = np.sqrt(np.einsum("nii->ni", covariance[:, 0]))
+            return {"p_meas": p[:, 0], "p_std": std if noisy else None}
+        on_tool = self.reflector_positions(p.shape[1])
+        origin, rotation = fit_rigid(on_tool, p)
+        std = np.sqrt(np.einsum("nii->ni", pose_covariance(on_tool, rotation, covariance)))
+        found = {"p_meas": origin, "rotation_meas": rotation}
+        return {**found, "p_std": std[:, :3], "rotation_std": std[:, 3:]} if noisy else found
+
+    @property
+    def _repeatability(self) -> float:
+        return self.preset.repeatability_std if "repeatability" in self.effects else 0.0
+
+    @property
+    def _home(self) -> FloatArray:
+        return np.deg2rad(self.preset.home_deg)
+
+    def _draw_truth(self, rng: np.random.Generator, joint_rng: np.random.Generator) -> Truth:
         preset, dof = self.preset, self.robot.dof
         error = {
             **{name: rng.normal(scale=preset.length_std, size=dof) for name in ("a", "d")},
             **{name: rng.normal(scale=preset.angle_std, size=dof) for name in ("alpha", "offset", "beta")},
         }
-        tf_flange_tool = self.tf_flange_tool.copy()
-        tf_flange_tool[:3, 3] += rng.normal(scale=preset.tool_std, size=3)
+        tool_error = rng.normal(scale=preset.tool_std, size=3)
         station = np.array([preset.centre_mm[0] + 3500.0, -1500.0, 300.0]) + rng.uniform(-500.0, 500.0, size=3)
-        tf_base_tracker = make_transform(Rotation.from_euler("Z", rng.uniform(-180.0, 180.0), degrees=True), station)
-        truth = Truth(self._perturbed(error, 1.0), tf_flange_tool, tf_base_tracker)
+        tf_flange_tool = self.tf_flange_tool.copy()
+        if "tool" in self.effects:
+            tf_flange_tool[:3, 3] += tool_error
+        truth = Truth(
+            robot=self._perturbed(error, 1.0),
+            tf_flange_tool=tf_flange_tool,
+            tf_base_tracker=make_transform(Rotation.from_euler("Z", rng.uniform(-180.0, 180.0), degrees=True), station),
+            seed=self.seed,
+            **draw_joints(preset, self.robot, self.effects, joint_rng),
+        )
+        if "geometry" not in self.effects:
+            return replace(truth, robot=self.robot)
         if preset.largest_error is not None:
-            truth = replace(truth, robot=self._perturbed(error, preset.largest_error / self._largest_error(truth)))
+            return replace(truth, robot=self._perturbed(error, preset.largest_error / self._largest_error(truth)))
         return truth
 
     def _perturbed(self, error: dict[str, FloatArray], factor: float) -> Robot:
@@ -176,9 +321,16 @@ class VirtualCell:
         )
 
     def _largest_error(self, truth: Truth) -> float:
-        """Return the largest error over the work region after rigid registration [mm]."""
+        """Return the largest error of the geometry over the work region after rigid registration [mm]."""
         q = self.design(_REFERENCE_POSES, seed=0)
         p_cmd = self.robot.forward(q, tool=self.tf_flange_tool)[:, :3, 3]
         p_true = truth.robot.forward(q, tool=truth.tf_flange_tool)[:, :3, 3]
         residuals = register(p_cmd, p_true, robust=False).residuals
         return float(np.linalg.norm(residuals, axis=1).max())
+
+
+def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+    except ValueError:
+        raise DataError(f"{name} has shape {np.shape(value)}, expected {shape}") from None

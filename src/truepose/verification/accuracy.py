@@ -7,11 +7,13 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import elliprg
 
 from truepose.errors import DataError
 
 FloatArray = NDArray[np.float64]
 _BOOTSTRAPS: Final = 2000
+_ROUNDING: Final = 1e-12
 
 
 def summary(e: ArrayLike) -> dict[str, float]:
@@ -164,6 +166,41 @@ def coverage(residual: ArrayLike, std: ArrayLike) -> Coverage:
         within_95=float(np.mean(standardised < 1.95996)),
         standardised_rms=float(np.sqrt(np.mean(standardised**2))),
     )
+
+
+def mean_noise(covariance: ArrayLike) -> FloatArray:
+    """Return the mean length of normal noise: the least that any predictor leaves of readings with that noise.
+
+    With eigenvalues λ of the covariance it is 2 √(2/π) R_G(λ1, λ2, λ3), Carlson's integral: the mean of √(uᵀΣu) over
+    directions u is R_G (DLMF 19.16.3, 19.23.7), and E|uᵀx| = √(2/π) √(uᵀΣu) is half of E‖x‖ when averaged over them.
+
+    Parameters
+    ----------
+    covariance : (n, 3, 3) array [mm²]
+        Repeatability and reading noise together.
+
+    Returns
+    -------
+    (n,) array [mm]
+
+    Raises
+    ------
+    DataError
+        If a matrix is not 3 by 3, finite, and without negative eigenvalues.
+
+    Examples
+    --------
+    >>> mean_noise([np.eye(3)]).round(3)
+    array([1.596])
+    """
+    matrices = np.asarray(covariance, float)
+    if matrices.ndim != 3 or matrices.shape[1:] != (3, 3) or not np.isfinite(matrices).all():
+        raise DataError(f"covariance has shape {matrices.shape}; expected finite matrices (n, 3, 3)")
+    eigenvalues = np.linalg.eigvalsh(matrices)
+    if (eigenvalues < -_ROUNDING * np.abs(eigenvalues).max(axis=1, keepdims=True)).any():
+        raise DataError("a covariance has a negative eigenvalue; expected a positive semidefinite matrix")
+    eigenvalues = np.maximum(eigenvalues, 0.0)
+    return np.asarray(2.0 * np.sqrt(2.0 / np.pi) * elliprg(*eigenvalues.T))
 
 
 def _lengths(e: ArrayLike) -> FloatArray:

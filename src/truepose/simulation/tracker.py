@@ -1,0 +1,102 @@
+"""A laser tracker's noise, and reflectors on a tool: what is read of a pose, and which way they can be seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrackerNoise:
+    """Standard deviations of a laser tracker's reading.
+
+    Attributes
+    ----------
+    range_std : float [mm]
+    range_std_per_mm : float
+        Along the beam: range_std + range_std_per_mm · distance.
+    cross_std : float [mm]
+    cross_std_per_mm : float
+        In each direction across it.
+
+    Notes
+    -----
+    The defaults are a tracker of 5 µm + 0.5 µm/m along the beam and (15 µm + 6 µm/m)/2 across it.
+    """
+
+    range_std: float = 0.005
+    range_std_per_mm: float = 0.5e-6
+    cross_std: float = 0.0075
+    cross_std_per_mm: float = 3e-6
+
+    def covariance(self, p_tracker: FloatArray) -> FloatArray:
+        """Return the covariance of readings at (n, 3) positions [mm] in the tracker frame, (n, 3, 3) [mm²]."""
+        distance = np.linalg.norm(p_tracker, axis=1)
+        beam = p_tracker / distance[:, None]
+        along = (self.range_std + self.range_std_per_mm * distance) ** 2
+        across = (self.cross_std + self.cross_std_per_mm * distance) ** 2
+        outer = beam[:, :, None] * beam[:, None, :]
+        covariance: FloatArray = across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * outer
+        return covariance
+
+
+def reflector_ring(count: int, radius: float) -> FloatArray:
+    """Return positions of reflectors evenly on a circle about the tool point, across its z: (count, 3) [mm]."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)], axis=1)
+
+
+def fit_rigid(p_body: FloatArray, p: FloatArray) -> tuple[FloatArray, Rotation]:
+    """Fit the pose of a body to its points, for many poses at once (Arun, Huang, Blostein 1987, by SVD).
+
+    Parameters
+    ----------
+    p_body : (m, 3) array [mm]
+        The points in the body's frame, m ≥ 3, not on a line.
+    p : (n, m, 3) array [mm]
+        The same points, read at n poses.
+
+    Returns
+    -------
+    origin : (n, 3) array [mm]
+        Where the body's origin is.
+    rotation : Rotation of length n
+    """
+    centre_body, centre = p_body.mean(axis=0), p.mean(axis=1)
+    u, _, vt = np.linalg.svd(np.einsum("mi,nmj->nij", p_body - centre_body, p - centre[:, None]))
+    v, ut = vt.transpose(0, 2, 1), u.transpose(0, 2, 1)
+    mirror = np.ones((len(p), 3))
+    mirror[:, 2] = np.linalg.det(v @ ut)
+    rotation = Rotation.from_matrix((v * mirror[:, None]) @ ut)
+    return np.asarray(centre - rotation.apply(centre_body)), rotation
+
+
+def pose_covariance(p_body: FloatArray, rotation: Rotation, covariance: FloatArray) -> FloatArray:
+    """Return the covariance of `fit_rigid`'s origin [mm] and rotation vector [rad]: (n, 6, 6), to first order.
+
+    Parameters
+    ----------
+    p_body : (m, 3) array [mm]
+    rotation : Rotation of length n
+    covariance : (n, m, 3, 3) array [mm²]
+        Of each reading; readings do not correlate.
+    """
+    arm = rotation.as_matrix() @ p_body.T  # (n, 3, m): from the origin to each point
+    jacobian = np.zeros((len(arm), len(p_body), 3, 6))
+    jacobian[..., :3] = np.eye(3)
+    jacobian[..., 3:] = -_cross_matrix(arm.transpose(0, 2, 1))
+    normal = np.linalg.inv(np.einsum("nmij,nmik->njk", jacobian, jacobian))
+    gain = np.einsum("njk,nmik->nmji", normal, jacobian)
+    return np.asarray(np.einsum("nmji,nmik,nmlk->njl", gain, covariance, gain))
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    """Return [v]×, (…, 3, 3)."""
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return matrix - np.swapaxes(matrix, -1, -2)

@@ -1,0 +1,180 @@
+"""What a virtual robot does: the arm as it is, moved by what each joint really turns (method.md §1 and §7)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.robots import Robot
+from truepose.robots.nongeometric import Load, gravity_torque, rough_masses
+from truepose.simulation.presets import EFFECTS, Preset, Range
+
+FloatArray = NDArray[np.float64]
+_ORDERS: Final = 48
+_PAYLOAD_CENTRE_STD: Final = 5.0  # mm
+COLD: Final = 20.0
+"""Temperature [°C] at which the lengths are those of the true robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurves:
+    """Errors of each joint's angle as functions of that angle: f_j(q) = Σ_m a_jm sin(m q) + b_jm cos(m q).
+
+    Attributes
+    ----------
+    sine, cosine : (dof, orders) array [rad]
+        Of the orders 1, 2, …
+    """
+
+    sine: FloatArray
+    cosine: FloatArray
+
+    def __call__(self, q: FloatArray) -> FloatArray:
+        """Return f_j(q_j), (n, dof) [rad], of joint vectors (n, dof) [rad]."""
+        angle = q[..., None] * np.arange(1, self.sine.shape[1] + 1)
+        return np.asarray((self.sine * np.sin(angle) + self.cosine * np.cos(angle)).sum(axis=-1))
+
+    def __add__(self, other: JointCurves) -> JointCurves:
+        return JointCurves(self.sine + other.sine, self.cosine + other.cosine)
+
+    def __mul__(self, factor: float) -> JointCurves:
+        return JointCurves(factor * self.sine, factor * self.cosine)
+
+    @classmethod
+    def harmonics(cls, amplitude: FloatArray, phase: FloatArray) -> JointCurves:
+        """Return Σ_m amplitude_m sin(m q + phase_m), from (dof, k) arrays [rad]: the orders 1 … k."""
+        sine, cosine = np.zeros((2, len(amplitude), _ORDERS))
+        sine[:, : amplitude.shape[1]] = amplitude * np.cos(phase)
+        cosine[:, : amplitude.shape[1]] = amplitude * np.sin(phase)
+        return cls(sine, cosine)
+
+    @classmethod
+    def smooth(cls, std: FloatArray, length: FloatArray, rng: np.random.Generator) -> JointCurves:
+        """Return random functions on the circle with a Matérn 5/2 spectrum, of std and correlation length (dof,) [rad].
+
+        Rasmussen and Williams 2006, (4.15) in one dimension: S(m) ∝ (5/ℓ² + m²)⁻³.
+        """
+        spectrum = (5.0 / length[:, None] ** 2 + np.arange(1, _ORDERS + 1) ** 2) ** -3.0
+        scale = std[:, None] * np.sqrt(spectrum / spectrum.sum(axis=1, keepdims=True))
+        sine, cosine = scale * rng.normal(size=(2, *scale.shape))
+        return cls(sine, cosine)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Under which poses are measured, beside the joints.
+
+    Attributes
+    ----------
+    approach : (n, dof) array of -1, 0, +1
+        Sign of each joint's last motion.
+    payload_kg : (n,) array
+    time : (n,) array [s]
+        After a cold start.
+    warm_up_K, warm_up_s : float
+        See `Preset`.
+    """
+
+    approach: FloatArray
+    payload_kg: FloatArray
+    time: FloatArray
+    warm_up_K: float  # noqa: N815 (kelvin)
+    warm_up_s: float
+
+    @property
+    def temperature(self) -> FloatArray:
+        """Of the arm, (n,) [°C]."""
+        return np.asarray(COLD + self.warm_up_K * -np.expm1(-self.time / self.warm_up_s))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a virtual cell knows and a user does not.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm as it is when cold, without load.
+    tf_flange_tool : (4, 4) array [mm]
+        The tool as it is.
+    tf_base_tracker : (4, 4) array [mm]
+        The tracker's station.
+    joint_error : JointCurves
+        A function of joint vectors: harmonics and transmission, (n, dof) [rad].
+    compliance : (dof,) array [rad/Nm]
+        Turn of each joint by gravity's torque.
+    link_kg, p_flange_payload : (dof,) array, (3,) array [mm]
+        Masses that bend the arm, and where the payload's centre is.
+    backlash : (dof,) array [rad]
+        Lost motion; a joint stays half of it behind the way that it comes.
+    expansion : (dof,) array [1/K]
+        Of the lengths a and d of each link.
+    seed : int
+        From which all this was drawn.
+    """
+
+    robot: Robot
+    tf_flange_tool: FloatArray
+    tf_base_tracker: FloatArray
+    joint_error: JointCurves
+    compliance: FloatArray
+    link_kg: FloatArray
+    p_flange_payload: FloatArray
+    backlash: FloatArray
+    expansion: FloatArray
+    seed: int
+
+    def joints(self, q: FloatArray, conditions: Conditions) -> FloatArray:
+        """Return where the joints really are when (n, dof) [rad] are commanded."""
+        loads, which = np.unique(conditions.payload_kg, return_inverse=True)
+        torque = np.empty_like(q)
+        for k, kg in enumerate(loads):
+            rows = which == k
+            torque[rows] = gravity_torque(self.robot, q[rows], Load(float(kg), self.p_flange_payload, self.link_kg))
+        lag = 0.5 * self.backlash * conditions.approach
+        return np.asarray(q + self.joint_error(q) + self.compliance * torque - lag)
+
+    def forward(self, q: FloatArray, conditions: Conditions) -> FloatArray:
+        """Return the true poses of the tool without noise, (n, 4, 4) [mm], base frame.
+
+        Positions are linear in the lengths, so their growth by one kelvin, times the kelvins, is exact.
+        """
+        joints = self.joints(q, conditions)
+        tf = self.robot.forward(joints, tool=self.tf_flange_tool)
+        if self.expansion.any():
+            grown = 1.0 + self.expansion
+            warm = replace(self.robot, a=self.robot.a * grown, d=self.robot.d * grown)
+            per_kelvin = warm.forward(joints, tool=self.tf_flange_tool)[:, :3, 3] - tf[:, :3, 3]
+            tf[:, :3, 3] += (conditions.temperature - COLD)[:, None] * per_kelvin
+        return tf
+
+
+def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.random.Generator) -> dict[str, Any]:
+    """Draw what `Truth` says about joints and lengths; what is switched off is drawn as well, and is zero then."""
+    dof = robot.dof
+    on = {name: float(name in effects) for name in EFFECTS}
+    stiff, soft = preset.compliance
+    low, high = np.array([stiff] * min(3, dof) + [soft] * max(dof - 3, 0)).T
+    harmonics = JointCurves.harmonics(
+        _log_uniform(rng, preset.harmonic, (dof, 2)), rng.uniform(0.0, 2.0 * np.pi, (dof, 2))
+    )
+    transmission = JointCurves.smooth(
+        _log_uniform(rng, preset.transmission, (dof,)), _log_uniform(rng, preset.transmission_length, (dof,)), rng
+    )
+    return {
+        "joint_error": harmonics * on["harmonics"] + transmission * on["transmission"],
+        "compliance": rng.uniform(low, high) * on["compliance"],
+        "link_kg": rough_masses(robot) * rng.uniform(*preset.own_weight, size=dof),
+        "p_flange_payload": np.asarray(preset.payload_mm) + rng.normal(scale=_PAYLOAD_CENTRE_STD, size=3),
+        "backlash": rng.uniform(*preset.backlash, size=dof) * on["backlash"],
+        "expansion": rng.uniform(*preset.expansion, size=dof) * on["thermal"],
+    }
+
+
+def _log_uniform(rng: np.random.Generator, between: Range, shape: tuple[int, ...]) -> FloatArray:
+    low, high = between
+    return low * (high / low) ** rng.uniform(size=shape)
