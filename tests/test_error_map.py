@@ -4,8 +4,9 @@ from scipy.spatial.transform import Rotation
 
 import truepose as tp
 from truepose.errors import DataError, IdentifiabilityError, RobotError
+from truepose.following import Follower
 from truepose.geometry import make_transform
-from truepose.robots import status_turn
+from truepose.robots import nearest_branch, status_turn
 from truepose.samples import Poses, Samples
 
 
@@ -56,6 +57,7 @@ def test_the_largest_error_falls_by_more_than_in_the_paper(seed):
 
 def test_solution_reproduces_the_target(error_map, targets):
     corrections = error_map.correct(targets)
+    assert np.nanmax(corrections.mirror_miss) < 0.02
     predicted = corrections.p_command + error_map.predictor.predict(corrections.p_command)
     np.testing.assert_allclose(predicted, corrections.p_target, atol=1e-4)
     # one step (15) is near it, but not the same
@@ -147,6 +149,71 @@ def test_maps_in_joint_space_correct_poses(virtual, samples, targets, predictor)
     miss = virtual.true_position(virtual.reach(corrections.p_command))
     registered = miss - targets[:, :3, 3] - _systematic(virtual, fitted, targets)
     assert np.linalg.norm(registered, axis=1).mean() < 1.5 * virtual.noise_floor
+
+
+@pytest.fixture(scope="module")
+def turning(virtual):
+    """The cell measured in many orientations by kinematic Kriging: what the arm's orientation errors need."""
+    rng = np.random.default_rng(4)
+    q = virtual.design(80, seed=1) + rng.uniform(-1, 1, size=(80, 6)) * np.deg2rad([0, 0, 0, 25, 20, 40])
+    return tp.fit_cell(virtual.cell, virtual.measure(q), "kinematic-kriging")
+
+
+def test_position_and_orientation_are_corrected_together(virtual, turning, targets):
+    """The predicted outcome is the target to 1 µm and 1 µrad; the true arm turns less far from it than before."""
+    found = turning.correct(targets, orientation=True)
+    assert set(found.verdict) == {"correct"}
+    command = targets.copy()
+    command[:, :3, 3] = found.p_command
+    command[:, :3, :3] = Rotation.from_rotvec(found.rotation).as_matrix() @ targets[:, :3, :3]
+    home = np.deg2rad(virtual.preset.home_deg)
+
+    def joints(poses):
+        return nearest_branch(virtual.robot.inverse(poses, tool=virtual.tf_flange_tool), home)
+
+    error, std = turning.predict_pose_errors(Poses(q=joints(command)))
+    np.testing.assert_allclose(command[:, :3, 3] + error[:, :3], targets[:, :3, 3], atol=1e-3)
+    outcome = Rotation.from_rotvec(error[:, 3:]).as_matrix() @ command[:, :3, :3]
+    np.testing.assert_allclose(_angle(outcome, targets), 0.0, atol=1e-6)
+    np.testing.assert_allclose(std[:, 3:], found.rotation_std, rtol=1e-6)
+    tf = turning.registration.tf_base_tracker @ np.linalg.inv(virtual.truth.tf_base_tracker)
+
+    def after(poses):
+        return tf @ virtual.truth.robot.forward(joints(poses), tool=virtual.truth.tf_flange_tool)
+
+    assert _angle(after(command), targets).mean() < 0.5 * _angle(after(targets), targets).mean()
+    assert found.to_rows()[0]["rotation_std_rad"] == pytest.approx(np.linalg.norm(std[0, 3:]))
+
+
+def _angle(a, b):
+    return Rotation.from_matrix(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], 1, 2)).magnitude()
+
+
+def test_orientation_needs_a_map_that_knows_it(error_map, turning, targets):
+    with pytest.raises(DataError, match=r"knows errors of position only; .* --predictor kinematic-kriging"):
+        error_map.correct(targets, orientation=True)
+    with pytest.raises(DataError, match=r"needs poses \(n, 4, 4\)"):
+        turning.correct(targets[:, :3, 3], orientation=True)
+
+
+def test_guards_of_the_joints(virtual, turning, targets, samples):
+    """Joint limits, singularities and KUKA's words: in joint space, and for maps in Cartesian space, too."""
+    q = np.deg2rad([[10.0, -60, 80, 20, 40, 348.0], [10, -60, 80, 30, 0.02, 20], [10, -60, 80, 1e-5, 40, 20]])
+    poses = virtual.robot.forward(q, tool=virtual.tf_flange_tool)
+    follower = Follower(
+        virtual.robot, poses, np.broadcast_to(virtual.tf_flange_tool, (3, 4, 4)), q, *_words(virtual, q)
+    )
+    follower.joints(poses[:, :3, 3] + [[0.0, 0.0, 0.0], [0, 0, 0], [0, -1.0, 0]], np.arange(3))
+    assert follower.reasons()[0] == ""
+    assert "near a singularity: smallest singular value" in follower.reasons()[1]
+    assert follower.reasons()[2] == "its Status and Turn would change from S 2, T 2 to S 2, T 10"
+    follower.q[0, 5] = np.deg2rad(351.0)
+    assert follower.reasons()[0] == "joint 6 would be at 351.000°, limits -350° to 350°"
+
+
+def _words(virtual, q):
+    status, turn = status_turn(virtual.robot, q)
+    return status, turn
 
 
 def _systematic(virtual, fitted, targets):

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose import files
 from truepose.cell import Cell
-from truepose.compensation import Corrections, Guards, Limits, Policy, apply_policy, mirror, solve
+from truepose.compensation import Corrections, Guards, Limits, Policy, Solution, apply_policy, solve
 from truepose.errors import DataError, RobotError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
@@ -169,6 +169,23 @@ class ErrorMap:
             "seen": sum(row.tobytes() in known for row in held_out.p_meas),
         }
 
+    def predict_pose_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors of position and orientation at commanded configurations, and their std.
+
+        Returns
+        -------
+        error : (n, 6) array [mm, rad], base frame
+            e, and w, the rotation vector of R_meas R_cmdᵀ.
+        std : (n, 6) array [mm, rad], base frame
+
+        Raises
+        ------
+        DataError
+            If the map knows positions only, or there are no joints.
+        """
+        error, std = self._predict_pose()(self._coordinates(poses), return_std=True)
+        return error, std
+
     def correct(
         self,
         poses: ArrayLike,
@@ -177,6 +194,7 @@ class ErrorMap:
         status: IntArray | None = None,
         turn: IntArray | None = None,
         on_guard: Policy | None = None,
+        orientation: bool = False,
     ) -> Corrections:
         """Return the commands whose predicted outcome is the target (16), guarded.
 
@@ -191,6 +209,8 @@ class ErrorMap:
         on_guard : {"refuse", "skip", "clip"}, optional
             Policy; the cell file's when not given. Under ``refuse`` the verdicts say which targets refuse the program;
             the caller stops then.
+        orientation : bool
+            Solve for orientation together with position: R_c = exp(−ŵ) R_t.
 
         Returns
         -------
@@ -199,57 +219,109 @@ class ErrorMap:
         Raises
         ------
         DataError
-            If a target is no pose, or the map predicts in joint space and only positions came.
+            If a target is no pose; if the map predicts in joint space or orientation is asked for, and only positions
+            came; if the map knows no orientation.
 
         Notes
         -----
         A predictor in joint space is asked at the joints by which the controller reaches the command: on the branch
         that Status and Turn name, or on that of the nearest sample where they are not given.
         """
-        targets = np.asarray(poses, float)
-        if targets.ndim == 2:
-            if targets.shape[1:] != (3,) or not np.isfinite(targets).all():
-                raise DataError(
-                    f"targets of shape {targets.shape} came; finite (n, 3) positions or (n, 4, 4) poses were expected"
-                )
-            if self.space != "cartesian":
-                raise DataError(f"a map of {self.predictor_name!r} needs poses (n, 4, 4), for their joints")
-            p_target, rotation = targets, None
-        else:
-            targets = check_transforms("targets", targets)
-            p_target, rotation = targets[:, :3, 3], Rotation.from_matrix(targets[:, :3, :3])
-        tools = np.broadcast_to(self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool, (len(targets), 4, 4))
-        predictor, guards, gradient = self.predictor, self.guards, None
-        if self.space == "cartesian":
-            follower = None
-            slope = getattr(predictor, "gradient", None)
-            gradient = None if slope is None else _of_position(slope)
-        else:
-            assert self.samples.q is not None
-            follower = Follower(self.robot, targets, tools, self.samples.q, status, turn)
+        p_target, targets = self._targets(poses, positions_suffice=self.space == "cartesian" and not orientation)
+        n = len(p_target)
+        tools = np.broadcast_to(self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool, (n, 4, 4))
+        predict = self._predict_pose() if orientation else self.predictor.predict
+        follower = self._follower(targets, tools, status, turn)
 
-        def coordinates(p: FloatArray, rows: IntArray) -> FloatArray:
-            return p if follower is None else follower.joints(p, rows)
+        def coordinates(command: FloatArray, rows: IntArray) -> FloatArray:
+            if self.space == "cartesian":
+                return command[:, :3]
+            assert follower is not None
+            return follower.joints(command, rows)
 
-        def predict(p: FloatArray, rows: IntArray) -> FloatArray:
-            return predictor.predict(coordinates(p, rows))
-
-        p_mirror = mirror(p_target, predict)
-        solution = solve(p_target, predict, gradient)
-        x = coordinates(solution.p_command, np.arange(len(targets)))
-        _, std = predictor.predict(x, return_std=True)
-        if follower is None:
-            reasons = guards.reasons(x, "mm", std, solution.converged, rotation, tools[:, :3, 3], status)
-        else:  # orientation and branch are in the joints
-            reasons = guards.reasons(x, "rad", std, solution.converged, p_flange_tool=tools[:, :3, 3])
-            reasons = [
-                "out of reach" if lost else reason for lost, reason in zip(follower.lost.tolist(), reasons, strict=True)
-            ]
-        policy = on_guard or self.cell.correction.on_guard
-        p_command, verdict, reason = apply_policy(
-            p_target, solution.p_command, reasons, guards.limits.max_correction, policy
+        start = np.concatenate([p_target, np.zeros((n, 3 * orientation))], axis=1)
+        slope = getattr(self.predictor, "gradient", None) if self.space == "cartesian" else None
+        solution = solve(
+            start,
+            lambda command, rows: predict(coordinates(command, rows)),
+            None if slope is None else lambda command, _rows: slope(command),
         )
-        return Corrections(p_target, p_command, p_mirror, solution.e, std, verdict, reason)
+        x = coordinates(solution.command, np.arange(n))
+        _, std = predict(x, return_std=True)
+        reasons = self._reasons(x, std, solution, targets, tools, status, follower)
+        change = solution.command - start
+        policy = on_guard or self.cell.correction.on_guard
+        share, verdict, reason = apply_policy(change, reasons, self.guards.limits, policy)
+        change *= share[:, None]
+        return Corrections(
+            p_target=p_target,
+            p_command=p_target + change[:, :3],
+            p_mirror=solution.mirror[:, :3],
+            e=solution.error[:, :3],
+            std=std[:, :3],
+            verdict=verdict,
+            reason=reason,
+            rotation=change[:, 3:] if orientation else None,
+            rotation_mirror=solution.mirror[:, 3:] if orientation else None,
+            rotation_std=std[:, 3:] if orientation else None,
+        )
+
+    def _follower(
+        self, targets: FloatArray | None, tools: FloatArray, status: IntArray | None, turn: IntArray | None
+    ) -> Follower | None:
+        """Return what follows the targets in joint space; None where nothing needs it and it cannot be."""
+        if targets is None or self.samples.q is None or (self.space == "cartesian" and self.robot.dof > 6):
+            return None
+        return Follower(self.robot, targets, tools, self.samples.q, status, turn)
+
+    def _reasons(
+        self,
+        x: FloatArray,
+        std: FloatArray,
+        solution: Solution,
+        targets: FloatArray | None,
+        tools: FloatArray,
+        status: IntArray | None,
+        follower: Follower | None,
+    ) -> list[str]:
+        """Return the guards' reasons: those of the predictor's space, then those of the joints."""
+        cartesian: dict[str, Any] = {}  # in joint space orientation and branch are in the distance to the samples
+        if self.space == "cartesian":
+            rotation = None if targets is None else Rotation.from_matrix(targets[:, :3, :3])
+            cartesian = {"rotation": rotation, "status": status}
+        unit = "mm" if self.space == "cartesian" else "rad"
+        reasons = self.guards.reasons(x, unit, std, solution.converged, p_flange_tool=tools[:, :3, 3], **cartesian)
+        if follower is None:
+            return reasons
+        follower.joints(solution.command, np.arange(len(x)))
+        of_joints = follower.reasons()
+        if self.space == "cartesian":
+            return [first or second for first, second in zip(reasons, of_joints, strict=True)]
+        return [second or first for first, second in zip(reasons, of_joints, strict=True)]
+
+    def _predict_pose(self) -> Callable[..., Any]:
+        """Return the predictor's `predict_pose`, or say that it has none."""
+        predict_pose: Callable[..., Any] | None = getattr(self.predictor, "predict_pose", None)
+        if predict_pose is None:
+            raise DataError(
+                f"a map of {self.predictor_name!r} knows errors of position only; for orientation, fit one that knows "
+                "the arm: truepose fit --predictor kinematic-kriging (or calibration), with joints in the samples"
+            )
+        return predict_pose
+
+    def _targets(self, poses: ArrayLike, positions_suffice: bool) -> tuple[FloatArray, FloatArray | None]:
+        """Return positions (n, 3) and, where they came, poses (n, 4, 4) of targets."""
+        targets = np.asarray(poses, float)
+        if targets.ndim != 2:
+            targets = check_transforms("targets", targets)
+            return targets[:, :3, 3], targets
+        if targets.shape[1:] != (3,) or not np.isfinite(targets).all():
+            raise DataError(
+                f"targets of shape {targets.shape} came; finite (n, 3) positions or (n, 4, 4) poses were expected"
+            )
+        if not positions_suffice:
+            raise DataError(f"a map of {self.predictor_name!r} needs poses (n, 4, 4), for their joints")
+        return targets, None
 
     @cached_property
     def guards(self) -> Guards:
@@ -261,6 +333,8 @@ class ErrorMap:
             max_distance=given.max_distance_mm,
             max_angle=float(np.deg2rad(given.max_angle_deg)),
             max_tool=given.max_tool_mm,
+            max_rotation=1e-3 * given.max_rotation_mrad,
+            max_rotation_std=1e-3 * given.max_rotation_std_mrad,
         )
         rotation, status = samples.rotation_cmd, None
         if samples.q is not None:
@@ -284,11 +358,6 @@ class ErrorMap:
     def _coordinates(self, poses: Poses) -> FloatArray:
         """Return what the predictor takes, (n, 3) [mm] or (n, dof) [rad]."""
         return predictor_coordinates(self.space, poses, self.commanded_positions(poses))
-
-
-def _of_position(function: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, IntArray], FloatArray]:
-    """Return a function of positions as one of positions and their rows, as `solve` calls it."""
-    return lambda p, _rows: function(p)
 
 
 def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatArray:

@@ -1,21 +1,24 @@
-"""Joints of commanded poses on the branch that each target is to be reached on, for predictors in joint space."""
+"""Joints of commanded poses on the branch that each target is to be reached on, and the guards that need joints."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
-from truepose.robots import Robot, nearest_branch, select
+from truepose.robots import Robot, nearest_branch, select, status_turn
+from truepose.robots.branches import SINGULAR
+from truepose.robots.newton import smallest_singular
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
 class Follower:
-    """Follows targets through small changes of their position, each on its own branch.
+    """Follows targets through small changes of their pose, each on its own branch.
 
     Parameters
     ----------
@@ -31,8 +34,10 @@ class Follower:
 
     Attributes
     ----------
+    q_target : (n, dof) array [rad]
+        Joints of the targets; where one is out of reach, those of a sample.
     q : (n, dof) array [rad]
-        Joints of the last positions; where a target is out of reach, those of a sample.
+        Joints of the last commands.
     lost : (n,) array of bool
         Targets out of reach on their branch.
     """
@@ -46,11 +51,12 @@ class Follower:
         status: IntArray | None = None,
         turn: IntArray | None = None,
     ) -> None:
-        self._robot, self._poses = robot, poses
+        self._robot, self._poses, self._turn = robot, poses, turn
+        self._named = np.zeros(len(poses), np.bool_) if status is None else status >= 0
         self._tf_tool_flange = invert_transform(tf_flange_tool)
         solutions = robot.inverse(poses @ self._tf_tool_flange)
         self.q = _near_samples(solutions, q_samples)
-        if status is not None and (status >= 0).any():
+        if status is not None and self._named.any():
             try:
                 turns = np.full(len(poses), -1) if turn is None else turn
                 named = select(robot, solutions, np.maximum(status, 0), np.maximum(turns, 0))
@@ -58,20 +64,73 @@ class Follower:
                 pass  # no KUKA arm: its programs name no Status
             else:
                 named = np.where((turns >= 0)[:, None], named, _near_samples(named[:, None], q_samples))
-                self.q[status >= 0] = named[status >= 0]
+                self.q[self._named] = named[self._named]
         self.lost: NDArray[np.bool_] = np.asarray(np.isnan(self.q).any(axis=1))
         self.q[self.lost] = q_samples[0]
+        self.q_target = self.q.copy()
 
-    def joints(self, p_command: FloatArray, rows: IntArray) -> FloatArray:
-        """Return the joints of some targets moved to positions (m, 3) [mm], (m, dof) [rad]."""
-        poses = self._poses[rows].copy()
-        poses[:, :3, 3] = p_command
-        q = nearest_branch(self._robot.inverse(poses @ self._tf_tool_flange[rows]), self.q[rows])
+    def joints(self, command: FloatArray, rows: IntArray) -> FloatArray:
+        """Return the joints of some targets' commands, (m, dof) [rad].
+
+        Parameters
+        ----------
+        command : (m, 3) array [mm] or (m, 6) array [mm, rad], base frame
+            Positions; and the rotation vectors by which the commands differ from the targets.
+        rows : (m,) array of int
+        """
+        targets = self._poses[rows]
+        poses = targets.copy()
+        poses[:, :3, 3] = command[:, :3]
+        if command.shape[1] == 6:
+            poses[:, :3, :3] = Rotation.from_rotvec(command[:, 3:]).as_matrix() @ targets[:, :3, :3]
+        same = np.asarray((poses == targets).all(axis=(1, 2)))
+        self.q[rows[same]] = self.q_target[rows[same]]
+        moved = rows[~same]
+        if not len(moved):
+            return self.q[rows]
+        q = nearest_branch(self._robot.inverse(poses[~same] @ self._tf_tool_flange[moved]), self.q[moved])
         missing = np.asarray(np.isnan(q).any(axis=1))
-        q[missing] = self.q[rows[missing]]
-        self.lost[rows[missing]] = True
-        self.q[rows] = q
-        return q
+        q[missing] = self.q[moved[missing]]
+        self.lost[moved[missing]] = True
+        self.q[moved] = q
+        return self.q[rows]
+
+    def reasons(self) -> list[str]:
+        """Return for each target why its last command must not be sent, or an empty string."""
+        reasons = [""] * len(self.q)
+        within, sigma = self._robot.within_limits(self.q), smallest_singular(self._robot, self.q)
+        for i, j in reversed(np.argwhere(~within).tolist()):
+            low, high = np.rad2deg(self._robot.limits[j])
+            angle = np.rad2deg(self.q[i, j])
+            reasons[i] = f"joint {j + 1} would be at {angle:.3f}°, limits {low:g}° to {high:g}°"
+        for i in np.flatnonzero(sigma < SINGULAR).tolist():
+            reasons[i] = reasons[i] or (
+                f"near a singularity: smallest singular value {sigma[i]:.2g} m/rad, limit {SINGULAR:g} m/rad"
+            )
+        for i, (before, after) in self._changed_words().items():
+            reasons[i] = reasons[i] or f"its Status and Turn would change from {before} to {after}"
+        for i in np.flatnonzero(self.lost).tolist():
+            reasons[i] = "out of reach"
+        return reasons
+
+    def _changed_words(self) -> dict[int, tuple[str, str]]:
+        """Return KUKA's words of the targets that name them and lose them, before and after."""
+        rows = np.flatnonzero(self._named & ~self.lost)
+        if not len(rows):
+            return {}
+        try:
+            before, after = (np.stack(status_turn(self._robot, q[rows])) for q in (self.q_target, self.q))
+        except RobotError:
+            return {}  # no KUKA arm
+        if self._turn is not None:
+            before[1], after[1] = (np.where(self._turn[rows] >= 0, words[1], -1) for words in (before, after))
+        changed = np.flatnonzero((before != after).any(axis=0))
+        return {int(rows[k]): (_word(before[:, k]), _word(after[:, k])) for k in changed}
+
+
+def _word(status_turn_bits: IntArray) -> str:
+    status, turn = status_turn_bits.tolist()
+    return f"S {status}" if turn < 0 else f"S {status}, T {turn}"
 
 
 def _near_samples(solutions: FloatArray, q_samples: FloatArray) -> FloatArray:

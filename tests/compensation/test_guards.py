@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from truepose.compensation import Region, apply_policy
+from truepose.compensation import Guards, Limits, Region, apply_policy
 
 
 @pytest.fixture
@@ -37,25 +37,40 @@ def test_flat_samples_are_guarded_by_distance(rng):
     assert "nearest sample" in Region(plane).reasons(np.array([[500.0, 500.0, 800.0]]), "mm")[0]
 
 
-TARGET = np.zeros((3, 3))
-COMMAND = np.array([[1.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 2.0]])
+CORRECTION = np.array([[1.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 2.0]])
 REASONS = ["", "", "outside"]
 
 
 @pytest.mark.parametrize("policy", ["refuse", "skip"])
 def test_guarded_targets_stay_nominal(policy):
-    command, verdict, reason = apply_policy(TARGET, COMMAND, REASONS, 5.0, policy)
+    share, verdict, reason = apply_policy(CORRECTION, REASONS, Limits(), policy)
     assert verdict.tolist() == ["correct", policy, policy]
-    np.testing.assert_array_equal(command, [[1.0, 0.0, 0.0], [0, 0, 0], [0, 0, 0]])
+    assert share.tolist() == [1.0, 0.0, 0.0]
     assert reason == ["", "correction of 8.000 mm is larger than the limit of 5 mm", "outside"]
 
 
 def test_clip_shortens_only_what_is_too_long():
-    command, verdict, _ = apply_policy(TARGET, COMMAND, REASONS, 5.0, "clip")
+    share, verdict, _ = apply_policy(CORRECTION, REASONS, Limits(), "clip")
     assert verdict.tolist() == ["correct", "clip", "skip"]
-    np.testing.assert_allclose(command, [[1.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(share, [1.0, 5 / 8, 0.0])
 
 
 def test_length_is_no_second_reason():
-    _, _, reason = apply_policy(TARGET[:1], 9 * COMMAND[:1], ["outside"], 5.0, "clip")
+    _, _, reason = apply_policy(9 * CORRECTION[:1], ["outside"], Limits(), "clip")
     assert reason == ["outside"]
+
+
+def test_turns_are_limited_too():
+    correction = np.array([[1.0, 0, 0, 0, 0.004, 0], [1.0, 0, 0, 0.02, 0, 0], [10.0, 0, 0, 0, 0, 0.03]])
+    share, verdict, reason = apply_policy(correction, [""] * 3, Limits(), "clip")
+    assert verdict.tolist() == ["correct", "clip", "clip"]
+    np.testing.assert_allclose(share, [1.0, 0.5, 1 / 3])
+    assert reason[1] == "correction of 20.000 mrad is larger than the limit of 10 mrad"
+
+
+def test_uncertain_orientation_is_told(cube):
+    guards = Guards(cube, np.ones((300, 3)), Limits(), np.zeros(3))
+    std = np.array([[0.1, 0.1, 0.1, 1e-3, 0, 0], [0.1, 0.1, 0.1, 4e-3, 0, 0]])
+    reasons = guards.reasons(cube[:2], "mm", std, np.ones(2, bool))
+    assert reasons[0] == ""
+    assert "of orientation of 4.00 mrad is above the limit of 3 mrad" in reasons[1]

@@ -112,4 +112,6 @@ class Correction(Section):
     max_distance_mm: Positive | None = None
     max_angle_deg: Positive = 20.0
     max_tool_mm: Positive = 50.0
+    max_rotation_mrad: Positive = 10.0
+    max_rotation_std_mrad: Positive = 3.0
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"

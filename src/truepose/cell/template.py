@@ -54,6 +54,8 @@ on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" th
 # max_distance_mm = 200  # to the nearest sample; left out: 1.5 times the widest gap between samples
 max_angle_deg = 20.0     # between a target's orientation and that of the sample most alike
 max_tool_mm = 50.0       # between the tool point of a target and the measured one
+max_rotation_mrad = 10.0      # largest correction of orientation, where that is asked for
+max_rotation_std_mrad = 3.0   # largest predicted standard deviation of orientation
 """
 
 

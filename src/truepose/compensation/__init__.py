@@ -1,6 +1,6 @@
 """From a predicted error to a command: solve (15), (16), and guard (method.md §4)."""
 
 from truepose.compensation.guards import Corrections, Guards, Limits, Policy, Region, apply_policy
-from truepose.compensation.solve import Solution, mirror, solve
+from truepose.compensation.solve import Solution, solve
 
-__all__ = ["Corrections", "Guards", "Limits", "Policy", "Region", "Solution", "apply_policy", "mirror", "solve"]
+__all__ = ["Corrections", "Guards", "Limits", "Policy", "Region", "Solution", "apply_policy", "solve"]

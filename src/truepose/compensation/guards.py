@@ -40,6 +40,10 @@ class Limits:
         other.
     max_tool : float [mm]
         Largest distance between the tool point of a target and the measured one, for maps that know position only.
+    max_rotation : float [rad]
+        Largest angle of a correction of orientation.
+    max_rotation_std : float [rad]
+        Largest length of the predicted standard deviation of orientation, where that is corrected.
     """
 
     max_std: float | None = None
@@ -47,6 +51,8 @@ class Limits:
     max_distance: float | None = None
     max_angle: float = float(np.deg2rad(20.0))
     max_tool: float = 50.0
+    max_rotation: float = 0.01
+    max_rotation_std: float = 0.003
 
 
 class Region:
@@ -159,7 +165,7 @@ class Guards:
             Solved commands in the predictor's coordinates.
         unit : str
             Of x.
-        std : (m, 3) array [mm], base frame
+        std : (m, 3) array [mm] or (m, 6) array [mm, rad], base frame
             Predicted standard deviation there.
         converged : (m,) array of bool
         rotation : Rotation of length m, optional
@@ -175,10 +181,17 @@ class Guards:
             for i in np.flatnonzero(where).tolist():
                 reasons[i] = reasons[i] or reason(i)
 
-        size, limits = np.linalg.norm(std, axis=1), self.limits
+        size, turned, limits = np.linalg.norm(std[:, :3], axis=1), np.linalg.norm(std[:, 3:], axis=1), self.limits
         flag(
             ~(size <= self.max_std),
             lambda i: f"predicted standard deviation of {size[i]:.3f} mm is above the limit of {self.max_std:.3f} mm",
+        )
+        flag(
+            ~(turned <= limits.max_rotation_std),
+            lambda i: (
+                f"predicted standard deviation of orientation of {1e3 * turned[i]:.2f} mrad is above the limit of "
+                f"{1e3 * limits.max_rotation_std:g} mrad"
+            ),
         )
         flag(~converged, lambda _: "no command was found whose predicted outcome is the target")
         if rotation is not None and self._orientations is not None:
@@ -231,6 +244,10 @@ class Corrections:
         ``correct``, ``clip``, ``skip`` or ``refuse``.
     reason : list of str
         Why not ``correct``; empty where it is.
+    rotation : (n, 3) array [rad], base frame, optional
+        Rotation vectors of the commands: R_c = exp(rotation) R_t. None where orientation was not asked for.
+    rotation_mirror, rotation_std : (n, 3) arrays [rad], base frame, optional
+        Of one step (15), and the standard deviation of the predicted orientation error.
     """
 
     p_target: FloatArray
@@ -240,62 +257,78 @@ class Corrections:
     std: FloatArray
     verdict: NDArray[np.str_]
     reason: list[str]
+    rotation: FloatArray | None = None
+    rotation_mirror: FloatArray | None = None
+    rotation_std: FloatArray | None = None
 
     @property
     def correction(self) -> FloatArray:
         """What is added to each target, (n, 3) [mm], base frame."""
         return self.p_command - self.p_target
 
+    @property
+    def mirror_miss(self) -> FloatArray:
+        """How far the one-step command (15) is from that of (16), (n,) [mm]; NaN where the latter is not used."""
+        miss = np.linalg.norm(self.p_mirror - self.p_command, axis=1)
+        return np.where(self.verdict == "correct", miss, np.nan)
+
     def to_rows(self) -> list[dict[str, Any]]:
         """Return one record per target, units in the names."""
-        return [
+        rows = [
             {
                 **{f"{axis}_target_mm": self.p_target[i, k] for k, axis in enumerate("xyz")},
                 **{f"{axis}_command_mm": self.p_command[i, k] for k, axis in enumerate("xyz")},
                 "correction_mm": float(np.linalg.norm(self.correction[i])),
                 "std_mm": float(np.linalg.norm(self.std[i])),
+                "mirror_miss_mm": float(self.mirror_miss[i]),
                 "verdict": str(self.verdict[i]),
                 "reason": self.reason[i],
             }
             for i in range(len(self.p_target))
         ]
+        if self.rotation is not None and self.rotation_std is not None:
+            for row, vector, std in zip(rows, self.rotation, self.rotation_std, strict=True):
+                row |= {f"r{axis}_rad": float(vector[k]) for k, axis in enumerate("xyz")}
+                row["rotation_std_rad"] = float(np.linalg.norm(std))
+        return rows
 
 
 def apply_policy(
-    p_target: FloatArray,
-    p_command: FloatArray,
-    reasons: Sequence[str],
-    max_correction: float,
-    policy: Policy,
+    correction: FloatArray, reasons: Sequence[str], limits: Limits, policy: Policy
 ) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
-    """Turn the guards' reasons into commands and verdicts.
+    """Turn the guards' reasons into verdicts, and into the share of each correction that is used.
 
     Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip``
     a correction that is only too long is shortened to the limit; any other reason skips its target.
 
     Parameters
     ----------
-    p_target, p_command : (n, 3) arrays [mm]
+    correction : (n, 3) array [mm] or (n, 6) array [mm, rad]
     reasons : sequence of n str
-        From the guards; empty where nothing is wrong. The length of the correction is judged here.
-    max_correction : float [mm]
+        From the guards; empty where nothing is wrong. The size of the correction is judged here.
+    limits : Limits
     policy : {"refuse", "skip", "clip"}
 
     Returns
     -------
-    p_command, verdict, reason
+    share : (n,) array
+        1 for a correction that is used as it is, 0 for none.
+    verdict : (n,) array of str
+    reason : list of str
     """
-    correction = p_command - p_target
-    length = np.linalg.norm(correction, axis=1)
-    too_long = length > max_correction
+    length, angle = np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)
+    excess = np.maximum(length / limits.max_correction, angle / limits.max_rotation)
     reason = list(reasons)
-    for i in np.flatnonzero(too_long):
-        reason[i] = reason[i] or f"correction of {length[i]:.3f} mm is larger than the limit of {max_correction:g} mm"
+    for i in np.flatnonzero(excess > 1.0):
+        what = f"{length[i]:.3f} mm is larger than the limit of {limits.max_correction:g} mm"
+        if length[i] <= limits.max_correction:
+            what = f"{1e3 * angle[i]:.3f} mrad is larger than the limit of {1e3 * limits.max_rotation:g} mrad"
+        reason[i] = reason[i] or f"correction of {what}"
     guarded = np.array([bool(r) for r in reason], dtype=bool)
     verdict = np.where(guarded, "skip" if policy == "clip" else policy, "correct").astype("<U7")
-    command = np.where(guarded[:, None], p_target, p_command)
+    share = np.where(guarded, 0.0, 1.0)
     if policy == "clip":
-        clipped = too_long & ~np.array([bool(r) for r in reasons], dtype=bool)
-        command[clipped] = p_target[clipped] + correction[clipped] * (max_correction / length[clipped])[:, None]
+        clipped = (excess > 1.0) & ~np.array([bool(r) for r in reasons], dtype=bool)
+        share[clipped] = 1.0 / excess[clipped]
         verdict[clipped] = "clip"
-    return command, verdict, reason
+    return share, verdict, reason

@@ -1,4 +1,8 @@
-"""The command whose predicted outcome is the target (method.md (15) and (16)), for positions."""
+"""The command whose predicted outcome is the target (method.md (15) and (16)), for positions and for poses.
+
+A command is a position, or a pose as a position and the rotation vector ω by which it differs from the target,
+R_c = exp(ω) R_t. Its outcome is exp(ŵ) R_c, so that R_c = exp(−ŵ) R_t is ω + ŵ = 0: the same equation as for positions.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,12 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Predict = Callable[[FloatArray, IntArray], FloatArray]
-"""Positions (m, 3) [mm] of the targets of some rows (m,), to an array of m."""
+"""Commands (m, 3) [mm] or (m, 6) [mm, rad] for the targets of some rows (m,), to an array of m."""
 
 TOLERANCE: Final = 1e-4
-"""[mm] A solution reproduces its target to this; ten times finer than the 1 µm that (16) asks for."""
+"""[mm, mrad] A solution reproduces its target to this; ten times finer than 1 µm and 1 µrad."""
+
+_UNITS: Final = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
 
 
 @dataclass(frozen=True)
@@ -24,71 +30,67 @@ class Solution:
 
     Attributes
     ----------
-    p_command : (n, 3) array [mm], base frame
-    e : (n, 3) array [mm], base frame
+    command : (n, 3) array [mm] or (n, 6) array [mm, rad], base frame
+    mirror : array like command
+        The commands of one step (15): P_c = P_t − ê(P_t), ω = −ŵ.
+    error : array like command
         Predicted error at the command.
     converged : (n,) array of bool
-        Whether |p_command + e − p_target| is within the tolerance.
+        Whether |command + error − target| is within the tolerance.
     iterations : int
     """
 
-    p_command: FloatArray
-    e: FloatArray
+    command: FloatArray
+    mirror: FloatArray
+    error: FloatArray
     converged: NDArray[np.bool_]
     iterations: int
 
 
-def mirror(p_target: FloatArray, predict: Predict) -> FloatArray:
-    """Return the commands of one step (15): P_c = P_t − ê(P_t).
-
-    Parameters
-    ----------
-    p_target : (n, 3) array [mm], base frame
-    predict : callable
-        Positions and their rows to predicted errors (n, 3) [mm].
-    """
-    return p_target - predict(p_target, np.arange(len(p_target)))
-
-
 def solve(
-    p_target: FloatArray,
+    target: FloatArray,
     predict: Predict,
     gradient: Predict | None = None,
     *,
     tolerance: float = TOLERANCE,
     max_iterations: int = 20,
 ) -> Solution:
-    """Return the commands P_c with P_c + ê(P_c) = P_t (16).
+    """Return the commands P_c with P_c + ê(P_c) = P_t (16), and those of one step (15).
 
     A fixed-point iteration, or Newton's where the predictor gives its derivative. Errors change by some 10⁻³ mm per mm,
     so either takes two or three steps; a target that does not settle is reported, never returned as if it had.
 
     Parameters
     ----------
-    p_target : (n, 3) array [mm], base frame
+    target : (n, 3) array [mm] or (n, 6) array [mm, rad], base frame
+        Positions; or poses, each by its position and the rotation vector zero.
     predict : callable
-        Positions (m, 3) and their rows (m,) to predicted errors (m, 3) [mm].
+        Commands and their rows (m,) to predicted errors, like the commands.
     gradient : callable, optional
-        The same to ∂ê/∂P (m, 3, 3), component by coordinate.
-    tolerance : float [mm]
+        Positions and their rows to ∂ê/∂P (m, 3, 3), component by coordinate.
+    tolerance : float [mm, mrad]
     max_iterations : int
 
     Returns
     -------
     Solution
     """
-    p_command = p_target.copy()
-    rows = np.arange(len(p_target))
-    e = predict(p_command, rows)
-    active = np.linalg.norm(e, axis=1) > tolerance
+    command, rows, unit = target.copy(), np.arange(len(target)), _UNITS[: target.shape[1]]
+
+    def misses(which: IntArray | NDArray[np.bool_] | slice) -> FloatArray:
+        return np.asarray(command[which] + error[which] - target[which])
+
+    error = predict(command, rows)
+    first = target - error
+    active = np.linalg.norm(misses(slice(None)) * unit, axis=1) > tolerance
     iteration = 0
     while active.any() and iteration < max_iterations:
         iteration += 1
-        miss = p_command[active] + e[active] - p_target[active]
+        step = misses(active)
         if gradient is not None:
-            slope = np.eye(3) + gradient(p_command[active], rows[active])
-            miss = np.linalg.solve(slope, miss[..., None])[..., 0]
-        p_command[active] -= miss
-        e[active] = predict(p_command[active], rows[active])
-        active[active] = np.linalg.norm(p_command[active] + e[active] - p_target[active], axis=1) > tolerance
-    return Solution(p_command, e, ~active, iteration)
+            slope = np.eye(target.shape[1]) + gradient(command[active], rows[active])
+            step = np.asarray(np.linalg.solve(slope, step[..., None])[..., 0], np.float64)
+        command[active] -= step
+        error[active] = predict(command[active], rows[active])
+        active[active] = np.linalg.norm(misses(active) * unit, axis=1) > tolerance
+    return Solution(command, first, error, ~active, iteration)
