@@ -17,6 +17,7 @@ EFFECTS: Final = (
     "compliance",
     "harmonics",
     "transmission",
+    "ripple",
     "backlash",
     "thermal",
     "tool",
@@ -69,6 +70,10 @@ class Preset:
         Standard deviation of each joint's smooth error beside the harmonics.
     transmission_length : range [rad]
         Angle over which it stays alike.
+    ripple : range [rad]
+        Amplitude of the error that repeats with each turn of a motor.
+    gear_ratio : range
+        Turns of the motor for one of the joint.
     backlash : range [rad]
         Lost motion between the two ways of coming.
     expansion : range [1/K]
@@ -104,14 +109,16 @@ class Preset:
     own_weight: Range = (0.2, 0.4)
     harmonic: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
     transmission: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
-    transmission_length: Range = (0.25, 1.0)
+    transmission_length: Range = (0.15, 0.6)
+    ripple: Range = (1.0 * _ARCSEC, 2.0 * _ARCSEC)
+    gear_ratio: Range = (80.0, 250.0)
     backlash: Range = (0.0, 0.3e-3)
     expansion: Range = (8e-6, 14e-6)
     warm_up_K: float = 8.0  # noqa: N815 (kelvin)
     warm_up_s: float = 2400.0
     first_reading_s: float = 3600.0
     seconds_per_reading: float = 15.0
-    acceptance_deg: float = 40.0
+    acceptance_deg: float = 30.0
     reflector_radius_mm: float = 120.0
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from truepose.robots import Robot
 from truepose.robots.nongeometric import Load, gravity_torque, rough_masses
-from truepose.simulation.presets import EFFECTS, Preset, Range
+from truepose.simulation.presets import EFFECTS, Preset
 
 FloatArray = NDArray[np.float64]
 _ORDERS: Final = 48
@@ -22,46 +22,48 @@ COLD: Final = 20.0
 
 @dataclass(frozen=True, eq=False)
 class JointCurves:
-    """Errors of each joint's angle as functions of that angle: f_j(q) = Σ_m a_jm sin(m q) + b_jm cos(m q).
+    """Errors of each joint's angle as functions of that angle: f_j(q) = Σ_k a_jk sin(m_jk q) + b_jk cos(m_jk q).
 
     Attributes
     ----------
-    sine, cosine : (dof, orders) array [rad]
-        Of the orders 1, 2, …
+    order : (dof, k) array
+        The m: 1, 2, … for what turns with the joint, the gear ratio for what turns with the motor.
+    sine, cosine : (dof, k) array [rad]
     """
 
+    order: FloatArray
     sine: FloatArray
     cosine: FloatArray
 
     def __call__(self, q: FloatArray) -> FloatArray:
         """Return f_j(q_j), (n, dof) [rad], of joint vectors (n, dof) [rad]."""
-        angle = q[..., None] * np.arange(1, self.sine.shape[1] + 1)
+        angle = q[..., None] * self.order
         return np.asarray((self.sine * np.sin(angle) + self.cosine * np.cos(angle)).sum(axis=-1))
 
     def __add__(self, other: JointCurves) -> JointCurves:
-        return JointCurves(self.sine + other.sine, self.cosine + other.cosine)
+        pairs = ((self.order, other.order), (self.sine, other.sine), (self.cosine, other.cosine))
+        return JointCurves(*(np.concatenate(pair, axis=1) for pair in pairs))
 
     def __mul__(self, factor: float) -> JointCurves:
-        return JointCurves(factor * self.sine, factor * self.cosine)
+        return JointCurves(self.order, factor * self.sine, factor * self.cosine)
 
     @classmethod
-    def harmonics(cls, amplitude: FloatArray, phase: FloatArray) -> JointCurves:
-        """Return Σ_m amplitude_m sin(m q + phase_m), from (dof, k) arrays [rad]: the orders 1 … k."""
-        sine, cosine = np.zeros((2, len(amplitude), _ORDERS))
-        sine[:, : amplitude.shape[1]] = amplitude * np.cos(phase)
-        cosine[:, : amplitude.shape[1]] = amplitude * np.sin(phase)
-        return cls(sine, cosine)
+    def waves(cls, order: ArrayLike, amplitude: FloatArray, rng: np.random.Generator) -> JointCurves:
+        """Return Σ_k amplitude_k sin(order_k q + phase_k) with random phases; amplitudes (dof, k) [rad]."""
+        phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
+        order = np.broadcast_to(np.asarray(order, dtype=np.float64), amplitude.shape)
+        return cls(order, amplitude * np.cos(phase), amplitude * np.sin(phase))
 
     @classmethod
     def smooth(cls, std: FloatArray, length: FloatArray, rng: np.random.Generator) -> JointCurves:
-        """Return random functions on the circle with a Matérn 5/2 spectrum, of std and correlation length (dof,) [rad].
+        """Return random functions on the circle with a Matérn 3/2 spectrum, of std and correlation length (dof,) [rad].
 
-        Rasmussen and Williams 2006, (4.15) in one dimension: S(m) ∝ (5/ℓ² + m²)⁻³.
+        Rasmussen and Williams 2006, (4.15) in one dimension: S(m) ∝ (3/ℓ² + m²)⁻².
         """
-        spectrum = (5.0 / length[:, None] ** 2 + np.arange(1, _ORDERS + 1) ** 2) ** -3.0
+        order = np.arange(1.0, _ORDERS + 1.0)
+        spectrum = (3.0 / length[:, None] ** 2 + order**2) ** -2.0
         scale = std[:, None] * np.sqrt(spectrum / spectrum.sum(axis=1, keepdims=True))
-        sine, cosine = scale * rng.normal(size=(2, *scale.shape))
-        return cls(sine, cosine)
+        return cls(np.broadcast_to(order, scale.shape), *(scale * rng.normal(size=(2, *scale.shape))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,8 @@ class Truth:
         The tracker's station.
     joint_error : JointCurves
         A function of joint vectors: harmonics and transmission, (n, dof) [rad].
+    ripple : JointCurves
+        The same for what repeats with each turn of the motors: too fast to be learnt from some hundred poses.
     compliance : (dof,) array [rad/Nm]
         Turn of each joint by gravity's torque.
     link_kg, p_flange_payload : (dof,) array, (3,) array [mm]
@@ -121,6 +125,7 @@ class Truth:
     tf_flange_tool: FloatArray
     tf_base_tracker: FloatArray
     joint_error: JointCurves
+    ripple: JointCurves
     compliance: FloatArray
     link_kg: FloatArray
     p_flange_payload: FloatArray
@@ -136,7 +141,7 @@ class Truth:
             rows = which == k
             torque[rows] = gravity_torque(self.robot, q[rows], Load(float(kg), self.p_flange_payload, self.link_kg))
         lag = 0.5 * self.backlash * conditions.approach
-        return np.asarray(q + self.joint_error(q) + self.compliance * torque - lag)
+        return np.asarray(q + self.joint_error(q) + self.ripple(q) + self.compliance * torque - lag)
 
     def forward(self, q: FloatArray, conditions: Conditions) -> FloatArray:
         """Return the true poses of the tool without noise, (n, 4, 4) [mm], base frame.
@@ -159,13 +164,14 @@ def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.
     on = {name: float(name in effects) for name in EFFECTS}
     stiff, soft = preset.compliance
     low, high = np.array([stiff] * min(3, dof) + [soft] * max(dof - 3, 0)).T
-    harmonics = JointCurves.harmonics(
-        _log_uniform(rng, preset.harmonic, (dof, 2)), rng.uniform(0.0, 2.0 * np.pi, (dof, 2))
-    )
+    harmonics = JointCurves.waves([1, 2], rng.uniform(*preset.harmonic, (dof, 2)), rng)
     transmission = JointCurves.smooth(
-        _log_uniform(rng, preset.transmission, (dof,)), _log_uniform(rng, preset.transmission_length, (dof,)), rng
+        rng.uniform(*preset.transmission, dof), rng.uniform(*preset.transmission_length, dof), rng
     )
+    gear_ratio = rng.uniform(*preset.gear_ratio, (dof, 1)).round()
+    ripple = JointCurves.waves(gear_ratio, rng.uniform(*preset.ripple, (dof, 1)), rng)
     return {
+        "ripple": ripple * on["ripple"],
         "joint_error": harmonics * on["harmonics"] + transmission * on["transmission"],
         "compliance": rng.uniform(low, high) * on["compliance"],
         "link_kg": rough_masses(robot) * rng.uniform(*preset.own_weight, size=dof),
@@ -173,8 +179,3 @@ def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.
         "backlash": rng.uniform(*preset.backlash, size=dof) * on["backlash"],
         "expansion": rng.uniform(*preset.expansion, size=dof) * on["thermal"],
     }
-
-
-def _log_uniform(rng: np.random.Generator, between: Range, shape: tuple[int, ...]) -> FloatArray:
-    low, high = between
-    return low * (high / low) ** rng.uniform(size=shape)
