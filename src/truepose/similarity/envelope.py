@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from truepose.errors import DataError
 from truepose.similarity.experimental import ExperimentalVariogram, check_points, experimental_variogram
 from truepose.similarity.models import VariogramModel
+from truepose.similarity.words import Words, english
 
 FloatArray = NDArray[np.float64]
 
@@ -124,7 +125,7 @@ def permutation_envelope(
     return Envelope(variogram, lower, upper, vector_lower, vector_upper, p_value, level, permutations)
 
 
-def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm") -> str:
+def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm", *, words: Words = english) -> str:
     """Return one sentence: is there similarity, how far it reaches, how much is noise.
 
     Parameters
@@ -134,6 +135,8 @@ def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm") -> str:
     envelope : Envelope
     unit : str
         Unit of the distances, for the text.
+    words : callable
+        Of another language; see `truepose.similarity.words`.
 
     Examples
     --------
@@ -146,16 +149,14 @@ def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm") -> str:
     lag = envelope.variogram.lag
     filled = np.flatnonzero(envelope.variogram.pairs > 0)
     below = envelope.structured[filled]
-    count = f"{int(below.sum())} of {filled.size} lags lie below the {100 * envelope.level:g} % band of shuffled data"
+    count = words("count", below=int(below.sum()), lags=filled.size, percent=100 * envelope.level)
     if envelope.p_value > 1 - envelope.level or model.sill == 0:
-        return f"No similarity can be told from chance (p = {envelope.p_value:.2g}): {count}."
+        return words("chance", p=envelope.p_value, count=count)
     first_above = int(np.argmin(below)) if not below.all() else filled.size
-    reach = f"out to {lag[filled[max(first_above - 1, 0)]]:.4g} {unit}" if first_above else "at some short lags"
+    reach = words("reach", lag=float(lag[filled[first_above - 1]]), unit=unit) if first_above else words("short")
     if model.fit is not None and model.fit.bounds_hit.get("range") == "upper":
-        extent = "the semivariance has no sill within the lags (a trend)"
+        extent = words("trend")
     else:
-        extent = f"similarity fades out at {model.practical_range:.4g} {unit} (95 % of the sill)"
-    return (
-        f"Yes, near points have similar errors (p = {envelope.p_value:.2g}): {count} ({reach}), {extent}, "
-        f"and {100 * model.structural_ratio:.0f} % of the variance is structure, the rest nugget."
-    )
+        extent = words("extent", range=model.practical_range, unit=unit)
+    structure = 100 * model.structural_ratio
+    return words("similar", p=envelope.p_value, count=count, reach=reach, extent=extent, structure=structure)

@@ -12,6 +12,7 @@ from truepose.similarity.envelope import Envelope
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.models import VariogramModel
+from truepose.similarity.words import Words, english
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +39,7 @@ def plot_variogram(
     title: str = "",
     theory: ExperimentalVariogram | None = None,
     residual: ExperimentalVariogram | None = None,
+    words: Words = english,
 ) -> Figure:
     """Return a figure of an experimental variogram, with its model and its permutation band where given.
 
@@ -54,6 +56,8 @@ def plot_variogram(
     title : str
     theory, residual : ExperimentalVariogram, optional
         What kinematics implies, equation (6), and what it leaves: of the vector.
+    words : callable
+        Of another language; see `truepose.similarity.words`.
 
     Examples
     --------
@@ -66,7 +70,9 @@ def plot_variogram(
 
     figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
     axes = figure.add_subplot()
-    draw_variogram(axes, ev, model, envelope, component=component, unit=unit, theory=theory, residual=residual)
+    draw_variogram(
+        axes, ev, model, envelope, component=component, unit=unit, theory=theory, residual=residual, words=words
+    )
     axes.set_title(title)
     return figure
 
@@ -81,20 +87,21 @@ def draw_variogram(
     unit: str = "mm",
     theory: ExperimentalVariogram | None = None,
     residual: ExperimentalVariogram | None = None,
+    words: Words = english,
 ) -> None:
     """Draw what `plot_variogram` shows on axes that the caller has."""
     gamma = ev.vector if component is None else ev.semivariance[:, component]
     if envelope is not None:
-        _draw_band(axes, ev, envelope, component)
-    _draw_points(axes, ev, gamma)
+        _draw_band(axes, ev, envelope, component, words)
+    _draw_points(axes, ev, gamma, words)
     if model is not None:
-        _draw_model(axes, model, ev.edges[-1], unit)
+        _draw_model(axes, model, ev.edges[-1], unit, words)
     if theory is not None:
-        axes.plot(theory.lag, theory.vector, color=THEORY, lw=1.4, ls=(0, (5, 2)), label="implied by kinematics")
+        axes.plot(theory.lag, theory.vector, color=THEORY, lw=1.4, ls=(0, (5, 2)), label=words("theory"))
     if residual is not None:
         style: dict[str, Any] = {"s": 22, "facecolors": "none", "edgecolors": THEORY, "lw": 1.1, "zorder": 3}
-        axes.scatter(residual.lag, residual.vector, label="left by a fit of kinematics", **style)
-    axes.set(xlabel=f"distance h [{unit}]", ylabel="semivariance γ(h) [mm²]", xlim=(0, ev.edges[-1]))
+        axes.scatter(residual.lag, residual.vector, label=words("residual"), **style)
+    axes.set(xlabel=words("distance", unit=unit), ylabel=words("semivariance"), xlim=(0, ev.edges[-1]))
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="best")
@@ -105,33 +112,33 @@ def draw_curves(axes: Axes, curves: Mapping[str, tuple[FloatArray, FloatArray]],
     for colour, (name, (lag, gamma)) in zip(CURVES, curves.items(), strict=False):
         told = np.isfinite(gamma)
         axes.plot(lag[told], gamma[told], color=colour, lw=1.5, marker="o", ms=3.5, label=name)
-    axes.set(xlabel=f"distance h [{unit}]", ylabel="semivariance γ(h) [mm²]")
+    axes.set(xlabel=english("distance", unit=unit), ylabel=english("semivariance"))
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="best")
 
 
-def _draw_band(axes: Axes, ev: ExperimentalVariogram, envelope: Envelope, component: int | None) -> None:
+def _draw_band(axes: Axes, ev: ExperimentalVariogram, envelope: Envelope, component: int | None, words: Words) -> None:
     if component is None:
         lower, upper = envelope.vector_lower, envelope.vector_upper
     else:
         lower, upper = envelope.lower[:, component], envelope.upper[:, component]
-    axes.fill_between(ev.lag, lower, upper, color=BAND, lw=0, label=f"shuffled, {100 * envelope.level:g} %")
+    axes.fill_between(ev.lag, lower, upper, color=BAND, lw=0, label=words("band", percent=100 * envelope.level))
 
 
-def _draw_points(axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray) -> None:
+def _draw_points(axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray, words: Words) -> None:
     filled = ev.pairs > 0
     area = 12 + 70 * ev.pairs / max(ev.pairs.max(), 1)
     for mask, colour, label in (
-        (filled & ~ev.weak, POINT, "measured (area: pairs)"),
-        (filled & ev.weak, WEAK, "fewer than 30 pairs"),
+        (filled & ~ev.weak, POINT, words("points")),
+        (filled & ev.weak, WEAK, words("few")),
     ):
         if mask.any():
             axes.scatter(ev.lag[mask], gamma[mask], s=area[mask], color=colour, lw=0, zorder=3, label=label)
 
 
-def _draw_model(axes: Axes, given: VariogramModel, longest: float, unit: str) -> None:
+def _draw_model(axes: Axes, given: VariogramModel, longest: float, unit: str, words: Words) -> None:
     model = as_variogram(given)
     h = np.linspace(0, longest, 400)[1:]
     if model.isotropic:
@@ -140,11 +147,19 @@ def _draw_model(axes: Axes, given: VariogramModel, longest: float, unit: str) ->
         d = len(model.practical_ranges)
         for k, style in zip(range(d), ("-", "--", ":", "-.") * d, strict=False):
             gamma = model.semivariance(h, np.eye(d)[k])
-            axes.plot(h, gamma, color=MODEL, lw=1.4, ls=style, zorder=4, label=f"{model.family}, axis {k + 1}")
+            axes.plot(
+                h,
+                gamma,
+                color=MODEL,
+                lw=1.4,
+                ls=style,
+                zorder=4,
+                label=words("axis", family=model.family, number=k + 1),
+            )
     if model.practical_range <= longest and model.partial_sill > 0:
         axes.axvline(model.practical_range, color=QUIET, lw=0.9, ls=(0, (4, 3)), zorder=1)
         look: dict[str, Any] = {"color": QUIET, "fontsize": 8, "rotation": 90, "va": "bottom"}
-        text = f"practical range {model.practical_range:.3g} {unit}"
+        text = words("practical_range", range=model.practical_range, unit=unit)
         anchor: dict[str, Any] = {
             "xycoords": ("data", "axes fraction"),
             "xytext": (4, 0),

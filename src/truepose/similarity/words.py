@@ -1,0 +1,46 @@
+"""The words of `verdict` and of the pictures, in one place: a report in another language brings its own."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+ENGLISH: Final = {
+    "axis": "{family}, axis {number}",
+    "band": "shuffled, {percent:g} %",
+    "chance": "No similarity can be told from chance (p = {p:.2g}): {count}.",
+    "count": "{below} of {lags} lags lie below the {percent:g} % band of shuffled data",
+    "distance": "distance h [{unit}]",
+    "extent": "similarity fades out at {range:.4g} {unit} (95 % of the sill)",
+    "few": "fewer than 30 pairs",
+    "points": "measured (area: pairs)",
+    "reach": "out to {lag:.4g} {unit}",
+    "residual": "left by a fit of kinematics",
+    "semivariance": "semivariance γ(h) [mm²]",
+    "short": "at some short lags",
+    "similar": (
+        "Yes, near points have similar errors (p = {p:.2g}): {count} ({reach}), {extent}, and {structure:.0f} % of "
+        "the variance is structure, the rest nugget."
+    ),
+    "theory": "implied by kinematics",
+    "trend": "the semivariance has no sill within the lags (a trend)",
+    "practical_range": "practical range {range:.3g} {unit}",
+}
+"""Sentences by key; each language has the same keys and values."""
+
+
+class Words(Protocol):
+    """What gives a text by its key, with values put in."""
+
+    def __call__(self, key: str, /, **values: float | str) -> str:
+        """Return the text."""
+
+
+def english(key: str, /, **values: float | str) -> str:
+    """Return a text of `ENGLISH`.
+
+    Examples
+    --------
+    >>> english("distance", unit="mm")
+    'distance h [mm]'
+    """
+    return ENGLISH[key].format(**values)
