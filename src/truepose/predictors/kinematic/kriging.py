@@ -235,9 +235,8 @@ class KinematicKriging(Predictor):
     def _weights(self) -> FloatArray:
         """Return the Student-t weights (ν + 3)/(ν + z²) from leave-one-out residuals, z² without the weight itself."""
         residual, covariance = self._form.left_out(np.arange(len(self._e)))
-        noise = self.hyper_.noise**2 + np.mean(self._reading**2, axis=1)
-        inflation = noise / self.weight_ - noise
-        clean = covariance - inflation[:, None, None] * np.eye(3)
+        inflation = self._noise_variance() * (1.0 - self.weight_[:, None])
+        clean = covariance - inflation[:, :, None] * np.eye(3)
         z_squared = np.einsum("na,na->n", residual, np.linalg.solve(clean, residual[..., None])[..., 0])
         return np.asarray(np.minimum((_DEGREES_OF_FREEDOM + 3.0) / (_DEGREES_OF_FREEDOM + z_squared), 1.0))
 
