@@ -292,7 +292,7 @@ class BasisForm:
         return mean, covariance
 
     def joint_error(self, i: int, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return f_j of the i-th joint seen, and its standard deviation, at angles (m,) [rad]: both (m,) [rad]."""
+        """Return f_j of the i-th joint seen at angles (m,) [rad]: mean (m,) [rad] and covariance (m, m) [rad²]."""
         counts = [count for _, count in self.basis.groups]
         start = sum(counts[: len(GROUPS) + i])
         harmonics = np.arange(1, self.basis.harmonics[i] + 1)
@@ -300,7 +300,8 @@ class BasisForm:
             [np.ones((len(angle), 1)), np.cos(angle[:, None] * harmonics), np.sin(angle[:, None] * harmonics)], axis=1
         )
         part = slice(start, start + modes.shape[1])
-        return modes @ self.weight[part], np.linalg.norm(modes @ self.root[part], axis=1)
+        half = modes @ self.root[part]
+        return modes @ self.weight[part], half @ half.T
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (n, 3) and covariances (n, 3, 3) when the samples of each block are left out together."""

@@ -197,12 +197,12 @@ class CovarianceForm:
         return cross.T @ self.alpha, np.diag(scale**2) - half.T @ half
 
     def joint_error(self, i: int, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return f_j of the i-th joint seen, and its standard deviation, at angles (m,) [rad]: both (m,) [rad]."""
+        """Return f_j of the i-th joint seen at angles (m,) [rad]: mean (m,) [rad] and covariance (m, m) [rad²]."""
         j, std, length = self.joints[i], float(self.hyper.joint_std[i]), float(self.hyper.joint_length[i])
         rho = std**2 * matern32(joint_chord(angle, self.design.q[:, j]), length)[0]
         cross = (rho[:, :, None] * self.design.lever[None, :, :, j]).reshape(len(angle), -1)
         half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
-        return cross @ self.alpha, np.sqrt(np.maximum(std**2 - np.einsum("km,km->m", half, half), 0.0))
+        return cross @ self.alpha, std**2 * matern32(joint_chord(angle, angle), length)[0] - half.T @ half
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals and covariances when the samples of each block are left out together.

@@ -47,7 +47,8 @@ class JointCurve:
         Counted from 0.
     angle : (m,) array [rad]
     error, std : (m,) arrays [rad]
-        f_j and its standard deviation. The constant and the first harmonic share what they explain with the geometry.
+        f_j and its standard deviation, without its constant and first harmonic over these angles: an offset and an
+        eccentricity of the joint are geometry as well, and no data can tell them apart.
     """
 
     joint: int
@@ -342,7 +343,12 @@ class KinematicKriging(Predictor):
         for i, j in enumerate(self.joints_):
             sampled = self._form.design.q[:, j]
             angle = np.linspace(sampled.min(), sampled.max(), points)
-            curves.append(JointCurve(int(j), angle, *self._form.joint_error(i, angle)))
+            slow = np.linalg.qr(np.stack([np.ones(points), np.cos(angle), np.sin(angle)], axis=1))[0]
+            own = np.eye(points) - slow @ slow.T
+            error, covariance = self._form.joint_error(i, angle)
+            variance = np.einsum("ab,bc,ac->a", own, covariance, own, optimize=True)
+            std = np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+            curves.append(JointCurve(int(j), angle, own @ error, std))
         return curves
 
     def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
