@@ -155,18 +155,11 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             If the labels are not as many as the samples, or what is left without a block cannot bear the model.
         """
         check_is_fitted(self)
-        X, e, noise = self._given
-        labels = np.asarray(blocks)
-        if labels.shape != (len(X),):
-            raise DataError(f"blocks have shape {labels.shape}; expected ({len(X)},), a label for each sample")
-        predicted, std = np.empty_like(e), np.empty_like(e)
-        for label in np.unique(labels):
-            out = labels == label
-            model = self._to_fit_again().fit(X[~out], e[~out], None if noise is None else noise[~out])
-            predicted[out], std[out] = model.predict(X[out], return_std=True, include_nugget=True)
-        if noise is not None:
-            std = np.sqrt(std**2 + noise**2)
-        return LeaveOneOut(self._shaped(e - predicted), self._shaped(std))
+        labels, n = np.asarray(blocks), len(self._given[0])
+        if labels.shape != (n,):
+            raise DataError(f"blocks have shape {labels.shape}; expected ({n},), a label for each sample")
+        residual, std = self._leave_blocks_out(labels)
+        return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
     def pinned(self) -> Self:
         """Return an unfitted copy whose parameters are the fitted hyperparameters: fitting it estimates nothing."""
@@ -197,6 +190,17 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {}
+
+    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
+        X, e, noise = self._given
+        predicted, std = np.empty_like(e), np.empty_like(e)
+        for label in np.unique(labels):
+            out = labels == label
+            model = self._to_fit_again().fit(X[~out], e[~out], None if noise is None else noise[~out])
+            predicted[out], std[out] = model.predict(X[out], return_std=True, include_nugget=True)
+        if noise is not None:
+            std = np.sqrt(std**2 + noise**2)
+        return LeaveOneOut(e - predicted, std)
 
     def _to_fit_again(self) -> Self:
         """Return the unfitted copy that `leave_blocks_out` fits: with the hyperparameters, without what they tell."""

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Final, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, IdentifiabilityError
@@ -282,13 +281,18 @@ class KinematicCalibration(Predictor):
         return error, np.sqrt(variance)
 
     def _leave_one_out(self) -> LeaveOneOut:
+        data = self._data
+        key = data.q if data.approach is None else np.column_stack([data.q, data.approach])
+        return self._leave_blocks_out(np.unique(key, axis=0, return_inverse=True)[1].reshape(-1))
+
+    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         """Return the closed form: with H = W J C Jᵀ Wᵀ a group's whitened residual without it is (I − H)⁻¹ r."""
         found, n = self.solution_, len(self._data)
         white = np.einsum("nij,njp->nip", found.whitener, found.jacobian)
         scaled = np.einsum("nij,nj->ni", found.whitener, found.residual)
         residual, std = np.empty((n, 3)), np.empty((n, 3))
         plain = np.linalg.inv(found.whitener)
-        for rows in _groups(self._data):  # all groups of one size at once: (g, m)
+        for rows in _groups(labels):  # all groups of one size at once: (g, m)
             g, m = rows.shape
             stacked = white[rows].reshape(g, 3 * m, -1)
             kept = np.eye(3 * m) - stacked @ found.covariance @ np.swapaxes(stacked, 1, 2)
@@ -302,10 +306,6 @@ class KinematicCalibration(Predictor):
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {"misfit_std": self.misfit_std_, "identified": tuple(self.solution_.x.tolist())}
-
-    def _to_fit_again(self) -> Self:
-        copy: Self = clone(self)
-        return copy  # what was identified would know the samples left out
 
     def _check_options(self) -> None:
         if self.robot is None:
@@ -387,10 +387,9 @@ class KinematicCalibration(Predictor):
         return f"add poses that turn all joints, such as q = {listed} deg, where they are free"
 
 
-def _groups(data: Positions) -> list[NDArray[np.intp]]:
-    """Return the readings of one configuration together: for each group size m, rows (g, m)."""
-    key = data.q if data.approach is None else np.column_stack([data.q, data.approach])
-    _, label, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(label.reshape(-1), kind="stable")
+def _groups(labels: NDArray[Any]) -> list[NDArray[np.intp]]:
+    """Return the readings of one label together: for each group size m, rows (g, m)."""
+    count = np.unique_counts(labels).counts
+    order = np.argsort(labels, kind="stable")
     start = np.cumsum(count) - count
     return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]

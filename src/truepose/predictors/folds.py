@@ -1,14 +1,27 @@
-"""Folds for cross-validation: by random points, and by blocks of space (method.md §5, (14))."""
+"""Folds for cross-validation: random points, blocks of space, branches of the arm (method.md §5, (14))."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.cluster.vq import kmeans2
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from truepose.errors import DataError
+from truepose.robots import Robot
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+SPLITS: Final = ("points", "blocks", "branches")
+"""Names of the ways to divide samples into folds."""
+
+_SAME_PLACE: Final = 1e-3  # of the spread of each coordinate
 
 
 def random_folds(n: int, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
@@ -20,6 +33,31 @@ def random_folds(n: int, folds: int = 5, *, rng: np.random.Generator | int = 0) 
     """
     _check(n, folds)
     return np.random.default_rng(rng).permutation(np.arange(n) % folds)
+
+
+def point_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
+    """Return the fold of each sample when folds are random points, repeats of a point in the same fold.
+
+    Points nearer to each other than a thousandth of the spread are repeats: one would tell what the other will be.
+
+    Parameters
+    ----------
+    x : (n, d) array
+        Positions [mm] or joints [rad].
+
+    Returns
+    -------
+    (n,) array of int, 0 … folds − 1
+    """
+    points = _scaled(x)
+    n = len(points)
+    _check(n, folds)
+    pairs = cKDTree(points).query_pairs(_SAME_PLACE, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    places, place = connected_components(links, directed=False)
+    if places < folds:
+        return random_folds(n, folds, rng=rng)
+    return np.asarray(random_folds(places, folds, rng=rng)[place])
 
 
 def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
@@ -37,14 +75,92 @@ def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
     -------
     (n,) array of int, 0 … folds − 1
     """
-    points = np.asarray(x, float)
-    _check(len(points), folds)
-    spread = points.std(axis=0)
-    scaled = points / np.where(spread > 0, spread, 1.0)
+    scaled = _scaled(x)
+    _check(len(scaled), folds)
     if len(np.unique(scaled, axis=0)) < 2 * folds:
-        return random_folds(len(points), folds, rng=rng)  # samples at a few places only have no blocks
+        return random_folds(len(scaled), folds, rng=rng)  # samples at a few places only have no blocks
     _, cluster = kmeans2(scaled, folds, minit="++", rng=np.random.default_rng(rng))
     return np.unique(cluster, return_inverse=True)[1].astype(np.int64)  # an empty cluster leaves no gap
+
+
+def branch_folds(robot: Robot, q: ArrayLike) -> IntArray:
+    """Return the branch of the inverse kinematics on which each sample is, as its fold.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n, dof) array [rad]
+
+    Returns
+    -------
+    (n,) array of int, 0 … number of branches − 1
+
+    Raises
+    ------
+    DataError
+        If all samples are on one branch.
+    RobotError
+        If the robot's branches are not known.
+    """
+    joints = robot.check_joints(q)
+    turned = robot.inverse(robot.forward(joints)) - joints[:, None]
+    distance = np.linalg.norm(np.remainder(turned + np.pi, 2 * np.pi) - np.pi, axis=2)  # full turns are no branch
+    branch = np.argmin(np.where(np.isnan(distance), np.inf, distance), axis=1)
+    found, fold = np.unique(branch, return_inverse=True)
+    if len(found) < 2:
+        raise DataError(f'all {len(joints)} samples are on one branch of the arm; take "blocks" or "points" as splits')
+    return fold.astype(np.int64)
+
+
+def split_samples(
+    splits: Sequence[str],
+    coordinates: Mapping[str, FloatArray],
+    *,
+    robot: Robot | None = None,
+    folds: int = 5,
+    rng: np.random.Generator | int = 0,
+) -> dict[str, IntArray]:
+    """Return the folds of samples for several splits by name.
+
+    Parameters
+    ----------
+    splits : sequence of str
+        Of `SPLITS`: random points, blocks of the workspace, branches of the arm (their number is that of the folds).
+    coordinates : mapping
+        ``cartesian``: positions (n, 3) [mm]; ``joint``: joints (n, dof) [rad], where there are any.
+    robot : Robot, optional
+        For branches.
+    folds : int
+    rng : Generator or int
+
+    Raises
+    ------
+    DataError
+        If there is no such split, or fewer samples than folds.
+    """
+    position, q = coordinates["cartesian"], coordinates.get("joint")
+    place = position if q is None else np.column_stack([position, q])
+
+    def branches() -> IntArray:
+        if robot is None or q is None:
+            raise DataError('the split "branches" needs the robot and joints; take "blocks" or "points"')
+        return branch_folds(robot, q)
+
+    known: dict[str, Callable[[], IntArray]] = {
+        "points": lambda: point_folds(place, folds, rng=rng),
+        "blocks": lambda: block_folds(position, folds, rng=rng),
+        "branches": branches,
+    }
+    unknown = [name for name in splits if name not in known]
+    if unknown or not splits:
+        raise DataError(f"splits are {list(splits)}; expected one or more of {', '.join(SPLITS)}")
+    return {name: known[name]() for name in splits}
+
+
+def _scaled(x: ArrayLike) -> FloatArray:
+    points = np.asarray(x, float)
+    spread = points.std(axis=0) if len(points) else np.ones(points.shape[1:])
+    return np.asarray(points / np.where(spread > 0, spread, 1.0))
 
 
 def _check(n: int, folds: int) -> None:
