@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from truepose.cli import demo, maps, programs, setup
+from truepose.cli import demo, maps, programs, setup, study
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -32,6 +32,7 @@ app.command("validate")(maps.validate)
 app.command("report")(maps.report)
 app.command("check")(programs.check)
 app.command("correct")(programs.correct)
+app.command("study")(study.study)
 
 
 @app.callback(invoke_without_command=True)
