@@ -78,7 +78,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X, e = self._validate(X, y)
         self._flat = e.ndim == 1
         e = e.reshape(len(e), -1)
-        noise = None if noise_std is None else _noise(noise_std, e.shape)
+        noise = None if noise_std is None else checked_noise(noise_std, e.shape)
         self._given: tuple[FloatArray, FloatArray, FloatArray | None] = X, e, noise
         self._fit(X, e, noise)
         return self
@@ -240,7 +240,7 @@ def _check_finite(name: str, values: Any) -> None:
             raise DataError(f"{name} has NaN or infinity in row {bad[0]} ({bad.size} rows in all); remove these rows")
 
 
-def _noise(noise_std: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def checked_noise(noise_std: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return the standard deviation of each reading, (n, k)."""
     std = np.asarray(noise_std, dtype=np.float64)
     if std.shape not in ((), shape[:1], shape):

@@ -315,3 +315,39 @@ def test_measured_ur10(shared):
     predicted, std = model.predict(samples.q[test], return_std=True, include_nugget=True)
     assert np.linalg.norm(e[test] - predicted, axis=1).mean() < 0.14
     assert 0.9 < np.mean(np.abs((e[test] - predicted) / std) < 1.96) < 0.98
+
+
+@pytest.mark.parametrize("solver", ["covariance", "basis"])
+def test_update_is_a_fit_of_all_samples_with_the_same_hyperparameters(solver):
+    q, e = simulate(120, np.random.default_rng(20))
+    e[-3] += [0.0, 2.0, 0.0]
+    model = KinematicKriging(ROBOT, TOOL, solver=solver).fit(q[:90], e[:90], noise_std=0.01)
+    hyper_before = model.hyper_
+    assert model.update(q[90:], e[90:], noise_std=0.01) is model
+    assert model.hyper_ is hyper_before
+    assert model.gross_.tolist() == [117]
+    again = model.pinned().fit(q, e, noise_std=0.01)
+    new = simulate(20, np.random.default_rng(21))[0]
+    for a, b in zip(model.predict(new, return_std=True), again.predict(new, return_std=True), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(model.leave_one_out().residual, again.leave_one_out().residual, atol=1e-9)
+
+
+def test_update_says_what_does_not_fit(fitted):
+    q, e, model = fitted
+    with pytest.raises(DataError, match=r"new samples \(2, 5\), \(2, 3\): expected \(m, 6\) joints"):
+        model.update(q[:2, :5], e[:2])
+    with pytest.raises(DataError, match="noise_std must come with new samples just if"):
+        model.update(q[:2], e[:2], noise_std=0.1)
+
+
+@pytest.mark.parametrize("solver", ["covariance", "basis"])
+def test_errors_predicted_together(solver):
+    q, e = simulate(80, np.random.default_rng(22))
+    model = KinematicKriging(ROBOT, TOOL, solver=solver).fit(q, e)
+    new = simulate(7, np.random.default_rng(23))[0]
+    mean, covariance = model.predict_together(new)
+    np.testing.assert_allclose(mean, model.predict(new), atol=1e-12)
+    own = np.einsum("iaib->iab", covariance.reshape(7, 3, 7, 3))
+    np.testing.assert_allclose(own, model.predict_covariance(new)[1], atol=1e-10)
+    assert np.linalg.eigvalsh(covariance).min() > 0

@@ -13,7 +13,7 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, lapack, solve_triangular
+from scipy.linalg import block_diag, cho_factor, lapack, solve_triangular
 
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.covariance_form import tolerances
@@ -269,6 +269,11 @@ class BasisForm:
             half = (self.basis.columns(part) @ self.root).reshape(len(part.q), design.rows, -1)
             out.append(half @ np.swapaxes(half, 1, 2) + self.basis.left_out_covariance(part, self.hyper))
         return np.concatenate(out)
+
+    def covariance_together(self, design: Design) -> FloatArray:
+        """Return the covariance of the noise-free errors at m configurations with each other, (3m, 3m) [mm²]."""
+        half = self.basis.columns(design) @ self.root
+        return np.asarray(half @ half.T + block_diag(*self.basis.left_out_covariance(design, self.hyper)))
 
     def contributions(self, design: Design) -> dict[str, FloatArray]:
         """Return the predicted error of each term at m configurations, (m, r) [mm, rad] each."""

@@ -5,7 +5,7 @@ Cov(e(q), e(q')) = J Σ0 J'ᵀ + Σ_j s_j² ρ(q_j, q'_j) (∂P/∂q_j)(∂P'/�
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -177,6 +177,11 @@ class CovarianceForm:
         half: FloatArray = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
         half = half.reshape(len(self.alpha), -1, design.rows)
         return np.asarray(self.prior_covariance(design) - np.einsum("kma,kmb->mab", half, half, optimize=True))
+
+    def covariance_together(self, design: Design) -> FloatArray:
+        """Return the covariance of the noise-free errors at m configurations with each other, (3m, 3m) [mm²]."""
+        half = solve_triangular(self.factor, self._covariance_with(design).T, lower=True, check_finite=False)
+        return np.asarray(replace(self, design=design)._covariance_with(design) - half.T @ half)
 
     def prior_covariance(self, design: Design) -> FloatArray:
         """Return what is expected at m configurations before any reading, (m, r, r) [mm², rad²]."""

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, overload
+from typing import Any, Final, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, KrigingError
-from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.base import LeaveOneOut, Predictor, checked_noise
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, take
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
@@ -86,6 +87,8 @@ class KinematicKriging(Predictor):
         Hyperparameters as `Hyper.to_dict` gives them, instead of a search.
     weight : sequence of float, optional
         Weights of the samples, instead of the robust ones.
+    joints : sequence of int, optional
+        Joints with an error of their own, counted from 0, with `hyper`; otherwise those that are seen.
     inflation : float, optional
         Factor of predicted variances, with `hyper`; otherwise found by leave-one-out.
     random_state : int
@@ -125,6 +128,7 @@ class KinematicKriging(Predictor):
         solver: str = "auto",
         hyper: dict[str, Any] | None = None,
         weight: Sequence[float] | None = None,
+        joints: Sequence[int] | None = None,
         inflation: float | None = None,
         random_state: int = 0,
     ) -> None:
@@ -139,27 +143,18 @@ class KinematicKriging(Predictor):
         self.solver = solver
         self.hyper = hyper
         self.weight = weight
+        self.joints = joints
         self.inflation = inflation
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._check(X, e)
         assert self.robot is not None
-        tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
-        self._terms = Terms(
-            self.robot,
-            tool,
-            convention=self.convention,
-            geometry=self.geometry,
-            compliance=self.compliance,
-            residual=self.residual,
-        )
-        design = self._terms.at(self.robot.check_joints(X))
-        self.joints_ = self._terms.seen(design) if self.joint_errors else np.empty(0, np.int64)
+        self._take(X, e, noise_std)
+        design = self._terms.at(X)
+        seen = self._terms.seen(design) if self.joints is None else np.asarray(self.joints, np.int64)
+        self.joints_ = seen if self.joint_errors else np.empty(0, np.int64)
         self.unseen_ = sorted(set(range(X.shape[1])) - set(self.joints_.tolist())) if self.joint_errors else []
-        self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
-        self._e = e
-        self._reading = np.zeros_like(e) if noise_std is None else noise_std
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
         with blas_threads(3 * len(e), large=_LARGE):
@@ -172,6 +167,67 @@ class KinematicKriging(Predictor):
             self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
             self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
             self.parameters_ = self._parameters()
+
+    def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
+        """Take samples, the columns at the nominal arm, and choose the solver."""
+        assert self.robot is not None
+        tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
+        self._terms = Terms(
+            self.robot,
+            tool,
+            convention=self.convention,
+            geometry=self.geometry,
+            compliance=self.compliance,
+            residual=self.residual,
+        )
+        self._x, self._e = self.robot.check_joints(X), e
+        self._reading = np.zeros_like(e) if noise_std is None else noise_std
+        self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
+
+    def update(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
+        """Let new samples join, with the hyperparameters as they are: the posterior of all samples.
+
+        New readings that the others contradict are weighed down, as in `fit`; the weights of the old ones stay.
+
+        Parameters
+        ----------
+        X : (m, dof) array_like [rad]
+        y : (m, 3) array_like [mm], base frame
+            Errors after the same registration as those of `fit`.
+        noise_std
+            As `fit`; must be given if it was given there.
+
+        Raises
+        ------
+        DataError
+            If shapes disagree with the samples that are there, or a number is not finite.
+        """
+        check_is_fitted(self)
+        old_x, old_e, old_noise = self._given
+        new = clone(self)
+        x, e = new._validate(X, y)
+        if x.shape[1] != old_x.shape[1] or e.shape[1:] != (3,):
+            raise DataError(f"new samples {x.shape}, {e.shape}: expected (m, {old_x.shape[1]}) joints, (m, 3) errors")
+        if (noise_std is None) != (old_noise is None):
+            raise DataError("noise_std must come with new samples just if it came with the old: say it for both")
+        reading = None if noise_std is None else checked_noise(noise_std, e.shape)
+        noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
+        self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
+        self.weight_ = np.concatenate([self.weight_, np.ones(len(e))])
+        self._take(*self._given)
+        fresh = slice(len(old_e), None)
+        with blas_threads(3 * len(self._e), large=_LARGE):
+            for _ in range(_ROUNDS if self.robust else 0):
+                self._form = self._solved(self._terms.at(self._x))
+                weight = self._weights()[fresh]
+                change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_[fresh])).max()
+                self.weight_[fresh] = weight
+                if change < _SETTLED:
+                    break
+            self._solve(self._x)
+        self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
+        self.parameters_ = self._parameters()
+        return self
 
     def _check(self, X: FloatArray, e: FloatArray) -> None:
         if self.robot is None:
@@ -324,6 +380,14 @@ class KinematicKriging(Predictor):
             variance[:, 3:] += np.mean(hyper.joint_std**2) * np.sum(axis[:, :, self.unseen_] ** 2, axis=2)
         return error, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
 
+    def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
+        check_is_fitted(self)
+        assert self.robot is not None
+        design = self._terms.at(self.robot.check_joints(X))
+        e = self._form.mean(design) + self._terms.curvature(design)
+        return e, self.inflation_ * self._form.covariance_together(design)
+
     def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
         """Return what each term adds to the prediction at joints (m, dof) [rad], (m, 3) [mm] each.
 
@@ -402,4 +466,9 @@ class KinematicKriging(Predictor):
         ]
 
     def _fitted_parameters(self) -> dict[str, Any]:
-        return {"hyper": self.hyper_.to_dict(), "weight": self.weight_.tolist(), "inflation": self.inflation_}
+        return {
+            "hyper": self.hyper_.to_dict(),
+            "weight": self.weight_.tolist(),
+            "joints": self.joints_.tolist(),
+            "inflation": self.inflation_,
+        }
