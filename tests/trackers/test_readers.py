@@ -84,8 +84,13 @@ def test_tidy_table_with_and_without_joints(tmp_path: Path) -> None:
     ("lines", "message"),
     [
         (["a;b;c", "P1;-512.250;2040.118;77.905;;;;"], "readings.txt:2: unknown layout: 8 columns between semicolons"),
-        (["1700000000.25 0 0 -2.125001 3.870442 0.512300"], "readings.txt:1: unknown layout: 6 columns between blanks"),
-        (["Element Name,Number,MX Coord.", "Plane,1,2.5,7"], "as in 'Plane,1,2.5,7'. Known are: SpatialAnalyzer"),
+        (["1 0 0 -2.125001 3.870442 0.512300"], "readings.txt:1: unknown layout: 6 columns between blanks"),
+        (
+            ["1 0 0 -2.125001 3.870442 0.512300"],
+            "Say where x, y and z stand, such as --columns 'x=4, y=5, z=6, unit=mm'",
+        ),
+        (["Nr,MX,MY", "Plane,1,2.5,7"], "unit=mm'. Known are: SpatialAnalyzer"),
+        (["Element Name,Number,MX Coord.", "Plane,1,2.5,7"], "readings.txt:1: has no column 'MY Coord.'; there are"),
         (["nothing of use"], "unknown layout: 3 columns between blanks, as in 'nothing of use'"),
         ([""], "is empty; export the readings again"),
         ([*HEADER], "has a header but no readings"),

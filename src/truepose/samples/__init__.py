@@ -2,7 +2,7 @@
 
 from truepose.samples.checks import check, check_against, check_not_compensated, looks_like_metres
 from truepose.samples.table import Poses, Samples
-from truepose.samples.tidy import append_columns, read_poses, read_samples, write_samples
+from truepose.samples.tidy import append_columns, read_poses, read_samples, samples_text, write_samples
 
 __all__ = [
     "Poses",
@@ -14,5 +14,6 @@ __all__ = [
     "looks_like_metres",
     "read_poses",
     "read_samples",
+    "samples_text",
     "write_samples",
 ]

@@ -95,6 +95,11 @@ def write_samples(path: str | Path, samples: Poses) -> None:
     FileError
         If the file cannot be written; nothing is changed then.
     """
+    write_atomic(path, samples_text(samples, path))
+
+
+def samples_text(samples: Poses, path: str | Path = "samples") -> str:
+    """Return the content of a tidy table; see `write_samples`."""
     arrays = {name: getattr(samples, name) for name in samples.columns()}
     if (rotation := arrays.pop("rotation_cmd", None)) is not None:
         arrays["rpy_cmd"] = _angles(rotation, "ZYX")[:, ::-1]
@@ -108,7 +113,7 @@ def write_samples(path: str | Path, samples: Poses) -> None:
         header.append(full_name(stem))
         columns.append(_text(path, values[:, quantity.index] if values.ndim == 2 else values, quantity.kind))
     rows = [",".join(row) for row in zip(*columns, strict=True)]
-    write_atomic(path, "\n".join([",".join(header), *rows]) + "\n")
+    return "\n".join([",".join(header), *rows]) + "\n"
 
 
 def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:

@@ -1,8 +1,18 @@
 """Measurement files in: one file per layout behind one signature, recognition, and matching with a plan."""
 
+from truepose.trackers.columns import Columns
 from truepose.trackers.importing import import_readings
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
-from truepose.trackers.recognise import read_readings
+from truepose.trackers.recognise import LAYOUTS, read_readings, write_readings
 
-__all__ = ["ImportSummary", "Readings", "import_readings", "match", "read_readings"]
+__all__ = [
+    "LAYOUTS",
+    "Columns",
+    "ImportSummary",
+    "Readings",
+    "import_readings",
+    "match",
+    "read_readings",
+    "write_readings",
+]

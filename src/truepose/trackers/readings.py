@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import FileError
-from truepose.samples import looks_like_metres
+from truepose.samples import Samples, looks_like_metres
 from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +56,8 @@ class Readings:
         Unit of length in the file.
     frame : str
         What the file says about its frame, if anything.
+    notes : tuple of str
+        Sentences on what was seen and left out, for the summary.
     """
 
     p: FloatArray
@@ -69,13 +71,14 @@ class Readings:
     time: FloatArray | None = None
     unit: str = "mm"
     frame: str = ""
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.p)
 
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
         """Return the readings that a mask, an index array or a slice selects."""
-        names = [f.name for f in fields(self) if f.name not in ("layout", "source", "unit", "frame")]
+        names = [f.name for f in fields(self) if f.name not in ("layout", "source", "unit", "frame", "notes")]
         return replace(self, **{name: value[index] for name in names if (value := getattr(self, name)) is not None})
 
     @property
@@ -93,21 +96,32 @@ class Readings:
 
 @dataclass(frozen=True)
 class Layout:
-    """A layout of measurement files: how to tell it, and how to read it.
+    """A layout of measurement files: how to tell it, how to read it, and how to write it.
 
     Attributes
     ----------
+    key : str
+        Short name, for `write_readings`.
     name : str
         As messages call it.
     matches : callable
         Whether a text is of this layout, from its first lines.
     read : callable
         ``read(data, path) -> Readings``; raises `FileError` with the line.
+    write : callable
+        ``write(samples) -> bytes``: a row for each sample, in their order.
     """
 
+    key: str
     name: str
     matches: Callable[[str], bool]
     read: Callable[[bytes, str | Path], Readings]
+    write: Callable[[Samples], bytes]
+
+
+def first_line(text: str) -> str:
+    """Return the first line that is not blank."""
+    return next((line.strip() for line in text.splitlines() if line.strip()), "")
 
 
 def decode(data: bytes, path: str | Path) -> str:

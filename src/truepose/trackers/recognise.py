@@ -6,19 +6,51 @@ import re
 from pathlib import Path
 from typing import Final
 
-from truepose.errors import FileError
-from truepose.files import read_bytes
-from truepose.trackers import spatial_analyzer, tidy
+from truepose.errors import DataError, FileError
+from truepose.files import read_bytes, write_atomic
+from truepose.samples import Samples
+from truepose.trackers import (
+    bare_columns,
+    epoch,
+    leica,
+    motion,
+    portable_cmm,
+    pose_log,
+    semicolons,
+    spatial_analyzer,
+    spreadsheet,
+    tidy,
+)
+from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.readings import Layout, Readings, decode
 
-LAYOUTS: Final[tuple[Layout, ...]] = (spatial_analyzer.WITH_HEADER, tidy.LAYOUT, spatial_analyzer.BARE)
+LAYOUTS: Final[tuple[Layout, ...]] = (
+    spatial_analyzer.WITH_HEADER,
+    tidy.LAYOUT,
+    leica.LAYOUT,
+    portable_cmm.LAYOUT,
+    pose_log.LAYOUT,
+    spreadsheet.LAYOUT,
+    motion.LAYOUT,
+    epoch.LAYOUT,
+    semicolons.LAYOUT,
+    bare_columns.LAYOUT,
+    spatial_analyzer.BARE,
+)
 """The layouts, in the order in which they are tried."""
 
+_REMEDY: Final = "Say where x, y and z stand, such as --columns 'x=4, y=5, z=6, unit=mm'"
 _DELIMITERS: Final = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
-def read_readings(path: str | Path) -> Readings:
-    """Read a measurement file of any known layout.
+def read_readings(path: str | Path, columns: Columns | None = None) -> Readings:
+    """Read a measurement file of any known layout, or of one that is told.
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : Columns, optional
+        Where the quantities stand; the layout is recognised when this is not given.
 
     Returns
     -------
@@ -35,7 +67,29 @@ def read_readings(path: str | Path) -> Readings:
     >>> read_readings("tracker.txt").p  # doctest: +SKIP
     """
     data = read_bytes(path)
-    return recognise(data, path).read(data, path)
+    return recognise(data, path).read(data, path) if columns is None else read_columns(data, path, columns)
+
+
+def write_readings(path: str | Path, samples: Samples, layout: str) -> None:
+    """Write samples as a measurement file, a row for each in their order: what a vendor's software would export.
+
+    Parameters
+    ----------
+    path : str or Path
+    samples : Samples
+        Readings of zero are missing ones; rows may be left out, repeated or swapped by indexing.
+    layout : str
+        Key of one of the `LAYOUTS`.
+
+    Raises
+    ------
+    DataError
+        If there is no such layout, or it holds what the samples do not have.
+    """
+    keys = {known.key: known for known in LAYOUTS}
+    if layout not in keys:
+        raise DataError(f"no layout {layout!r}; there is: {', '.join(keys)}")
+    write_atomic(path, keys[layout].write(samples))
 
 
 def recognise(data: bytes, path: str | Path) -> Layout:
@@ -45,7 +99,9 @@ def recognise(data: bytes, path: str | Path) -> Layout:
         if layout.matches(text):
             return layout
     known = "; ".join(layout.name for layout in LAYOUTS)
-    raise FileError(path, f"unknown layout: {_describe(text)}. Known are: {known}", line=_first_data_line(text)[0])
+    raise FileError(
+        path, f"unknown layout: {_describe(text)}. {_REMEDY}. Known are: {known}", line=_first_data_line(text)[0]
+    )
 
 
 def _describe(text: str) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from truepose.errors import FileError
-from truepose.trackers.readings import Layout, Readings, check_metres, decode, millimetres_per
+from truepose.samples import Samples
+from truepose.trackers.exporting import row_names, row_times
+from truepose.trackers.readings import Layout, Readings, check_metres, decode, first_line, millimetres_per
+from truepose.trackers.times import date, seconds
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?nan"
 _ROW: Final = re.compile(
@@ -23,14 +25,6 @@ _FRAME: Final = re.compile(r"Coordinate Frame\s+'?(?P<frame>[^']+?)'?\s*$", re.I
 _BARE: Final = re.compile(
     rf"^\s*[^,;\s/]+\s*,\s*(?:{_NUMBER})\s*,\s*(?:{_NUMBER})\s*,\s*(?:{_NUMBER})\s*$", re.IGNORECASE
 )
-_DATES: Final = (
-    "%m/%d/%y %H:%M:%S",
-    "%m/%d/%Y %H:%M:%S",
-    "%m/%d/%y %I:%M:%S %p",
-    "%m/%d/%Y %I:%M:%S %p",
-    "%m/%d/%y",
-    "%m/%d/%Y",
-)
 
 
 def _matches(text: str) -> bool:
@@ -38,8 +32,7 @@ def _matches(text: str) -> bool:
 
 
 def _matches_bare(text: str) -> bool:
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    return _BARE.match(first) is not None
+    return _BARE.match(first_line(text)) is not None
 
 
 def read(data: bytes, path: str | Path) -> Readings:
@@ -89,7 +82,7 @@ def read(data: bytes, path: str | Path) -> Readings:
         layout=WITH_HEADER.name if header else BARE.name,
         source=str(path),
         name=np.array(["::".join(name) for name in names]),
-        time=np.array([_seconds(date, path, body[i][0]) for i, date in enumerate(dates)]) if all(dates) else None,
+        time=np.array([seconds(text, path, body[i][0]) for i, text in enumerate(dates)]) if all(dates) else None,
         unit=unit,
         frame=frame,
     )
@@ -109,14 +102,24 @@ def _header(header: list[tuple[int, str]], path: str | Path) -> tuple[str, float
     return unit, factor, frame
 
 
-def _seconds(date: str, path: str | Path, line: int) -> float:
-    for form in _DATES:
-        try:
-            return datetime.strptime(date.strip(), form).replace(tzinfo=UTC).timestamp()
-        except ValueError:
-            continue
-    raise FileError(path, f"the date {date.strip()!r} is not month/day/year hour:minute:second", line=line)
+def write(samples: Samples) -> bytes:
+    """Write points with a header, to 0.1 µm and one second."""
+    name, time = row_names(samples), row_times(samples)
+    rows = (
+        f"Station1, Main, {name[i]}, {x:.4f},  {y:.4f},  {z:.4f}, {date(time[i], '%m/%d/%y %H:%M:%S')}\n"
+        for i, (x, y, z) in enumerate(samples.p_meas)
+    )
+    header = "// Points Relative to Coordinate Frame 'A::WORLD'\n// AXES = CARTESIAN: X,  Y,  Z (mm)\n"
+    return (header + "".join(rows)).encode()
 
 
-WITH_HEADER: Final = Layout("SpatialAnalyzer ASCII with // header", _matches, read)
-BARE: Final = Layout("SpatialAnalyzer ASCII without header (id, x, y, z in mm)", _matches_bare, read)
+def write_bare(samples: Samples) -> bytes:
+    """Write points without header or names, to 1 µm."""
+    rows = (f"{i},  {x:.3f},  {y:.3f},  {z:.3f}\n" for i, (x, y, z) in enumerate(samples.p_meas, start=1))
+    return "".join(rows).encode()
+
+
+WITH_HEADER: Final = Layout("spatial-analyzer", "SpatialAnalyzer ASCII with // header", _matches, read, write)
+BARE: Final = Layout(
+    "bare", "SpatialAnalyzer ASCII without header (id, x, y, z in mm)", _matches_bare, read, write_bare
+)

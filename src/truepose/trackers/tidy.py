@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from scipy.spatial.transform import Rotation
 
+from truepose.samples import samples_text
 from truepose.samples.columns import gather, require
 from truepose.samples.delimited import parse
 from truepose.trackers.readings import Layout, Readings, decode
@@ -36,4 +37,10 @@ def read(data: bytes, path: str | Path) -> Readings:
     return Readings(p=arrays.pop("p_meas"), line=table.line, layout=LAYOUT.name, source=str(path), **arrays)
 
 
-LAYOUT: Final = Layout("tidy table (x_meas_mm, y_meas_mm, z_meas_mm, …)", _matches, read)
+LAYOUT: Final = Layout(
+    "tidy",
+    "tidy table (x_meas_mm, y_meas_mm, z_meas_mm, …)",
+    _matches,
+    read,
+    lambda samples: samples_text(samples).encode(),
+)

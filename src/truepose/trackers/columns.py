@@ -1,0 +1,267 @@
+"""Readings in columns: where each quantity stands, said once and saved, and the reader that all such layouts share."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import DataError, FileError
+from truepose.files import read_text, write_atomic
+from truepose.samples.delimited import TextTable
+from truepose.trackers.readings import Readings, check_metres, decode, millimetres_per
+from truepose.trackers.times import column_seconds
+
+FloatArray = NDArray[np.float64]
+Column = int | str
+_DELIMITERS: Final = (";", ",", "\t", " ")
+_ANGLE: Final = {"deg": float(np.pi / 180.0), "rad": 1.0, "mrad": 1e-3}
+_COMMENTS: Final = ("#", "//", "%")
+_SPACE: Final = re.compile(r"\s+")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Columns:
+    """Where the quantities of a table stand: by number, from 1, or by the header's name.
+
+    Attributes
+    ----------
+    x, y, z : int or str
+        The position.
+    name, time : int or str, optional
+    rotation : tuple, optional
+        Three columns of angles, or four of a quaternion w, x, y, z.
+    std : tuple, optional
+        One column of a standard deviation for all axes, or three.
+    unit, angle_unit : str
+        Of lengths (mm, m, cm, in) and of angles (deg, rad).
+    angles : str
+        Order of the angles as scipy's ``Rotation.from_euler`` takes it: ``"xyz"`` about fixed axes, ``"ZYX"`` KUKA's.
+    std_factor : float
+        Standard deviation in one unit of the std columns: 0.5 for an expanded uncertainty U(95).
+    delimiter : str
+        ``";"``, ``","``, a tab or a blank (any number of blanks); found when empty.
+    skip : int
+        Lines before the data, a header among them.
+
+    Examples
+    --------
+    >>> Columns.parse("x=4, y=5, z=6, unit=m").z
+    6
+    """
+
+    x: Column
+    y: Column
+    z: Column
+    name: Column | None = None
+    time: Column | None = None
+    rotation: tuple[Column, ...] = ()
+    std: tuple[Column, ...] = ()
+    unit: str = "mm"
+    angle_unit: str = "deg"
+    angles: str = "xyz"
+    std_factor: float = 1.0
+    delimiter: str = ""
+    skip: int = 0
+
+    def __post_init__(self) -> None:
+        if len(self.rotation) not in (0, 3, 4):
+            raise DataError(f"rotation names {len(self.rotation)} columns; expected 3 angles or a quaternion's 4")
+        if len(self.std) not in (0, 1, 3):
+            raise DataError(f"std names {len(self.std)} columns; expected 1 for all axes or 3")
+        if self.angle_unit not in _ANGLE:
+            raise DataError(f"the unit of angles {self.angle_unit!r} is not known; known are {', '.join(_ANGLE)}")
+        if self.delimiter not in ("", *_DELIMITERS):
+            raise DataError(f"delimiter {self.delimiter!r}; expected a semicolon, comma, tab or blank")
+        if not re.fullmatch("[xyz]{3}|[XYZ]{3}", self.angles):
+            raise DataError(
+                f'angles {self.angles!r}; expected an order of axes such as "xyz" (fixed) or "ZYX" (moving)'
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Columns:
+        """Return a mapping from ``x=4, y=5, z=6, unit=m``; several columns of one quantity as ``rotation=7:8:9``.
+
+        Raises
+        ------
+        DataError
+            If a key is not known, or x, y or z is missing.
+        """
+        pairs = [pair.partition("=") for pair in text.split(",") if pair.strip()]
+        return cls.from_dict({key.strip(): _value(key.strip(), value.strip()) for key, _, value in pairs})
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Columns:
+        """Return a mapping from its values; see `parse` for the errors."""
+        known = [f.name for f in fields(cls)]
+        if unknown := [key for key in values if key not in known]:
+            raise DataError(f"columns: {unknown[0]!r} is not known; known are {', '.join(known)}")
+        if missing := [key for key in "xyz" if key not in values]:
+            raise DataError(f"columns: {missing[0]} is not given; write x=4, y=5, z=6 (numbers from 1, or names)")
+        listed: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
+        return cls(**listed)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Columns:
+        """Read a mapping that `save` wrote.
+
+        Raises
+        ------
+        FileError
+            If it cannot be read or is no mapping.
+        """
+        try:
+            return cls.from_dict(tomllib.loads(read_text(path)))
+        except tomllib.TOMLDecodeError as error:
+            raise FileError(path, f"is no TOML: {error}") from None
+        except (DataError, TypeError) as error:
+            raise FileError(path, str(error)) from None
+
+    def save(self, path: str | Path) -> None:
+        """Write the mapping as .toml."""
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) not in (None, (), "")}
+        write_atomic(path, "".join(f"{key} = {json.dumps(value)}\n" for key, value in kept.items()))
+
+
+def _value(key: str, text: str) -> Any:
+    if key in ("rotation", "std"):
+        return tuple(_column(part) for part in text.split(":"))
+    if key == "std_factor":
+        return float(text)
+    return _column(text)
+
+
+def _column(text: str) -> Column:
+    return int(text) if text.strip().isdigit() else text.strip()
+
+
+def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = "columns as told") -> Readings:
+    """Read a table by its mapping.
+
+    Rows whose three coordinates are empty, not a number, or all zero are no readings (`Readings.missing`).
+
+    Raises
+    ------
+    FileError
+        If a column is not there, or a field is no number or no date; with the line.
+    """
+    table = split(decode(data, path), path, columns.delimiter, columns.skip)
+    place = [_place(table, column) for column in (columns.x, columns.y, columns.z)]
+    numbers = _blank_as_nan(table, place).numbers(place)
+    factor = millimetres_per(columns.unit, path, table.header_line)
+    optional: dict[str, Any] = {}
+    notes: tuple[str, ...] = ()
+    if columns.name is not None:
+        optional["name"] = table.fields[:, _place(table, columns.name)]
+    if columns.time is not None:
+        texts = table.fields[:, _place(table, columns.time)].tolist()
+        optional["time"] = column_seconds(texts, table.line, path)
+        if optional["time"] is None:
+            notes = (f"The time stamps were rounded by a spreadsheet (such as {texts[0]}) and are left out.",)
+    if columns.rotation:
+        optional["rotation"] = _rotation(table, columns, np.asarray(np.isnan(numbers).any(axis=1)))
+    if columns.std:
+        std = _filled(table, columns.std) * columns.std_factor * factor
+        optional["p_std"] = np.broadcast_to(std, numbers.shape).copy()
+    return Readings(
+        p=factor * numbers,
+        line=table.line,
+        layout=layout,
+        source=str(path),
+        unit=columns.unit,
+        notes=notes,
+        **optional,
+    )
+
+
+def read_millimetres(data: bytes, path: str | Path, columns: Columns, layout: str) -> Readings:
+    """Read as `read_columns` what says nothing about its unit: mm, and an error where it looks like metres."""
+    return check_metres(read_columns(data, path, columns, layout))
+
+
+def split(text: str, path: str | Path, delimiter: str = "", skip: int = 0) -> TextTable:
+    """Split a text into fields; comments and blank lines are left out, short rows filled with empty fields.
+
+    The header is the last line skipped; without one the columns are called "column 1" ….
+
+    Raises
+    ------
+    FileError
+        If nothing is left.
+    """
+    lines = list(enumerate(text.splitlines(), start=1))
+    head, body = lines[:skip], lines[skip:]
+    kept = [(number, line) for number, line in body if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    if not kept:
+        raise FileError(path, "holds no readings")
+    delimiter = delimiter or find_delimiter(kept[0][1])
+    rows = [_fields(line, delimiter) for _, line in kept]
+    header = _fields(head[-1][1], delimiter) if head else []
+    width = max(len(header), *map(len, rows))
+    header += [f"column {k + 1}" for k in range(len(header), width)]
+    table = np.array([row + [""] * (width - len(row)) for row in rows], dtype=np.str_)
+    numbers = np.array([number for number, _ in kept], dtype=np.int64)
+    return TextTable(path, delimiter, header, head[-1][0] if head else int(numbers[0]), table, numbers)
+
+
+def find_delimiter(line: str) -> str:
+    """Return the delimiter of a line: semicolons and tabs before commas, which may be decimal ones, before blanks."""
+    return next((mark for mark in (";", "\t", ",") if mark in line), " ")
+
+
+def _fields(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    return [_SPACE.sub(" ", field).strip().strip('"').lstrip("'") for field in line.split(delimiter)]
+
+
+def _place(table: TextTable, column: Column) -> int:
+    if isinstance(column, int):
+        if not 1 <= column <= len(table.header):
+            message = f"has no column {column}; there are {len(table.header)}"
+            raise FileError(table.path, message, line=table.header_line)
+        return column - 1
+    wanted = _SPACE.sub(" ", column).strip().lower()
+    for k, name in enumerate(table.header):
+        if name.strip().lower() == wanted:
+            return k
+    message = f"has no column {column!r}; there are {', '.join(table.header)}"
+    raise FileError(table.path, message, line=table.header_line)
+
+
+def _blank_as_nan(table: TextTable, place: list[int]) -> TextTable:
+    """Return the table with nan where a row has none of the three coordinates."""
+    empty = (table.fields[:, place] == "").all(axis=1)
+    if not empty.any():
+        return table
+    filled = table.fields.astype(f"<U{max(3, table.fields.dtype.itemsize // 4)}")
+    filled[np.ix_(empty, place)] = "nan"
+    return TextTable(table.path, table.delimiter, table.header, table.header_line, filled, table.line)
+
+
+def _filled(table: TextTable, columns: tuple[Column, ...]) -> FloatArray:
+    place = [_place(table, column) for column in columns]
+    return _blank_as_nan(table, place).numbers(place)
+
+
+def _rotation(table: TextTable, columns: Columns, missing: NDArray[np.bool_]) -> Rotation:
+    """Return the orientations; rows without a reading get the identity."""
+    values = _filled(table, columns.rotation)
+    missing = missing | np.isnan(values).any(axis=1)
+    if len(columns.rotation) == 3:
+        values = np.where(missing[:, None], 0.0, values)
+        return Rotation.from_euler(columns.angles, values * _ANGLE[columns.angle_unit])
+    length = np.linalg.norm(values, axis=1)
+    missing |= length == 0.0
+    wrong = np.flatnonzero(~missing & (np.abs(length - 1.0) > 0.01))
+    if len(wrong):
+        message = f"the quaternion has length {length[wrong[0]]:.4g}, expected 1; are these its columns?"
+        raise FileError(table.path, message, line=int(table.line[wrong[0]]))
+    return Rotation.from_quat(np.where(missing[:, None], [1.0, 0.0, 0.0, 0.0], values), scalar_first=True)

@@ -1,0 +1,70 @@
+"""Time stamps as vendors, loggers and spreadsheets write them: seconds since 1970, by the clock of the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import FileError
+
+FloatArray = NDArray[np.float64]
+
+EPOCH: Final = datetime(2025, 3, 7, 9, 15, 2, tzinfo=UTC).timestamp()
+"""Where exported files put the time 0 of a virtual cell."""
+
+_FORMS: Final = (
+    "%m/%d/%y %H:%M:%S",
+    "%m/%d/%Y %H:%M:%S",
+    "%m/%d/%y %I:%M:%S %p",
+    "%m/%d/%Y %I:%M:%S %p",
+    "%m/%d/%y",
+    "%m/%d/%Y",
+    "%Y-%m-%d %H:%M:%S.%f",
+    "%Y-%m-%d %H:%M:%S",
+    "%Y/%m/%d %H:%M:%S.%f",
+    "%Y/%m/%d %H:%M:%S",
+    "%d.%m.%Y %H:%M:%S.%f",
+    "%d.%m.%Y %H:%M:%S",
+)
+_ROUNDED: Final = re.compile(r"\d[.,]\d{0,6}[eE]\+\d+")
+
+
+def seconds(text: str, path: str | Path, line: int) -> float:
+    """Return a date, or a number of seconds, in seconds since 1970.
+
+    Slashes are month/day/year (US), dots day.month.year, hyphens year-month-day; an apostrophe before it is dropped.
+
+    Raises
+    ------
+    FileError
+        If it is none of these.
+    """
+    bare = text.strip().lstrip("'").replace("T", " ", 1)
+    for form in _FORMS:
+        try:
+            return datetime.strptime(bare, form).replace(tzinfo=UTC).timestamp()
+        except ValueError:
+            continue
+    try:
+        return float(bare.replace(",", "."))
+    except ValueError:
+        known = "month/day/year hour:minute:second, year-month-day, day.month.year or seconds"
+        raise FileError(path, f"the date {text.strip()!r} is not {known}", line=line) from None
+
+
+def column_seconds(texts: Sequence[str], lines: NDArray[np.int64], path: str | Path) -> FloatArray | None:
+    """Return a column of time stamps (n,) [s]; None when a spreadsheet rounded them to a few digits (``2,02E+13``)."""
+    if any(_ROUNDED.fullmatch(text.strip()) for text in texts):
+        return None
+    return np.array([seconds(text, path, int(line)) for text, line in zip(texts, lines, strict=True)])
+
+
+def date(time: float, form: str) -> str:
+    """Return a time [s] of a virtual cell as a date."""
+    return datetime.fromtimestamp(EPOCH + time, tz=UTC).strftime(form)
