@@ -6,12 +6,16 @@ import argparse
 import importlib
 import os
 import pkgutil
+import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "validation"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+WITH_THREADS = ("kriging", "similarity")
+"""Topics whose peers use all cores, too; the others are compared in one thread."""
 
 
 def main() -> int:
@@ -21,26 +25,34 @@ def main() -> int:
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"of {', '.join(topics)}; all when not given")
     parser.add_argument("--quick", action="store_true", help="small sizes: does it run?")
     parser.add_argument("--write", action="store_true", help=f"also write {RESULTS.name}/benchmarks-TOPIC.md")
-    parser.add_argument("--threads", type=int, default=1, help="of BLAS, OpenMP and numba (1)")
+    parser.add_argument("--threads", type=int, help="of BLAS, OpenMP and numba (1; all in kriging and similarity)")
     arguments = parser.parse_args()
     unknown = set(arguments.topics) - set(topics)
     if unknown:
         parser.error(f"no topic {', '.join(sorted(unknown))}; there are {', '.join(topics)}")
+    names = arguments.topics or topics
+    if len(names) > 1:  # each in a process of its own, with its own number of threads
+        given = [word for word in sys.argv[1:] if word not in topics]
+        return max(subprocess.run([sys.executable, "-m", "benchmarks", name, *given]).returncode for name in names)
+    threads = arguments.threads or (os.cpu_count() if names[0] in WITH_THREADS else None) or 1
     for variable in THREADS:  # before the first import of numpy
-        os.environ[variable] = str(arguments.threads)
-    harness = importlib.import_module("benchmarks.harness")
-    for name in arguments.topics or topics:
-        topic = importlib.import_module(f"benchmarks.{name}")
-        results = []
-        for job in topic.jobs(quick=arguments.quick):
-            print(f"{name}: {job.task}", file=sys.stderr, flush=True)
-            results.append((job, harness.measure(job)))
-        text = harness.table(topic.TITLE, topic.PACKAGES, results)
-        print(text)
-        if arguments.write:
-            RESULTS.mkdir(parents=True, exist_ok=True)
-            (RESULTS / f"benchmarks-{name}.md").write_text(text, "utf-8")
+        os.environ[variable] = str(threads)
+    _run(names[0], arguments.quick, arguments.write)
     return 0
+
+
+def _run(name: str, quick: bool, write: bool) -> None:
+    """Run one topic; every row is printed, and the table written anew, as soon as its job is done."""
+    harness = importlib.import_module("benchmarks.harness")
+    topic = importlib.import_module(f"benchmarks.{name}")
+    results: list[tuple[Any, Any]] = []
+    print(harness.table(topic.TITLE, topic.PACKAGES, []), end="", flush=True)
+    for job in topic.jobs(quick=quick):
+        results.append((job, harness.measure(job)))
+        print(*harness.rows(*results[-1]), sep="\n", flush=True)
+        if write:
+            RESULTS.mkdir(parents=True, exist_ok=True)
+            (RESULTS / f"benchmarks-{name}.md").write_text(harness.table(topic.TITLE, topic.PACKAGES, results), "utf-8")
 
 
 if __name__ == "__main__":

@@ -3,18 +3,67 @@
 from __future__ import annotations
 
 import importlib.metadata
+import multiprocessing
 import os
 import platform
 import resource
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 REPEATS = 5
 
+HEADS = ("task", "by", "time per item", "spread", "times ours", "peak MB", "wanted")
+
 Call = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Slow:
+    """A side that would take too long: it does parts of the items, and all of them follow on a straight line.
+
+    Parameters
+    ----------
+    call : callable
+        Takes the number of items.
+    sizes : tuple of int
+        One number of items, for a time in proportion; or two, for a line with what does not depend on the number.
+    factor : float
+        How often the whole is needed (a peer that takes one of three components).
+    repeats : int
+        Of each; 1 for what takes minutes, without a warm-up then.
+    """
+
+    call: Callable[[int], object]
+    sizes: tuple[int, ...]
+    factor: float = 1
+    repeats: int = REPEATS
+
+    def seconds(self, items: int) -> float:
+        """Return how long all items would take [s]."""
+        times = [clock(lambda size=size: self.call(size)) for size in self.sizes]  # type: ignore[misc]
+        if len(times) == 1:
+            return self.factor * times[0] * items / self.sizes[0]
+        slope = (times[1] - times[0]) / (self.sizes[1] - self.sizes[0])
+        return self.factor * (times[0] + slope * (items - self.sizes[0]))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a fresh process does to find a peak of memory; both can be pickled.
+
+    Parameters
+    ----------
+    first : callable
+        Loads code and compiled kernels with a small problem; what it takes does not count.
+    call : callable
+    """
+
+    first: Call
+    call: Call
 
 
 @dataclass(frozen=True)
@@ -31,17 +80,17 @@ class Job:
         How many things one call of a side handles; the table gives the time per item.
     counts : dict of name to int
         Items of the sides that handle fewer (a peer that takes one pose at a time).
-    memory : bool
-        Also take the peak of memory of one call, in a forked process.
+    memory : Memory, optional
+        Our call once more, in a process of its own.
     target : str
         What the ratio should be, for the reader.
     """
 
     task: str
-    sides: dict[str, Call | str]
+    sides: Mapping[str, Call | Slow | str]
     items: int = 1
     counts: dict[str, int] = field(default_factory=dict)
-    memory: bool = False
+    memory: Memory | None = None
     target: str = ""
 
 
@@ -61,58 +110,76 @@ def measure(job: Job, repeats: int = REPEATS) -> list[Timing]:
     calls = {side: call for side, call in job.sides.items() if not isinstance(call, str)}
     times: dict[str, list[float]] = {side: [] for side in calls}
     for call in calls.values():
-        call()
-    for _ in range(repeats):
-        for side, call in calls.items():
-            start = time.perf_counter()
+        if not isinstance(call, Slow):
             call()
-            times[side].append((time.perf_counter() - start) / job.counts.get(side, job.items))
+        elif call.repeats > 1:
+            call.call(call.sizes[0])
+    for turn in range(repeats):
+        for side, call in calls.items():
+            if isinstance(call, Slow):
+                if turn < call.repeats:
+                    times[side].append(call.seconds(job.items) / job.items)
+            else:
+                times[side].append(clock(call) / job.counts.get(side, job.items))
     timings = []
     for side, given in job.sides.items():
         if isinstance(given, str):
             timings.append(Timing(side, float("nan"), float("nan"), absent=given))
             continue
-        peak = peak_memory(given) if job.memory else None
+        peak = peak_memory(job.memory) if job.memory and not timings else None
         timings.append(Timing(side, statistics.median(times[side]), max(times[side]) - min(times[side]), peak))
     return timings
 
 
-def peak_memory(call: Call) -> float:
-    """Return by how much one call raises the resident memory at its highest [MB], measured in a forked process."""
-    reader, writer = os.pipe()
-    child = os.fork()
-    if not child:
-        try:
-            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            call()
-            grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-            os.write(writer, str(grown).encode())
-        finally:
-            os._exit(0)
-    os.close(writer)
-    with os.fdopen(reader) as pipe:
-        grown_kb = pipe.read()
-    os.waitpid(child, 0)
-    return float(grown_kb) / 1024 if grown_kb else float("nan")
+def clock(call: Call) -> float:
+    """Return how long a call takes [s]."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def peak_memory(memory: Memory) -> float:
+    """Return by how much a call raises the resident memory of a fresh process at its highest [MB]."""
+    context = multiprocessing.get_context("spawn")  # a fork would share pages with this process, and lose its threads
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_report_peak, args=(memory, sender))
+    process.start()
+    sender.close()
+    try:
+        grown_kb: float = receiver.recv()
+    except EOFError:
+        raise RuntimeError(
+            "the process that measures memory ended without an answer; its message stands above"
+        ) from None
+    finally:
+        process.join()
+    return grown_kb / 1024
+
+
+def _report_peak(memory: Memory, sender: Any) -> None:
+    memory.first()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    memory.call()
+    sender.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 
 
 def table(title: str, packages: Iterable[str], results: Iterable[tuple[Job, list[Timing]]]) -> str:
     """Return the results of a topic as Markdown: time per item, ratio to ours, machine and versions."""
-    results = list(results)
-    with_peak = any(timing.peak is not None for _, timings in results for timing in timings)
-    heads = ["task", "by", "time per item", "spread", "times ours", *(["peak MB"] if with_peak else []), "wanted"]
-    lines = [f"# {title}", "", about(packages), "", _row(heads), _row(["---"] * len(heads))]
-    for job, timings in results:
-        ours = timings[0].median
-        for i, timing in enumerate(timings):
-            cells = [job.task if i == 0 else "", timing.side]
-            if timing.absent:
-                cells += [timing.absent, "", "", *([""] if with_peak else [])]
-            else:
-                cells += [duration(timing.median), duration(timing.spread), f"{timing.median / ours:.2f}"]
-                cells += ["" if timing.peak is None else f"{timing.peak:.0f}"] if with_peak else []
-            lines.append(_row([*cells, job.target if i == 0 else ""]))
-    return "\n".join(lines) + "\n"
+    lines = [f"# {title}", "", about(packages), "", _row(HEADS), _row(["---"] * len(HEADS))]
+    return "\n".join([*lines, *(row for result in results for row in rows(*result))]) + "\n"
+
+
+def rows(job: Job, timings: list[Timing]) -> list[str]:
+    """Return the rows of one job, a side in each."""
+    lines = []
+    for i, timing in enumerate(timings):
+        first = i == 0
+        cells = [timing.absent, "", ""]
+        if not timing.absent:
+            cells = [duration(timing.median), duration(timing.spread), f"{timing.median / timings[0].median:.2f}"]
+        peak = "" if timing.peak is None else f"{timing.peak:.0f}"
+        lines.append(_row([job.task if first else "", timing.side, *cells, peak, job.target if first else ""]))
+    return lines
 
 
 def about(packages: Iterable[str]) -> str:
@@ -149,5 +216,5 @@ def duration(seconds: float) -> str:
     return f"{seconds / 1e-9:.3g} ns"
 
 
-def _row(cells: list[str]) -> str:
+def _row(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cells) + " |"

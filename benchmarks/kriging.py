@@ -1,26 +1,27 @@
 """Kriging of three components: all samples, the nearest ones, leave-one-out; the same covariance on every side.
 
-A peer that takes one component at a time does one, and its time per item is three times that. scikit-learn's process
-has a known mean (simple Kriging), which is less work than ordinary Kriging.
+A peer that takes one component at a time does one, and its time is three times that. A slow peer predicts fewer
+targets, and its time for all of them follows on a straight line. scikit-learn's process has a known mean (simple
+Kriging), which is less work than ordinary Kriging.
 """
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import subprocess
 import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
-from benchmarks.harness import Job
-from truepose.predictors import LocalKriging, OrdinaryKriging, VecchiaKriging
+from benchmarks.harness import REPEATS, Call, Job, Memory, Slow
+from truepose.predictors import LocalKriging, OrdinaryKriging, Predictor, VecchiaKriging
 from truepose.similarity import VariogramModel
 
 TITLE = "Benchmarks: Kriging"
@@ -37,74 +38,89 @@ FIRST_CALL = (
 def jobs(*, quick: bool = False) -> Iterator[Job]:
     """Yield the jobs."""
     m, n, many = (2_000, 300, 2_000) if quick else (100_000, 2_000, 20_000)
-    few, part, hundred = m // 10, m // 5, 100
+    few, part, left_out = m // 50, m // 10, 10
     x, e, targets = _problem(n, m)
     wide, wide_e, _ = _problem(many, 1)
+    loop = {"backend": "loop", "n_closest_points": 32}
 
-    whole, local = _peak("OrdinaryKriging", n, m), _peak("LocalKriging", many, m)
+    def global_kriging(return_std: bool) -> Call:
+        return lambda: _predict(OrdinaryKriging(MODEL).fit(x, e), targets, return_std)
+
     yield Job(
         f"ordinary Kriging, n = {n:,}, {m:,} targets, mean, fit included",
-        {
-            "truepose": lambda: OrdinaryKriging(MODEL).fit(x, e).predict(targets),
-            "scikit-learn GPR": _scikit_learn(x, e, targets, False),
-        },
+        {"truepose": global_kriging(False), "scikit-learn GPR": _scikit_learn(x, e, targets, False)},
         items=m,
+        memory=_memory(OrdinaryKriging(MODEL), n, m, False),
         target=">= 8",
     )
     yield Job(
-        f"the same with variance, float64 (ours takes {whole} MB at its peak; pykrige: {few:,} targets)",
+        f"the same with variance, float64 (pykrige: from {few:,} and {part:,} targets; with the statistics that its "
+        "constructor takes: once)",
         {
-            "truepose": lambda: OrdinaryKriging(MODEL).fit(x, e).predict(targets, return_std=True),
+            "truepose": global_kriging(True),
             "scikit-learn GPR": _scikit_learn(x, e, targets, True),
-            "pykrige": _pykrige(x, e, targets[:few], {}),
+            "pykrige without its statistics": _peer(_pykrige, (x, e, targets, {}), few, part),
+            "pykrige": _peer(_pykrige, (x, e, targets, {}, True), m),
         },
         items=m,
-        counts={"pykrige": few // COMPONENTS},
+        memory=_memory(OrdinaryKriging(MODEL), n, m, True),
         target=">= 1.3; >= 18",
     )
     yield Job(
-        f"local Kriging k = 32, n = {many:,}, {m:,} targets, mean and variance, fit included (ours takes {local} MB at "
-        f"its peak; gpboost: {part:,} targets, pykrige: {hundred})",
+        f"local Kriging k = 32, n = {many:,}, {m:,} targets, mean and variance, fit included "
+        f"(gpboost: from {few:,} and {part:,} targets; pykrige: once, without its statistics)",
         {
             "truepose": lambda: LocalKriging(32, MODEL).fit(wide, wide_e).predict(targets, return_std=True),
             "truepose, one drift (Vecchia)": lambda: (
                 VecchiaKriging(32, MODEL).fit(wide, wide_e).predict(targets, return_std=True)
             ),
-            "gpboost, Vecchia 32": _gpboost(wide, wide_e, targets[:part]),
-            "pykrige": _pykrige(wide, wide_e, targets[:hundred], {"backend": "loop", "n_closest_points": 32}),
+            "gpboost, Vecchia 32": _peer(_gpboost, (wide, wide_e, targets), few, part),
+            "pykrige": _peer(_pykrige, (wide, wide_e, targets, loop), m),
         },
         items=m,
-        counts={"gpboost, Vecchia 32": part // COMPONENTS, "pykrige": hundred // COMPONENTS},
+        memory=_memory(LocalKriging(32, MODEL), many, m, True),
         target=">= 40; >= 200",
     )
-    left_out = 10
     yield Job(
         f"leave-one-out, n = {n:,}, fit included (refitting: {left_out} of them)",
         {
             "truepose": lambda: OrdinaryKriging(MODEL).fit(x, e).leave_one_out(),
-            "refitting": lambda: _refit(x, e, left_out),
+            "refitting": Slow(lambda count: _refit(x, e, count), (left_out,)),
         },
         items=n,
-        counts={"refitting": left_out},
         target=">= 300",
     )
     yield Job(
         "start of Python, global and local Kriging of 50 samples",
-        {"kernels from the cache": lambda: _fresh(None), "first call ever: kernels compiled": _compiled},
+        {
+            "kernels from the cache": lambda: _fresh(None),
+            "first call ever: kernels compiled": Slow(lambda count: _compiled(), (1,), repeats=1),
+        },
     )
 
 
-def _peak(kriging: str, n: int, m: int) -> int:
-    """Return by how much fit and prediction raise the resident memory of a fresh process [MB]; kernels are loaded."""
-    code = (
-        "import numpy as np, truepose as tp; from resource import RUSAGE_SELF, getrusage as use;"
-        "v = tp.VariogramModel('matern32', nugget=.05, sill=1, range=.4); rng = np.random.default_rng(0);"
-        f"k = tp.{kriging}(variogram=v); s = rng.random((50, 3)); k.fit(s, s).predict(s, return_std=True);"
-        f"x, t = rng.random(({n}, 3)), rng.random(({m}, 3)); before = use(RUSAGE_SELF).ru_maxrss;"
-        "k.fit(x, x).predict(t, return_std=True);"
-        "print(round((use(RUSAGE_SELF).ru_maxrss - before) / 1024))"
+def _peer(make: Callable[..., Callable[[int], object]], arguments: tuple[Any, ...], *sizes: int) -> Slow | str:
+    """Return a peer of one component that takes parts of the targets often, or all of them once."""
+    try:
+        call = make(*arguments)
+    except ImportError:
+        return "not installed"
+    return Slow(call, sizes, COMPONENTS, repeats=1 if len(sizes) == 1 else REPEATS)
+
+
+def _memory(model: Predictor, n: int, m: int, return_std: bool) -> Memory:
+    return Memory(
+        partial(_fit_and_predict, model, 50, 50, return_std), partial(_fit_and_predict, model, n, m, return_std)
     )
-    return int(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+
+
+def _fit_and_predict(model: Predictor, n: int, m: int, return_std: bool) -> None:
+    x, e, targets = _problem(n, m)
+    _predict(model.fit(x, e), targets, return_std)
+
+
+def _predict(model: Predictor, targets: Any, return_std: bool) -> object:
+    return model.predict(targets, return_std=True) if return_std else model.predict(targets)
 
 
 def _problem(n: int, m: int) -> tuple[Any, Any, Any]:
@@ -129,32 +145,30 @@ def _scikit_learn(x: Any, e: Any, targets: Any, std: bool) -> Callable[[], objec
     )
 
 
-def _pykrige(x: Any, e: Any, targets: Any, options: dict[str, Any]) -> Callable[[], object] | str:
-    try:
-        pykrige = importlib.import_module("pykrige")
-    except ImportError:
-        return "not installed"
+def _pykrige(
+    x: Any, e: Any, targets: Any, options: dict[str, Any], statistics: bool = False
+) -> Callable[[int], object]:
+    import pykrige  # type: ignore[import-untyped]
 
-    def call() -> object:  # no Matérn there: exponential, which costs the same
-        ones = (np.ones(2),) * 3  # its leave-one-out statistics cost n⁴ and are no part of the job
-        with warnings.catch_warnings(), mock.patch("pykrige.ok3d._find_statistics", return_value=ones):
+    parameters = {"psill": 1.0, "range": 3 * 0.4, "nugget": MODEL.nugget}
+
+    def call(count: int) -> object:  # no Matérn there: exponential, which costs the same
+        ones = (np.ones(2),) * 3  # its statistics cost n⁴
+        skipped = mock.patch("pykrige.ok3d._find_statistics", return_value=ones)
+        with warnings.catch_warnings(), contextlib.nullcontext() if statistics else skipped:
             warnings.simplefilter("ignore")
-            parameters = {"psill": 1.0, "range": 3 * 0.4, "nugget": MODEL.nugget}
             kriging = pykrige.OrdinaryKriging3D(
                 *x.T, e[:, 0], variogram_model="exponential", variogram_parameters=parameters
             )
-            return kriging.execute("points", *targets.T, **options)
+            return kriging.execute("points", *targets[:count].T, **options)
 
     return call
 
 
-def _gpboost(x: Any, e: Any, targets: Any) -> Callable[[], object] | str:
-    try:
-        gpboost = importlib.import_module("gpboost")
-    except ImportError:
-        return "not installed"
+def _gpboost(x: Any, e: Any, targets: Any) -> Callable[[int], object]:
+    import gpboost  # type: ignore[import-untyped]
 
-    def call() -> object:
+    def call(count: int) -> object:
         with contextlib.redirect_stdout(None):
             model = gpboost.GPModel(
                 gp_coords=x,
@@ -168,7 +182,7 @@ def _gpboost(x: Any, e: Any, targets: Any) -> Callable[[], object] | str:
             model.set_prediction_data(num_neighbors_pred=32, vecchia_pred_type="order_obs_first_cond_obs_only")
             return model.predict(
                 y=e[:, 0],
-                gp_coords_pred=targets,
+                gp_coords_pred=targets[:count],
                 cov_pars=np.array([MODEL.nugget, MODEL.sill, MODEL.range]),
                 predict_var=True,
                 predict_response=False,

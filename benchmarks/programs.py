@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Job
+from benchmarks.harness import Job, Memory
 from truepose.error_map import ErrorMap, fit_cell
 from truepose.programs import FrameTable, correct_program, read_program
 from truepose.simulation import VirtualCell
@@ -25,8 +26,9 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
     virtual = VirtualCell("paper", seed=1)
     error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(samples, seed=1)), "ordinary-kriging")
     with tempfile.TemporaryDirectory() as folder:
-        path, out = Path(folder) / "long.src", Path(folder) / "out"
+        path, short, out = Path(folder) / "long.src", Path(folder) / "short.src", Path(folder) / "out"
         path.write_text(_program(virtual, n))
+        short.write_text(_program(virtual, 10))
         frames = FrameTable(tools={1: virtual.tf_flange_tool})
         poses = read_program(path, frames).poses_base()
 
@@ -44,7 +46,8 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
             items=n,
             target="at most 4 times the bare pass",
         )
-        yield Job(f"read {n:,} inline LIN", {"truepose": lambda: read_program(path, frames)}, items=n, memory=True)
+        memory = Memory(partial(read_program, short, frames), partial(read_program, path, frames))
+        yield Job(f"read {n:,} inline LIN", {"truepose": lambda: read_program(path, frames)}, items=n, memory=memory)
 
 
 def _predict(error_map: ErrorMap, poses: np.ndarray) -> None:
