@@ -189,6 +189,20 @@ def _angle(a, b):
     return Rotation.from_matrix(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], 1, 2)).magnitude()
 
 
+def test_another_point_of_the_tool_is_corrected_as_such(virtual, turning, targets):
+    """The map measured one point; a kinematic map knows how the tool turns, and corrects others by it."""
+    tool = virtual.tf_flange_tool.copy()
+    tool[:3, 3] += [0.0, 200.0, -100.0]
+    poses = targets @ np.linalg.inv(virtual.tf_flange_tool) @ tool
+    found = turning.correct(poses, tf_flange_tool=tool)
+    assert set(found.verdict) == {"correct"}
+    q = virtual.reach(targets[:, :3, 3])
+    error, _ = turning.predict_pose_errors(Poses(q=q))
+    at_point = error[:, :3] + np.cross(error[:, 3:], poses[:, :3, 3] - targets[:, :3, 3])
+    np.testing.assert_allclose(-found.correction, at_point, atol=2e-3)
+    assert np.linalg.norm(at_point - error[:, :3], axis=1).mean() > 0.02
+
+
 def test_orientation_needs_a_map_that_knows_it(error_map, turning, targets):
     with pytest.raises(DataError, match=r"knows errors of position only; .* --predictor kinematic-kriging"):
         error_map.correct(targets, orientation=True)

@@ -6,11 +6,11 @@ A map is made by `fit_cell`, asked by `ErrorMap.predict_measured` and `ErrorMap.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,20 +18,19 @@ from scipy.spatial.transform import Rotation
 
 from truepose import files
 from truepose.cell import Cell
+from truepose.choosing import CellSamples
 from truepose.compensation import Corrections, Guards, Limits, Policy, Solution, apply_policy, solve
 from truepose.errors import DataError, RobotError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
-from truepose.predictors import PREDICTORS, Arm, Predictor, choose, make_predictor
-from truepose.registering import check_limits, register_samples
+from truepose.predictors import PREDICTORS, Predictor, choose
+from truepose.registering import check_limits
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
 from truepose.verification import accuracy, coverage
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-_GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
-_FEWEST: Final = 10  # samples; with fewer nothing is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +52,14 @@ class ErrorMap:
     predictor : Predictor
         Fitted; in Cartesian space (commanded positions [mm]) or joint space ([rad]), see `space`.
     ranking : list of dict
-        How the candidates of ``auto`` did in cross-validation, best first; empty when a predictor was named.
+        How the candidates of ``auto`` did in cross-validation, that which was taken first; empty when a predictor was
+        named. See `truepose.predictors.Choice`, for ``expected``, too.
+    expected : dict
+        What ``auto`` itself leaves on samples that it has not seen; empty when a predictor was named.
     excluded : list of dict
         Samples left out of the fit, by ``row``, with the reason.
+    p_flange_sampled : (3,) array [mm], optional
+        Where the samples were measured, if the tool has been changed since: see `update`.
     """
 
     cell: Cell
@@ -66,7 +70,9 @@ class ErrorMap:
     predictor_name: str
     predictor: Predictor
     ranking: list[dict[str, Any]]
+    expected: dict[str, Any]
     excluded: list[dict[str, Any]]
+    p_flange_sampled: FloatArray | None = None
 
     @property
     def space(self) -> str:
@@ -81,12 +87,20 @@ class ErrorMap:
     @cached_property
     def p_cmd(self) -> FloatArray:
         """Commanded positions of the samples, (n, 3) [mm], base frame."""
-        return self.commanded_positions(self.samples)
+        return self._commanded(self.samples, self.tf_flange_sampled)
+
+    @property
+    def tf_flange_sampled(self) -> FloatArray:
+        """Flange to the point where the samples were measured, (4, 4) [mm]; the tool, unless it was changed since."""
+        tf = self.tf_flange_tool.copy()
+        if self.p_flange_sampled is not None:
+            tf[:3, 3] = self.p_flange_sampled
+        return tf
 
     @cached_property
     def e(self) -> FloatArray:
         """Positional errors of the samples after registration, (n, 3) [mm], base frame."""
-        return self.errors(self.samples)
+        return apply_transform(self.registration.tf_base_tracker, self.samples.p_meas) - self.p_cmd
 
     @cached_property
     def hash(self) -> str:
@@ -103,9 +117,12 @@ class ErrorMap:
         RobotError
             If joints are beyond the robot's limits.
         """
+        return self._commanded(poses, self.tf_flange_tool)
+
+    def _commanded(self, poses: Poses, tf_flange_tool: FloatArray) -> FloatArray:
         if poses.q is not None:
             check_limits(self.robot, poses)
-            p_cmd: FloatArray = self.robot.forward(poses.q, tool=self.tf_flange_tool)[:, :3, 3]
+            p_cmd: FloatArray = self.robot.forward(poses.q, tool=tf_flange_tool)[:, :3, 3]
             return p_cmd
         if self.tool_fitted:
             raise DataError(
@@ -120,7 +137,15 @@ class ErrorMap:
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors and their standard deviation at commanded poses, both (n, 3) [mm], base frame."""
-        return self.predictor.predict(self._coordinates(poses), return_std=True)
+        e, std = self._predict(self._coordinates(poses), self.tf_flange_tool, return_std=True)
+        return e, std
+
+    def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
+        """Return what errors (n, 3) [mm] are expected of new samples, and the std of that with a reading's noise."""
+        x = self._coordinates(samples)
+        e, std = self.predict_errors(samples)
+        (_, alone), (_, noisy) = (self.predictor.predict(x, return_std=True, include_nugget=b) for b in (False, True))
+        return e, np.sqrt(std**2 + np.maximum(noisy**2 - alone**2, 0.0))
 
     def predict_measured(self, q: ArrayLike | Poses) -> tuple[FloatArray, FloatArray]:
         """Predict where the tracker will see the measured point.
@@ -159,9 +184,8 @@ class ErrorMap:
             ``seen``: how many of the samples are in the map.
         """
         e = self.errors(held_out)
-        x = self._coordinates(held_out)
-        residual = e - self.predictor.predict(x)
-        _, std = self.predictor.predict(x, return_std=True, include_nugget=True)
+        expected, std = self.predict_reading(held_out)
+        residual = e - expected
         known = {row.tobytes() for row in self.samples.p_meas}
         return {
             **accuracy(e, residual).to_dict(),
@@ -183,7 +207,7 @@ class ErrorMap:
         DataError
             If the map knows positions only, or there are no joints.
         """
-        error, std = self._predict_pose()(self._coordinates(poses), return_std=True)
+        error, std = self._predict(self._coordinates(poses), self.tf_flange_tool, return_std=True, orientation=True)
         return error, std
 
     def correct(
@@ -230,7 +254,6 @@ class ErrorMap:
         p_target, targets = self._targets(poses, positions_suffice=self.space == "cartesian" and not orientation)
         n = len(p_target)
         tools = np.broadcast_to(self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool, (n, 4, 4))
-        predict = self._predict_pose() if orientation else self.predictor.predict
         follower = self._follower(targets, tools, status, turn)
 
         def coordinates(command: FloatArray, rows: IntArray) -> FloatArray:
@@ -243,11 +266,11 @@ class ErrorMap:
         slope = getattr(self.predictor, "gradient", None) if self.space == "cartesian" else None
         solution = solve(
             start,
-            lambda command, rows: predict(coordinates(command, rows)),
+            lambda command, rows: self._predict(coordinates(command, rows), tools[rows], orientation=orientation),
             None if slope is None else lambda command, _rows: slope(command),
         )
         x = coordinates(solution.command, np.arange(n))
-        _, std = predict(x, return_std=True)
+        _, std = self._predict(x, tools, return_std=True, orientation=orientation)
         reasons = self._reasons(x, std, solution, targets, tools, status, follower)
         change = solution.command - start
         policy = on_guard or self.cell.correction.on_guard
@@ -290,7 +313,8 @@ class ErrorMap:
             rotation = None if targets is None else Rotation.from_matrix(targets[:, :3, :3])
             cartesian = {"rotation": rotation, "status": status}
         unit = "mm" if self.space == "cartesian" else "rad"
-        reasons = self.guards.reasons(x, unit, std, solution.converged, p_flange_tool=tools[:, :3, 3], **cartesian)
+        points = None if self._knows_orientation else tools[:, :3, 3]
+        reasons = self.guards.reasons(x, unit, std, solution.converged, p_flange_tool=points, **cartesian)
         if follower is None:
             return reasons
         follower.joints(solution.command, np.arange(len(x)))
@@ -299,15 +323,32 @@ class ErrorMap:
             return [first or second for first, second in zip(reasons, of_joints, strict=True)]
         return [second or first for first, second in zip(reasons, of_joints, strict=True)]
 
-    def _predict_pose(self) -> Callable[..., Any]:
-        """Return the predictor's `predict_pose`, or say that it has none."""
-        predict_pose: Callable[..., Any] | None = getattr(self.predictor, "predict_pose", None)
-        if predict_pose is None:
+    def _predict(
+        self, x: FloatArray, tf_flange_tool: FloatArray, *, return_std: bool = False, orientation: bool = False
+    ) -> Any:
+        """Ask the predictor, at another point of the tool than the sampled one where it knows the arm."""
+        rows = slice(None) if orientation else slice(3)
+        if orientation and not self._knows_orientation:
             raise DataError(
                 f"a map of {self.predictor_name!r} knows errors of position only; for orientation, fit one that knows "
                 "the arm: truepose fit --predictor kinematic-kriging (or calibration), with joints in the samples"
             )
-        return predict_pose
+        away = tf_flange_tool[..., :3, 3] - self.tf_flange_sampled[:3, 3]
+        offset = None
+        if self._knows_orientation and np.abs(away).max() > 0:
+            turned = self.robot.forward(x)[:, :3, :3]
+            offset = np.einsum("nij,nj->ni", turned, np.broadcast_to(away, (len(x), 3)))
+        if offset is None and not orientation:
+            return self.predictor.predict(x, return_std=return_std)
+        predict_pose: Callable[..., Any] = self.predictor.predict_pose
+        if not return_std:
+            return predict_pose(x, offset=offset)[:, rows]
+        error, std = predict_pose(x, return_std=True, offset=offset)
+        return error[:, rows], std[:, rows]
+
+    @property
+    def _knows_orientation(self) -> bool:
+        return self.space == "joint" and hasattr(self.predictor, "predict_pose")
 
     def _targets(self, poses: ArrayLike, positions_suffice: bool) -> tuple[FloatArray, FloatArray | None]:
         """Return positions (n, 3) and, where they came, poses (n, 4, 4) of targets."""
@@ -343,7 +384,7 @@ class ErrorMap:
                 status, _ = status_turn(self.robot, samples.q)
             except RobotError:
                 status = None  # no KUKA arm: its programs name no Status
-        return Guards(self._coordinates(samples), self.e, limits, self.tf_flange_tool[:3, 3], rotation, status)
+        return Guards(self._coordinates(samples), self.e, limits, self.tf_flange_sampled[:3, 3], rotation, status)
 
     @cached_property
     def _bytes(self) -> bytes:
@@ -375,19 +416,16 @@ def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatA
     return poses.q
 
 
-def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> Arm:
-    """Return what predictors may need to know of a cell's arm."""
-    load = cell.payload
-    return Arm(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)
-
-
 def fit_cell(
     cell: Cell,
     samples: Samples,
     predictor: str = "auto",
     *,
+    candidates: str | Sequence[str] = "quick",
+    splits: Sequence[str] = ("points", "blocks"),
     folds: int = 5,
     rng: int = 0,
+    workers: int = 1,
     progress: Callable[[str], Any] = str,
 ) -> ErrorMap:
     """Register, fit the tool if the cell asks for it, and fit an error model.
@@ -397,9 +435,9 @@ def fit_cell(
     cell : Cell
     samples : Samples
     predictor : str
-        A name of `PREDICTORS`, or ``auto``: the best in cross-validation over blocks of space.
-    folds, rng : int
-        Of the cross-validation.
+        A name of `PREDICTORS`, or ``auto``: that which leaves least in nested cross-validation.
+    candidates, splits, folds, rng, workers
+        Of ``auto``, see `truepose.choose`.
     progress : callable
         Takes a line about what is being done.
 
@@ -412,51 +450,30 @@ def fit_cell(
     DataError, IdentifiabilityError, RobotError, KrigingError
         If the samples cannot bear what is asked of them.
     """
-    robot = cell.load_robot()
-    registration, tf_flange_tool, p_cmd = register_samples(cell, robot, samples)
-    arm, trusted = arm_of(cell, robot, tf_flange_tool), ~registration.outliers
+    measured = CellSamples(cell, cell.load_robot(), samples)
+    registration, tf_flange_tool = measured.register()
     ranking: list[dict[str, Any]] = []
+    expected: dict[str, Any] = {}
     if predictor == "auto":
-        coordinates = {"cartesian": p_cmd} if samples.q is None else {"cartesian": p_cmd, "joint": samples.q}
-        few = {space: x[trusted] for space, x in coordinates.items()}
-        ranking = choose(few, registration.residuals[trusted], arm=arm, folds=folds, rng=rng, progress=progress)
-        predictor = ranking[0]["predictor"]
-    progress(f"Fitting {predictor}")
-    model = make_predictor(predictor, arm=arm)
-    x = predictor_coordinates(PREDICTORS[predictor].space, samples, p_cmd)
-    gross = _fit_without_gross(model, x, registration.residuals)
+        choice = choose(measured, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress)
+        ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
+        model, gross = choice.predictor, choice.gross
+    else:
+        progress(f"Fitting {predictor}")
+        model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
     weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
     return ErrorMap(
         cell=cell,
-        robot=robot,
+        robot=measured.robot,
         samples=samples[gross == 0],
         registration=registration,
         tf_flange_tool=tf_flange_tool,
         predictor_name=predictor,
         predictor=model,
         ranking=ranking,
+        expected=expected,
         excluded=_excluded(samples, registration, gross, weighed_down),
     )
-
-
-def _fit_without_gross(model: Predictor, x: FloatArray, e: FloatArray) -> FloatArray:
-    """Fit a predictor, leaving out readings that the others contradict; return how strongly, 0 for those kept, (n,).
-
-    A reading is gross when its leave-one-out residual is beyond `_GROSS` predicted standard deviations (norm over the
-    components). The worst go first: one gross reading spoils what is expected of its neighbours. Large errors alone are
-    no reason: at the edge of a region they may be the robot's own, and then their neighbours have them, too.
-    """
-    gross = np.zeros(len(e))
-    while True:
-        kept = np.flatnonzero(gross == 0)
-        model.fit(x[kept], e[kept])
-        residual, std = model.leave_one_out()
-        surprise = np.linalg.norm(residual / np.maximum(std, np.finfo(float).tiny), axis=1)
-        worst = surprise.max()
-        if worst <= _GROSS or len(kept) <= _FEWEST:
-            return gross
-        out = surprise > max(_GROSS, 0.7 * worst)
-        gross[kept[out]] = surprise[out]
 
 
 def _excluded(

@@ -72,6 +72,16 @@ def test_orientation_of_the_identified_arm(samples, targets):
     assert np.linalg.norm(left - left.mean(axis=0), axis=1).mean() < 0.1 * np.linalg.norm(true, axis=1).mean()
     assert (np.abs(miss.as_rotvec()) < 1.96 * std[:, 3:]).mean() > 0.93
     np.testing.assert_array_equal(model.predict_pose(targets), error)
+    away = np.array([0.0, 150.0, -100.0])
+    offset = nominal[:, :3, :3] @ away
+    other = TOOL.copy()
+    other[:3, 3] += away
+    at_other = (TRUE.forward(targets, other) - ROBOT.forward(targets, other))[:, :3, 3]
+    found, wider = model.predict_pose(targets, return_std=True, offset=offset)
+    assert (
+        np.linalg.norm(at_other - found[:, :3], axis=1).mean() < np.linalg.norm(at_other - error[:, :3], axis=1).mean()
+    )
+    assert (np.abs(at_other - found[:, :3]) < 1.96 * wider[:, :3]).mean() > 0.93
 
 
 @pytest.mark.parametrize("options", [{}, {"prior": "subset"}, {"loss": "huber"}, {"terms": ("sin1", "cos1 q2")}])

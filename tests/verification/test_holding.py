@@ -31,7 +31,8 @@ def test_a_model_that_holds_is_seldom_called_wrong(rng):
 def test_both_forms_of_the_covariance_agree(rng):
     residual = rng.normal(scale=STD, size=(8, 3))
     a, b = holding(residual, independent(8)), holding(residual, STD**2 * np.eye(24))
-    assert a.to_dict() == pytest.approx(b.to_dict())
+    assert (a.n, a.far, a.verdict) == (b.n, b.far, b.verdict)
+    assert (a.ratio, a.p_chi_square, a.p_white) == pytest.approx((b.ratio, b.p_chi_square, b.p_white))
 
 
 def test_one_gross_reading_is_named(rng):
@@ -47,7 +48,7 @@ def test_what_changes_slowly_is_not_white(rng):
     found = holding(residual, independent(60))
     assert found.p_chi_square > 0.05
     assert found.p_white < 1e-3
-    assert found.verdict == "does not hold"
+    assert found.verdict != "holds"
 
 
 def test_the_cause_is_found(rng):

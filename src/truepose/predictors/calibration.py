@@ -27,7 +27,7 @@ from truepose.identification import (
 )
 from truepose.identification.solve import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.orientation import rotation_per_mm
+from truepose.predictors.orientation import at_offset, rotation_per_mm, turns
 from truepose.robots import ErrorModel, Load, Robot
 
 FloatArray = NDArray[np.float64]
@@ -243,10 +243,16 @@ class KinematicCalibration(Predictor):
         return e, np.sqrt(variance)
 
     @overload
-    def predict_pose(self, X: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
+    ) -> FloatArray: ...
     @overload
-    def predict_pose(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
-    def predict_pose(self, X: ArrayLike, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
+    ) -> tuple[FloatArray, FloatArray]: ...
+    def predict_pose(
+        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Predict errors of position and orientation by the identified arm, whose positions alone were measured.
 
         What the model does not explain is turned into an uncertainty of orientation by `rotation_per_mm`. The tool's
@@ -257,6 +263,8 @@ class KinematicCalibration(Predictor):
         X : (m, dof) or (m, 2 dof) array_like [rad]
             As `predict`.
         return_std : bool
+        offset : (m, 3) array [mm], base frame, optional
+            From the measured point to the point of the tool that is asked for, on the nominal arm.
 
         Returns
         -------
@@ -271,13 +279,16 @@ class KinematicCalibration(Predictor):
         real, nominal = arm.pose(q, x, approach), arm.pose(q, np.zeros(len(x)), approach)
         turned = Rotation.from_matrix(real[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2))
         error = np.concatenate([real[:, :3, 3] - nominal[:, :3, 3], turned.as_rotvec()], axis=1)
+        if offset is not None:
+            error[:, :3] += turned.apply(offset) - offset
         if not return_std:
             return error
-        columns = arm.jacobian(q, x, approach, "pose")
+        columns = at_offset(arm.jacobian(q, x, approach, "pose"), offset)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
-        misfit = np.full(len(q), self.misfit_std_**2 if self._known_noise else 0.0)
-        variance[:, :3] += misfit[:, None]
-        variance[:, 3:] += (misfit * rotation_per_mm(arm.model.joint_jacobian(q)) ** 2)[:, None]
+        misfit = self.misfit_std_ if self._known_noise else 0.0
+        unknown = at_offset(turns(misfit * rotation_per_mm(arm.model.joint_jacobian(q))), offset)
+        variance += np.sum(unknown**2, axis=2)
+        variance[:, :3] += misfit**2
         return error, np.sqrt(variance)
 
     def _leave_one_out(self) -> LeaveOneOut:

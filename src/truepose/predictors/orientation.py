@@ -1,4 +1,4 @@
-"""What positions measured alone leave unknown of the orientation."""
+"""Errors of the pose from positions measured: what is left unknown, and how they are seen at another tool point."""
 
 from __future__ import annotations
 
@@ -31,3 +31,26 @@ def rotation_per_mm(lever: FloatArray) -> FloatArray:
     moves = squared > _UNSEEN**2 * squared.max(axis=1, keepdims=True)
     inverse = np.where(moves, 1.0 / np.where(moves, squared, 1.0), 0.0)
     return np.asarray(np.sqrt(inverse.sum(axis=1) / moves.sum(axis=1)))
+
+
+def turns(std: FloatArray) -> FloatArray:
+    """Return columns of unknown turns about each axis with standard deviations (m,) [rad]: (m, 6, 3)."""
+    columns = np.zeros((len(std), 6, 3))
+    columns[:, 3:] = std[:, None, None] * np.eye(3)
+    return columns
+
+
+def at_offset(columns: FloatArray, offset: FloatArray | None) -> FloatArray:
+    """Return columns of a pose's error for another point of the tool: e + w × r; as they are without an offset.
+
+    Parameters
+    ----------
+    columns : (m, 6, p) array [mm, rad] over any unit
+    offset : (m, 3) array [mm], base frame
+        r, from the point that the columns are for.
+    """
+    if offset is None:
+        return columns
+    moved = columns.copy()
+    moved[:, :3] += np.cross(columns[:, 3:], offset[:, :, None], axis=1)
+    return moved

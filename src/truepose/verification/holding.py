@@ -1,6 +1,6 @@
 """Does a model still hold? New readings against what it predicted, with the covariance that it gave them.
 
-With residuals r and their covariance S, the whitened z = L⁻¹ r, S = L Lᵀ, are standard normal where the model holds:
+With residuals r and their covariance S, the whitened z = L⁻¹ r, S = L Lᵀ, are standard normal where it holds:
 zᵀz is χ² and successive z are uncorrelated. Where it does not hold, columns H that stand for a cause (a moved station, a
 joint that is off) explain it as far as generalised least squares of r on H lowers rᵀS⁻¹r.
 """

@@ -25,7 +25,7 @@ def true_curve(j: int, angle):
     return 2e-4 * np.sin(7 * angle + j) + 1e-4 * np.cos(11 * angle - 2 * j)
 
 
-def true_errors(q):
+def true_errors(q, tool=TOOL):
     """Errors of position [mm] and orientation [rad], both from the geometry and the gears, (n, 6)."""
     rng = np.random.default_rng(7)
     real = replace(
@@ -34,8 +34,8 @@ def true_errors(q):
         alpha=ROBOT.alpha + rng.normal(scale=3e-4, size=6),
         offset=ROBOT.offset + rng.normal(scale=3e-4, size=6),
     )
-    turned = real.forward(q + np.stack([true_curve(j, q[:, j]) for j in range(6)], axis=1), tool=TOOL)
-    nominal = ROBOT.forward(q, tool=TOOL)
+    turned = real.forward(q + np.stack([true_curve(j, q[:, j]) for j in range(6)], axis=1), tool=tool)
+    nominal = ROBOT.forward(q, tool=tool)
     w = Rotation.from_matrix(turned[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)).as_rotvec()
     return np.concatenate([turned[:, :3, 3] - nominal[:, :3, 3], w], axis=1)
 
@@ -101,6 +101,23 @@ def test_orientation_is_predicted_from_positions(fitted):
     assert before > 0.5e-3
     assert after < 0.25 * before
     assert np.mean(np.abs((true - error) / std)[:, 3:] < 1.96) > 0.93  # a turn of the last frame is known by its prior
+
+
+def test_errors_at_another_point_of_the_tool(fitted):
+    """As a model of that point would have it; better than taking the sampled point's error for it."""
+    _, _, model = fitted
+    q, _ = simulate(100, np.random.default_rng(2))
+    away = np.array([150.0, -200.0, 100.0])
+    other = TOOL.copy()
+    other[:3, 3] += away
+    offset = ROBOT.forward(q, tool=TOOL)[:, :3, :3] @ away
+    true = true_errors(q, other)
+    error, std = model.predict_pose(q, return_std=True, offset=offset)
+    np.testing.assert_allclose(model.predict_pose(q, offset=offset), error)
+    miss = np.linalg.norm((true - error)[:, :3], axis=1).mean()
+    assert miss < 0.3 * np.linalg.norm(true[:, :3] - model.predict(q), axis=1).mean()
+    assert np.mean(np.abs((true - error) / std)[:, :3] < 1.96) > 0.93
+    assert np.all(std[:, :3].mean(axis=0) > model.predict(q, return_std=True)[1].mean(axis=0))
 
 
 @pytest.mark.parametrize("residual", ["joint", "none"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, Self, overload
 
 import numpy as np
@@ -18,7 +18,7 @@ from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likeli
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyper import Hyper
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms
-from truepose.predictors.orientation import rotation_per_mm
+from truepose.predictors.orientation import at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
 from truepose.similarity.threads import blas_threads
 
@@ -345,10 +345,16 @@ class KinematicKriging(Predictor):
         return e, self.inflation_ * self._form.covariance(design)
 
     @overload
-    def predict_pose(self, X: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
+    ) -> FloatArray: ...
     @overload
-    def predict_pose(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
-    def predict_pose(self, X: ArrayLike, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
+    ) -> tuple[FloatArray, FloatArray]: ...
+    def predict_pose(
+        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Predict errors of position and orientation, both from positions measured.
 
         Registration, geometry, compliance and the joints' errors are seen in the rows of orientation; Z is zero there,
@@ -359,6 +365,8 @@ class KinematicKriging(Predictor):
         ----------
         X : (m, dof) array_like [rad]
         return_std : bool
+        offset : (m, 3) array [mm], base frame, optional
+            From the measured point to the point of the tool that is asked for, on the nominal arm.
 
         Returns
         -------
@@ -370,15 +378,23 @@ class KinematicKriging(Predictor):
         check_is_fitted(self)
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(self._validate(X)[0]), "pose")
-        error = self._form.mean(design) + self._terms.curvature(design)
+        curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
+        unknown = at_offset(self._unknown_turns(design), offset)
+        design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
+        error = self._form.mean(design) + curvature
         if not return_std:
             return error
-        variance = np.einsum("maa->ma", self._form.covariance(design)).copy()
-        hyper, axis = self.hyper_, design.lever[:, 3:]
-        variance[:, 3:] += (hyper.rest_std * rotation_per_mm(design.lever))[:, None] ** 2
-        if len(hyper.joint_std):
-            variance[:, 3:] += np.mean(hyper.joint_std**2) * np.sum(axis[:, :, self.unseen_] ** 2, axis=2)
+        variance = np.einsum("maa->ma", self._form.covariance(design)) + np.sum(unknown**2, axis=2)
         return error, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+
+    def _unknown_turns(self, design: Design) -> FloatArray:
+        """Return columns of what Z, and joints that are not seen, may turn the tool by, (m, 6, k)."""
+        columns = [turns(self.hyper_.rest_std * rotation_per_mm(design.lever))]
+        if self.unseen_:
+            axis = np.zeros((len(design.q), 6, len(self.unseen_)))
+            axis[:, 3:] = design.lever[:, 3:, self.unseen_]
+            columns.append(axis * np.sqrt(np.mean(np.square(self.hyper_.joint_std))) if len(self.joints_) else 0 * axis)
+        return np.concatenate(columns, axis=2)
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
