@@ -36,7 +36,7 @@ class Solution:
     error : array like command
         Predicted error at the command.
     converged : (n,) array of bool
-        Whether |command + error − target| is within the tolerance.
+        Whether ‖command + error − target‖ is within the tolerance.
     iterations : int
     """
 

@@ -46,14 +46,16 @@ def euler(controller: str, value: ArrayLike) -> Rotation: ...
 def euler(controller: str, value: Rotation | ArrayLike) -> FloatArray | Rotation:
     """Turn a controller's orientation numbers into a Rotation, or a Rotation into the numbers.
 
-    | controller | numbers | meaning |
-    |---|---|---|
-    | kuka | A, B, C [deg] | Rz(A)·Ry(B)·Rx(C) |
-    | abb | q1, q2, q3, q4 | unit quaternion w, x, y, z |
-    | fanuc | W, P, R [deg] | Rz(R)·Ry(P)·Rx(W), fixed axes x, y, z |
-    | ur | rx, ry, rz [rad] | rotation vector |
-    | yaskawa | Rx, Ry, Rz [deg] | fixed axes x, y, z |
-    | staubli | rx, ry, rz [deg] | Rx(rx)·Ry(ry)·Rz(rz); read in one place only, not confirmed on a controller |
+    ==========  ================  ===========================================================================
+    controller  numbers           meaning
+    ==========  ================  ===========================================================================
+    kuka        A, B, C [deg]     Rz(A)·Ry(B)·Rx(C)
+    abb         q1, q2, q3, q4    unit quaternion w, x, y, z
+    fanuc       W, P, R [deg]     Rz(R)·Ry(P)·Rx(W), fixed axes x, y, z
+    ur          rx, ry, rz [rad]  rotation vector
+    yaskawa     Rx, Ry, Rz [deg]  fixed axes x, y, z
+    staubli     rx, ry, rz [deg]  Rx(rx)·Ry(ry)·Rz(rz); read in one place only, not confirmed on a controller
+    ==========  ================  ===========================================================================
 
     Parameters
     ----------

@@ -26,8 +26,8 @@ class OrdinaryKriging(GlobalKriging):
     to `fit` is noise in either case, and comes on top of the nugget.
 
     With a variogram of its own the variance is that model's. A fitted one gives all components one correlation (the
-    intrinsic model, equation (9) with B diagonal); the mean of `noise_std`² is taken off its nugget, and the scale of
-    each component follows by generalised least squares.
+    intrinsic model, equation (9) with B diagonal); the mean square of `noise_std` is taken off its nugget, and the
+    scale of each component follows by generalised least squares.
 
     Repeats of one point are averaged. Where the variogram is fitted, or is without nugget and no `noise_std` is given,
     the noise is at least their scatter. With ``exact=True`` and no `noise_std` they must agree.
