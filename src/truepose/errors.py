@@ -52,3 +52,7 @@ class KrigingError(TrueposeError):
 
 class RefusedError(TrueposeError):
     """A correction that a guard forbids under the policy in force."""
+
+
+class IllConditionedWarning(UserWarning):
+    """A system that was solved, but with few digits left: its condition number, and the remedy."""

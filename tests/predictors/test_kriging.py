@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import tracemalloc
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from truepose.errors import KrigingError
+from truepose.errors import IllConditionedWarning, KrigingError
 from truepose.predictors import OrdinaryKriging
 from truepose.similarity import VariogramModel
 
@@ -247,6 +249,16 @@ def test_singular_matrix_names_condition_points_and_remedy(rng):
     smooth = VariogramModel("gaussian", sill=1.0, range=3.0)
     with pytest.raises(KrigingError, match=r"condition number \d\.\de\+.*rows 40 and 41.* apart\); give .* a nugget"):
         OrdinaryKriging(smooth).fit(x, x)
+
+
+def test_poor_condition_is_told_with_its_remedy(rng):
+    x, smooth = rng.random((25, 2)), VariogramModel("gaussian", sill=1.0, range=1.0)
+    with pytest.warns(IllConditionedWarning, match=r"condition number \d\.\de\+1[123].*digits.*rows \d+ and.*a nugget"):
+        model = OrdinaryKriging(smooth).fit(x, x)
+    assert 1e11 < model.condition_ < 1e14
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        OrdinaryKriging(replace(smooth, nugget=1e-6)).fit(x, x)
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class Cokriging:
         flat = covariance.reshape(n * k, n * k)
         if len(self._rows) < n * k:
             flat = flat[np.ix_(self._rows, self._rows)]
-        self.system = System.factorise(np.ascontiguousarray(flat), self._basis(x)[self._rows], x[self._rows // k])
+        self.system = System.factorise(np.ascontiguousarray(flat), self._basis(x)[self._rows], x)
 
         self._e = e
         beta, alpha, _ = self.system.solve(e.reshape(-1, 1)[self._rows])

@@ -9,6 +9,8 @@ chapter 6; leave-one-out: O. Dubrule, "Cross validation of kriging in a unique n
 
 from __future__ import annotations
 
+import math
+import warnings
 from threading import Lock
 from typing import Final, Self
 
@@ -17,16 +19,20 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack, solve_triangular
 from scipy.spatial import KDTree
 
-from truepose.errors import KrigingError
+from truepose.errors import IllConditionedWarning, KrigingError
 
 FloatArray = NDArray[np.float64]
 
 WORST: Final = 1e-14
 """Smallest reciprocal condition number with which a solution still has digits."""
 
+POOR: Final = 1e-11
+"""Smaller ones are told: of 16 digits fewer than five are left."""
+
 WORST_DRIFT: Final = 1e-10
 """Smallest ratio of singular values with which the columns of a drift can be told apart."""
 
+REMEDY: Final = "give the variogram a nugget, use a rougher family (matern52 for gaussian), or drop near points"
 PANEL: Final = 256
 _INVERTING: Final = Lock()
 
@@ -55,13 +61,18 @@ class System:
         ----------
         covariance : (n, n) array, C order, symmetric
         drift : (n, p) array
-        x : (n, d) array
-            The points, to name the nearest two when the matrix is singular.
+        x : (u, d) array
+            The points, to name the nearest two when the matrix is singular or nearly so.
 
         Raises
         ------
         KrigingError
             If the matrix is singular or not positive definite in 64 bits, or columns of the drift cannot be told apart.
+
+        Warns
+        -----
+        IllConditionedWarning
+            If the condition number is above 1e11.
         """
         matrix = covariance.T  # the same numbers in Fortran order: factorised in place
         norm = lapack.dlange("1", matrix)  # type: ignore[call-arg]
@@ -74,6 +85,13 @@ class System:
         reciprocal = lapack.dpocon(factor, norm, uplo="L")[0]
         if reciprocal < WORST:
             raise _singular(reciprocal, x)
+        if reciprocal < POOR:
+            warnings.warn(
+                f"the covariance matrix of {len(x)} points has the condition number {1 / reciprocal:.1e}, so that of "
+                f"16 digits about {16 + math.log10(reciprocal):.0f} are left ({_nearest(x)}); {REMEDY}",
+                IllConditionedWarning,
+                stacklevel=2,
+            )
         if not drift.shape[1]:
             return cls(factor, drift, np.zeros((0, 0)), 1 / reciprocal)
         q, r = np.linalg.qr(solve_triangular(factor, drift, lower=True, check_finite=False))
@@ -185,13 +203,15 @@ def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:
 
 
 def _singular(reciprocal: float, x: FloatArray) -> KrigingError:
-    near = "they are one point"
-    if len(x) > 1:
-        distance, index = (np.asarray(found)[:, 1] for found in KDTree(x).query(x, k=2))
-        i = int(np.argmin(distance))
-        near = f"the nearest two, rows {i} and {index[i]} of the points, are {distance[i]:.3g} apart"
     size = f"condition number {1 / reciprocal:.1e}" if reciprocal > 0 else "infinite condition number"
     return KrigingError(
-        f"the covariance matrix of {len(x)} points is singular to 64 bits ({size}; {near}); "
-        "give the variogram a nugget, use a rougher family (matern52 for gaussian), or drop near points"
+        f"the covariance matrix of {len(x)} points is singular to 64 bits ({size}; {_nearest(x)}); {REMEDY}"
     )
+
+
+def _nearest(x: FloatArray) -> str:
+    if len(x) == 1:
+        return "they are one point"
+    distance, index = (np.asarray(found)[:, 1] for found in KDTree(x).query(x, k=2))
+    i = int(np.argmin(distance))
+    return f"the nearest two, rows {i} and {index[i]} of the points, are {distance[i]:.3g} apart"
