@@ -130,9 +130,9 @@ def test_layout_9_log(tmp_path: Path) -> None:
     lines = [
         "Pos 1",
         "Cnt=1  X=-1250.330 Y=20.5 Z= 3.25 RotX= 0.420 RotY=-0.1 RotZ=90",
-        "Cnt=2 X=-1250.328 Y=20.5 Z=3.25",
+        "Cnt=2 X=-1250.328 Y=20.5 Z=3.25 RotX=0.42 RotY=-0.1 RotZ=90",
     ]
-    readings = read_readings(write(tmp_path, *lines, "", "Pos 2", "Cnt=1 X=0.0 Y=0.0 Z=0.0"))
+    readings = read_readings(write(tmp_path, *lines, "", "Pos 2", "Cnt=1 X=0.0 Y=0.0 Z=0.0 RotX=0 RotY=0 RotZ=0"))
     assert readings.layout.startswith("log in blocks")
     assert readings.name is not None
     assert readings.name.tolist() == ["1", "1", "2"]
@@ -171,6 +171,11 @@ def test_layout_10_metres_and_epoch_seconds(tmp_path: Path) -> None:
         (["Pos 1", "Cnt=1 X=1.5 Y=2.5"], ":2: has no Z="),
         (["Pos 1", "Cnt=1 X=1.5 Y=2.5 Z=two"], ":2: z is 'two', which is not a number"),
         (["Pos 1", "and then the tracker fell over"], ':2: expected "Pos 1" or "Cnt=1 X=… Y=… Z=…", found'),
+        (
+            ["Pos 1", "Cnt=1 X=1 Y=2 Z=3 RotX=1 RotY=2 RotZ=3", "Cnt=2 X=1 Y=2 Z=3"],
+            ":3: has no RotX=, RotY=, RotZ=, other",
+        ),
+        (["X [mm],Y [mm],Z [mm],U(95) [mm],Q0,Q1,Q2,Q3", "1,2,3,4,,,,"], ":2: has a position but no orientation"),
         (["Pos 1", "Pos 2"], "has blocks but no samples in them"),
         (["Element Name,Number,Deviation,MX Coord.,MY Coord.,MZ Coord."], "holds no readings"),
     ],

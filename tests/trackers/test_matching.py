@@ -16,6 +16,7 @@ from truepose.cell import Cell
 from truepose.errors import DataError
 from truepose.robots import load_robot
 from truepose.samples import Poses, Samples, read_samples
+from truepose.simulation import VirtualCell
 from truepose.trackers import Readings, import_readings, match
 
 FloatArray = NDArray[np.float64]
@@ -248,3 +249,32 @@ def test_measured_robot(shared: Path, rng: np.random.Generator) -> None:
     samples, summary = match(readings_of(given.p_meas[keep]), plan_of(given.p_cmd), missing=True)
     np.testing.assert_array_equal(samples.p_meas, given.p_meas[keep])
     assert summary.missing == (5, 300, 301, 600)
+
+
+@pytest.mark.parametrize("shift", [3.0, 800.0])
+@pytest.mark.parametrize("at", [15, 30, 45])
+@pytest.mark.parametrize("bad", [False, True])
+def test_a_tracker_that_was_moved(p_cmd: FloatArray, shift: float, at: int, bad: bool) -> None:
+    """Readings after line `at` from another station; with `bad`, rows are missing and swapped beside that."""
+    rng = np.random.default_rng(5)
+    p = measured(rng, p_cmd, tool_error=1.0)
+    p[at:] = Rotation.from_rotvec([0, 0, 1e-5 * shift]).apply(p[at:]) + np.array([shift, 0, 0])
+    readings = readings_of(p)
+    if bad:
+        order = np.arange(60)
+        order[[3, 9]] = order[[9, 3]]
+        readings = readings[np.delete(order, [12, 50])]
+    said = rf"readings\.txt: the tracker was moved before line {at + 1}, by .* two registrations leave .* import the"
+    with pytest.raises(DataError, match=said):
+        match(readings, plan_of(p_cmd), reorder=True, missing=True)
+
+
+@pytest.mark.parametrize("order", ["as planned", "along x", "in layers"])
+@pytest.mark.parametrize("seed", range(4))
+def test_errors_that_vary_over_the_work_region_are_no_move(seed: int, order: str) -> None:
+    cell = VirtualCell("hard", seed=seed)
+    samples = cell.measure(cell.design(100))
+    x, _, z = samples.p_cmd.T
+    rank = {"as planned": np.arange(100), "along x": np.argsort(x), "in layers": np.lexsort((x, z // 200))}[order]
+    _, summary = match(readings_of(samples.p_meas[rank]), plan_of(samples.p_cmd[rank]))
+    assert summary.samples == 100

@@ -51,31 +51,6 @@ def reflector_ring(count: int, radius: float) -> FloatArray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)], axis=1)
 
 
-def fit_rigid(p_body: FloatArray, p: FloatArray) -> tuple[FloatArray, Rotation]:
-    """Fit the pose of a body to its points, for many poses at once (Arun, Huang, Blostein 1987, by SVD).
-
-    Parameters
-    ----------
-    p_body : (m, 3) array [mm]
-        The points in the body's frame, m ≥ 3, not on a line.
-    p : (n, m, 3) array [mm]
-        The same points, read at n poses.
-
-    Returns
-    -------
-    origin : (n, 3) array [mm]
-        Where the body's origin is.
-    rotation : Rotation of length n
-    """
-    centre_body, centre = p_body.mean(axis=0), p.mean(axis=1)
-    u, _, vt = np.linalg.svd(np.einsum("mi,nmj->nij", p_body - centre_body, p - centre[:, None]))
-    v, ut = vt.transpose(0, 2, 1), u.transpose(0, 2, 1)
-    mirror = np.ones((len(p), 3))
-    mirror[:, 2] = np.linalg.det(v @ ut)
-    rotation = Rotation.from_matrix((v * mirror[:, None]) @ ut)
-    return np.asarray(centre - rotation.apply(centre_body)), rotation
-
-
 def pose_covariance(p_body: FloatArray, rotation: Rotation, covariance: FloatArray) -> FloatArray:
     """Return the covariance of `fit_rigid`'s origin [mm] and rotation vector [rad]: (n, 6, 6), to first order.
 

@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from truepose.cell import Cell
+from truepose.cell import ANGLE_KEYS, Cell
 from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform, register
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.samples import Samples
 from truepose.simulation.presets import EFFECTS, PRESETS, Preset
-from truepose.simulation.tracker import fit_rigid, pose_covariance, reflector_ring
+from truepose.simulation.tracker import pose_covariance, reflector_ring
 from truepose.simulation.truth import Conditions, Truth, draw_joints
+from truepose.trackers.reflectors import fit_rigid
 from truepose.verification import mean_noise
 
 FloatArray = NDArray[np.float64]
@@ -81,15 +82,25 @@ class VirtualCell:
     @property
     def cell(self) -> Cell:
         """The cell as its user would describe it."""
-        tool = dict(zip(("x_mm", "y_mm", "z_mm"), self.preset.tool_mm, strict=True))
-        angles = dict(zip(("a_deg", "b_deg", "c_deg"), self.preset.tool_abc_deg, strict=True))
-        payload = dict(zip(("x_mm", "y_mm", "z_mm"), self.preset.payload_mm, strict=True))
+        preset, lengths = self.preset, ("x_mm", "y_mm", "z_mm")
+        controller = Cell.model_validate({"robot": {"model": self.robot.name}}).controller
+
+        def pose(p: tuple[float, float, float], abc: tuple[float, float, float]) -> dict[str, float]:
+            angles = abc if controller is None else np.round(euler(controller, euler("kuka", abc)), 9).tolist()
+            return dict(zip((*lengths, *ANGLE_KEYS[controller or "kuka"]), (*p, *angles), strict=True))
+
         return Cell.model_validate(
             {
                 "robot": {"model": self.robot.name},
-                "tool": {**tool, **angles},
+                "tool": pose(preset.tool_mm, preset.tool_abc_deg),
                 "tracker": {"fit": "pose"},
-                "payload": {"mass_kg": self.preset.payload_kg, **payload},
+                "payload": {"mass_kg": preset.payload_kg, **dict(zip(lengths, preset.payload_mm, strict=True))},
+                "region": {
+                    **pose(preset.centre_mm, preset.abc_deg),
+                    "size_mm": preset.size_mm,
+                    "tilt_deg": preset.orientation_deg,
+                    "home_deg": list(preset.home_deg),
+                },
             }
         )
 

@@ -2,17 +2,21 @@
 
 from truepose.trackers.columns import Columns
 from truepose.trackers.importing import import_readings
+from truepose.trackers.joint_files import read_plan
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import LAYOUTS, read_readings, write_readings
+from truepose.trackers.reflectors import combine_reflectors
 
 __all__ = [
     "LAYOUTS",
     "Columns",
     "ImportSummary",
     "Readings",
+    "combine_reflectors",
     "import_readings",
     "match",
+    "read_plan",
     "read_readings",
     "write_readings",
 ]

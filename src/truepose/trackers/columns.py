@@ -166,7 +166,9 @@ def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = 
         if optional["time"] is None:
             notes = (f"The time stamps were rounded by a spreadsheet (such as {texts[0]}) and are left out.",)
     if columns.rotation:
-        optional["rotation"] = _rotation(table, columns, np.asarray(np.isnan(numbers).any(axis=1)))
+        optional["rotation"] = _rotation(
+            table, columns, np.asarray(np.isnan(numbers).any(axis=1) | (numbers == 0.0).all(axis=1))
+        )
     if columns.std:
         std = _filled(table, columns.std) * columns.std_factor * factor
         optional["p_std"] = np.broadcast_to(std, numbers.shape).copy()
@@ -254,14 +256,17 @@ def _filled(table: TextTable, columns: tuple[Column, ...]) -> FloatArray:
 def _rotation(table: TextTable, columns: Columns, missing: NDArray[np.bool_]) -> Rotation:
     """Return the orientations; rows without a reading get the identity."""
     values = _filled(table, columns.rotation)
-    missing = missing | np.isnan(values).any(axis=1)
-    if len(columns.rotation) == 3:
-        values = np.where(missing[:, None], 0.0, values)
-        return Rotation.from_euler(columns.angles, values * _ANGLE[columns.angle_unit])
+    quaternion = len(columns.rotation) == 4
+    absent = np.isnan(values).any(axis=1) | (quaternion & (values == 0.0).all(axis=1))
+    lost = np.flatnonzero(absent & ~missing)
+    if len(lost):
+        raise FileError(table.path, "has a position but no orientation", line=int(table.line[lost[0]]))
+    if not quaternion:
+        angles = np.where(absent[:, None], 0.0, values) * _ANGLE[columns.angle_unit]
+        return Rotation.from_euler(columns.angles, angles)
     length = np.linalg.norm(values, axis=1)
-    missing |= length == 0.0
-    wrong = np.flatnonzero(~missing & (np.abs(length - 1.0) > 0.01))
+    wrong = np.flatnonzero(~absent & (np.abs(length - 1.0) > 0.01))
     if len(wrong):
         message = f"the quaternion has length {length[wrong[0]]:.4g}, expected 1; are these its columns?"
         raise FileError(table.path, message, line=int(table.line[wrong[0]]))
-    return Rotation.from_quat(np.where(missing[:, None], [1.0, 0.0, 0.0, 0.0], values), scalar_first=True)
+    return Rotation.from_quat(np.where(absent[:, None], [1.0, 0.0, 0.0, 0.0], values), scalar_first=True)

@@ -14,7 +14,9 @@ from truepose.errors import DataError
 from truepose.geometry.transforms import apply_transform
 from truepose.samples import Poses, Samples, check
 from truepose.trackers.assignment import Assignment, assign
+from truepose.trackers.orientations import check_turns
 from truepose.trackers.readings import Readings
+from truepose.trackers.station import refuse_move
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,6 +44,8 @@ class ImportSummary:
         Standard deviation of repeats, per axis, pooled.
     median_mm, max_mm : float [mm]
         Residuals after a rigid registration. The tool is not fitted here, so its error is part of them.
+    notes : tuple of str
+        What else was seen in the file.
     """
 
     layout: str
@@ -58,6 +62,7 @@ class ImportSummary:
     scatter_mm: float | None
     median_mm: float
     max_mm: float
+    notes: tuple[str, ...] = ()
 
     def sentences(self) -> list[str]:
         """Return the summary as sentences, the most important first."""
@@ -81,6 +86,7 @@ class ImportSummary:
             if rows:
                 lines.append(f"Rows {', '.join(map(str, rows))} {what}.")
         residuals = f"median {self.median_mm:.3g} mm, at most {self.max_mm:.3g} mm"
+        lines += self.notes
         lines.append(f"Residuals after rigid registration, tool not fitted: {residuals}.")
         return lines
 
@@ -123,10 +129,13 @@ def match(
     if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
         raise DataError(f"{readings.source}: {count}; at least 3 are needed to match them by distances")
     _refuse_other_units(readings, plan.p_cmd)
+    if len(readings) == len(plan):
+        refuse_move(readings, plan.p_cmd, None, repeat_mm)
     try:
         found = assign(plan.p_cmd, p_read, repeat_mm)
     except DataError as error:
         raise _stranger(readings, plan, str(error)) from None
+    refuse_move(readings, plan.p_cmd, found, repeat_mm)
     fitting = (found.reading >= 0) & ~found.outlier
     spread = float(np.sqrt(plan.p_cmd.var(axis=0).sum()))
     if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
@@ -146,6 +155,7 @@ def match(
         raise DataError(f"{readings.source}: {described}; correct the file, or allow reordering")
     samples, scatter, averaged = _join(readings, plan[~absent], owner, np.flatnonzero(~absent))
     check(samples)
+    check_turns(samples)
     rows = np.asarray(plan.row)
     summary = ImportSummary(
         layout=readings.layout,
@@ -162,6 +172,7 @@ def match(
         scatter_mm=scatter,
         median_mm=float(np.nanmedian(found.residual)),
         max_mm=float(np.nanmax(found.residual)),
+        notes=readings.notes,
     )
     return samples, summary
 
@@ -180,7 +191,8 @@ def _stranger(readings: Readings, plan: Poses, why: str) -> DataError:
     """Return the error for readings that do not fit the plan."""
     count = int((~readings.missing).sum())
     if count >= 2 * len(plan) and count % len(plan) == 0:
-        why = f"{count // len(plan)} for each row, and no repeats; several reflectors per pose? Keep one of them"
+        why = f"{count // len(plan)} for each row, and no repeats; several reflectors per pose?"
+        why += " Say where they sit on the tool, or which to keep"
     else:
         why += "; is it this plan, in this order, and did the tracker stand still?"
     return DataError(f"{readings.source}: {count} readings for {len(plan)} rows of the plan: {why}")

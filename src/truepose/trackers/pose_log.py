@@ -52,15 +52,16 @@ def read(data: bytes, path: str | Path) -> Readings:
     if not values:
         raise FileError(path, "has blocks but no samples in them")
     table = np.array(values)
-    turned = bool(np.isfinite(table[:, 3:]).all(axis=1).any())
-    angles = np.nan_to_num(table[:, 3:])
+    turned = np.isfinite(table[:, 3:]).all(axis=1)
+    if turned.any() and not turned.all():
+        raise FileError(path, "has no RotX=, RotY=, RotZ=, other samples have", line=lines[int(turned.argmin())])
     readings = Readings(
         p=table[:, :3],
         line=np.array(lines, dtype=np.int64),
         layout=LAYOUT.name,
         source=str(path),
         name=np.array(names),
-        rotation=Rotation.from_euler("xyz", angles, degrees=True) if turned else None,
+        rotation=Rotation.from_euler("xyz", table[:, 3:], degrees=True) if turned.all() else None,
     )
     return check_metres(readings)
 
