@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -91,12 +91,28 @@ def init(
 def import_readings(
     cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")],
     readings_path: Annotated[Path, typer.Argument(metavar="READINGS", help="The tracker's file.")],
-    plan_path: Annotated[Path, typer.Option("--plan", help="What was commanded, in order: plan.csv.")],
+    plan_path: Annotated[
+        Path, typer.Option("--plan", help="What was commanded, in order: plan.csv, or the controller's joint targets.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="The table of samples to write.")] = Path("samples.csv"),
     reorder: Annotated[
         bool, typer.Option("--reorder", help="Accept rows that were found to be swapped, in the order found.")
     ] = False,
     missing: Annotated[bool, typer.Option("--missing", help="Accept rows of the plan without a reading.")] = False,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns", help="Where the quantities stand: 'x=4, y=5, z=6, unit=m', or a file that was saved."
+        ),
+    ] = None,
+    save_columns: Annotated[
+        Path | None, typer.Option("--save-columns", help="Write what --columns says to a .toml file.")
+    ] = None,
+    reflectors: Annotated[
+        str | None,
+        typer.Option("--reflectors", help="Several read at each pose: how many, or a file of where they sit [mm]."),
+    ] = None,
+    keep: Annotated[int | None, typer.Option("--keep", help="Of several reflectors keep this one, from 1.")] = None,
     as_json: Json = False,
 ) -> None:
     """Read a tracker's file, match it to the plan, register it and name the outliers."""
@@ -105,12 +121,26 @@ def import_readings(
     from truepose import trackers
     from truepose.cell import load_cell
     from truepose.registering import register_samples
-    from truepose.samples import read_poses, write_samples
+    from truepose.samples import write_samples
 
     cell = load_cell(cell_path)
+    told = None
+    if columns is not None:
+        told = trackers.Columns.parse(columns) if "=" in columns else trackers.Columns.load(columns)
+        if save_columns is not None:
+            told.save(save_columns)
     samples, understood = trackers.import_readings(
-        readings_path, read_poses(plan_path), cell=cell, reorder=reorder, missing=missing
+        readings_path,
+        trackers.read_plan(plan_path),
+        cell=cell,
+        columns=told,
+        reflectors=_reflectors(reflectors),
+        keep=keep,
+        reorder=reorder,
+        missing=missing,
     )
+    if not as_json:
+        say(*understood.sentences())
     registration, _, _ = register_samples(cell, cell.load_robot(), samples)
     length = np.linalg.norm(registration.residuals, axis=1)
     assert samples.row is not None
@@ -131,7 +161,6 @@ def import_readings(
             }
         )
         return
-    say(*understood.sentences())
     say(f"After registration the error is {figures['mean_mm']:.3f} mm in the mean, {figures['max_mm']:.3f} mm at most.")
     for outlier in outliers:
         say(
@@ -139,3 +168,12 @@ def import_readings(
             "it stays in the file, and fits leave it out unless its neighbours agree."
         )
     say(f"Wrote {out} ({len(samples)} samples).")
+
+
+def _reflectors(told: str | None) -> Any:
+    """Return how many reflectors there are, or where they sit on the tool as read from a file (m, 3) [mm]."""
+    from truepose.trackers import read_readings
+
+    if told is None or told.isdigit():
+        return told and int(told)
+    return read_readings(told).p
