@@ -15,7 +15,18 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, Pose, Section
-from truepose.cell.sections import Base, Correction, Frames, Payload, RobotSection, Tool, Tracker
+from truepose.cell.sections import (
+    Base,
+    Box,
+    Correction,
+    Frames,
+    Measuring,
+    Payload,
+    Region,
+    RobotSection,
+    Tool,
+    Tracker,
+)
 from truepose.cell.text import explain, line_of, tables, toml_position
 from truepose.errors import FileError
 from truepose.files import read_text
@@ -33,8 +44,9 @@ class Cell(Section):
 
     Attributes
     ----------
-    robot, tool, base, tracker, payload, frames, correction : Section
-        The tables of the file.
+    robot, tool, base, tracker, payload, frames, region, measuring, correction : Section
+        The tables of the file; ``region`` is None where none is stated.
+    obstacles : dict of str to Box
     tf_flange_tool : (4, 4) array [mm]
         The measured point, seen from the flange.
     tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
@@ -49,6 +61,9 @@ class Cell(Section):
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
     frames: Frames = Field(default_factory=Frames)
+    region: Region | None = None
+    obstacles: dict[str, Box] = Field(default_factory=dict)
+    measuring: Measuring = Field(default_factory=Measuring)
     correction: Correction = Field(default_factory=Correction)
 
     _folder: Path = PrivateAttr(default=Path())
@@ -78,10 +93,10 @@ class Cell(Section):
         context = info.context or {}
         self._folder, self._robot = Path(context.get("folder", "")), context.get("robot")
         try:
-            maker = self.load_robot().maker.lower()
+            robot = self.load_robot()
         except ValueError as error:
             raise CellError(("robot", "model"), str(error)) from None
-        controller = CONTROLLER.get(maker, maker)
+        controller = CONTROLLER.get(robot.maker.lower(), robot.maker.lower())
         self._controller = controller if controller in ANGLE_KEYS else None
         poses: dict[tuple[str | int, ...], Pose] = {
             ("tool",): self.tool,
@@ -90,6 +105,10 @@ class Cell(Section):
         }
         poses |= {("frames", "tools", number): pose for number, pose in self.frames.tools.items()}
         poses |= {("frames", "bases", number): pose for number, pose in self.frames.bases.items()}
+        if self.region is not None:
+            poses[("region",)] = self.region
+            if len(self.region.home_deg) != robot.dof:
+                raise CellError(("region", "home_deg"), f"has {len(self.region.home_deg)} joints, expected {robot.dof}")
         for loc, pose in poses.items():
             try:
                 pose.matrix(self._controller)
@@ -104,6 +123,11 @@ class Cell(Section):
             return robot
         model = self.robot.model
         return load_robot(str(self._folder / model) if model.lower().endswith((".toml", ".urdf")) else model)
+
+    @property
+    def controller(self) -> str | None:
+        """Whose angles the file states, a key of `ANGLE_KEYS`; None where the robot's maker has none."""
+        return self._controller
 
     @property
     def station_fitted(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,3 +115,52 @@ class Correction(Section):
     max_rotation_mrad: Positive = 10.0
     max_rotation_std_mrad: Positive = 3.0
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"
+
+
+class Region(Pose):
+    """``[region]``: the work region: a box about x_mm, y_mm, z_mm, along the axes of a base frame of the controller.
+
+    The angles are the tool's orientation in that frame; work turns away from it by up to ``tilt_deg`` about each axis.
+    """
+
+    size_mm: tuple[Positive, Positive, Positive]
+    home_deg: list[Number]
+    tilt_deg: NotNegative = 0.0
+    frame: int | str | None = None
+
+
+class Box(Section):
+    """``[obstacles.NAME]``: a box that the arm must not touch, in the base frame."""
+
+    x_mm: tuple[Number, Number]
+    y_mm: tuple[Number, Number]
+    z_mm: tuple[Number, Number]
+
+    @model_validator(mode="after")
+    def _low_high(self) -> Self:
+        for key in ("x_mm", "y_mm", "z_mm"):
+            low, high = getattr(self, key)
+            if low >= high:
+                raise CellError((key,), f"from {low:g} to {high:g} is no box; write the smaller number first")
+        return self
+
+
+class Measuring(Section):
+    """``[measuring]``: how the measuring program goes to a pose, waits there, and what the tracker can see."""
+
+    dwell_s: Positive = 2.0
+    speed_percent: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)] = 20.0
+    trigger_output: Annotated[int, Field(strict=True, ge=1)] | None = None
+    approach_deg: NotNegative = 3.0
+    limit_margin_deg: NotNegative = 5.0
+    reflector_axis: tuple[Number, Number, Number] | None = None
+    acceptance_deg: Positive = 30.0
+    link_radius_mm: NotNegative = 150.0
+    repeatability_mm: Positive = 0.02
+
+    @field_validator("reflector_axis")
+    @classmethod
+    def _has_direction(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        if value is not None and not any(value):
+            raise ValueError("reflector_axis has no direction; write [0.0, 0.0, 1.0] for the tool's z")
+        return value

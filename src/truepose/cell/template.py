@@ -47,6 +47,32 @@ robust = true            # gross readings are found and left out of the registra
 # [frames.bases.1]
 # x_mm = 0.0
 
+# [region]               # where the work is, for `truepose plan`: a box, and the tool's orientation in it
+# x_mm = 1500.0          # its centre
+# y_mm = 0.0
+# z_mm = 900.0
+{region_angles}
+# size_mm = [900.0, 1600.0, 900.0]
+# tilt_deg = 15.0        # by how much the work turns away from that orientation, about each axis of the tool
+# home_deg = {home}      # joints on the branch of the work; the measuring program starts there
+# frame = 1              # the base frame of the controller that all this is stated in; left out: the robot's own
+
+# [obstacles.table]      # boxes that the arm must not touch, robot base frame
+# x_mm = [900.0, 2400.0]
+# y_mm = [-1000.0, 1000.0]
+# z_mm = [0.0, 400.0]
+
+# [measuring]
+# dwell_s = 2.0          # at each pose, for the arm to come to rest and the tracker to read
+# speed_percent = 20.0
+# trigger_output = 1     # digital output that tells the tracker to read; left out: no signal
+# approach_deg = 3.0     # every joint comes to its pose from that far below, so that backlash is always the same
+# limit_margin_deg = 5.0
+# reflector_axis = [0.0, 0.0, 1.0]  # where the reflector looks, tool frame; left out: it is seen from all sides
+# acceptance_deg = 30.0
+# link_radius_mm = 150.0 # of the rods that stand for the arm's links
+# repeatability_mm = 0.02  # standard deviation in each direction, for the accuracy expected
+
 [correction]
 max_correction_mm = 5.0
 on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" the correction
@@ -67,7 +93,14 @@ def template(robot_name: str) -> str:
     RobotError
         If the robot is not known.
     """
-    maker = load_robot(robot_name).maker.lower()
+    robot = load_robot(robot_name)
+    maker = robot.maker.lower()
     keys = ANGLE_KEYS.get(CONTROLLER.get(maker, maker), ANGLE_KEYS["kuka"])
     zero = [f"{key} = {1.0 if key == 'q1' else 0.0}" for key in keys]
-    return _TEMPLATE.format(model=robot_name, angles=", ".join(keys), zero_angles="\n".join(zero))
+    return _TEMPLATE.format(
+        model=robot_name,
+        angles=", ".join(keys),
+        zero_angles="\n".join(zero),
+        region_angles="\n".join(f"# {line}" for line in zero),
+        home=[0.0] * robot.dof,
+    )

@@ -5,11 +5,12 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from typing import Any
+from types import UnionType
+from typing import Any, TypeGuard, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from truepose.cell.poses import CellError, Pose
+from truepose.cell.poses import CellError
 
 
 def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
@@ -33,7 +34,8 @@ def toml_position(message: str) -> tuple[str, int | None]:
 
 def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
     """Return where the first error stands and one line that says what it is and what to do."""
-    first = error.errors()[0]
+    errors = error.errors()  # a misspelt key first: the one that is missing may be the same
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     cause = first.get("ctx", {}).get("error")
     loc = (*first["loc"], *cause.loc) if isinstance(cause, CellError) else first["loc"]
     loc = loc[:-1] if loc[-1:] == ("[key]",) else loc
@@ -54,14 +56,18 @@ def _name(loc: tuple[str | int, ...]) -> str:
 
 
 def _nearest(loc: tuple[str | int, ...], cell: type[BaseModel]) -> str:
-    known = list(cell.model_fields)
-    if len(loc) > 1:
-        section = cell.model_fields[str(loc[0])].annotation
-        model = Pose if len(loc) > 2 else section
-        known = list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+    section: Any = cell
+    for key in loc[:-1]:
+        section = section.model_fields[str(key)].annotation if _is_section(section) else get_args(section)[1]
+        section = next(filter(_is_section, get_args(section)), section) if isinstance(section, UnionType) else section
+    known = list(section.model_fields) if _is_section(section) else []
     near = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
     in_metres = " Lengths are mm." if str(loc[-1]).endswith("_m") else ""
     return f"did you mean {near[0]}?{in_metres}" if near else f"known are {', '.join(known)}"
+
+
+def _is_section(annotation: object) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
 def line_of(text: str, loc: tuple[str | int, ...]) -> int | None:

@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from truepose.cli import demo, maps, programs, setup, study
+from truepose.cli import demo, maps, planning, programs, setup, study
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("robots")(setup.robots)
 app.command("init")(setup.init)
+app.command("plan")(planning.plan)
 app.command("import")(setup.import_readings)
 app.command("similarity")(maps.similarity)
 app.command("fit")(maps.fit)

@@ -48,7 +48,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> 
 
     made = Table(header_style="bold")
     for k, column in enumerate(columns):
-        made.add_column(column, justify="left" if k == 0 else "right")
+        made.add_column(Text(column), justify="left" if k == 0 else "right")
     for row in rows:
         made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
     # a table's own title would break at the width of the table

@@ -1,0 +1,7 @@
+"""Where to measure: configurations that tell most, their order, and the program that goes there (method.md §6)."""
+
+from truepose.planning.designs import METHODS
+from truepose.planning.grounds import work_region
+from truepose.planning.plan import Plan, plan
+
+__all__ = ["METHODS", "Plan", "plan", "work_region"]

@@ -1,0 +1,123 @@
+"""What is believed of an arm before it is measured, or after a first series: the prior of (10) as columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, qmc
+
+from truepose.predictors.kinematic.basis_form import Basis
+from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.kriging import KinematicKriging
+from truepose.predictors.kinematic.terms import Terms
+from truepose.robots import Robot
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_STRAIN_WAVE: Final = frozenset({"universal-robots", "universal robots"})
+_JOINT_STD: Final = {True: 3e-4, False: 5e-5}  # rad: strain-wave gears (measured UR10), gears of heavy arms (§7)
+_REST_STD: Final = {True: 0.1, False: 0.03}  # mm
+_NOISE: Final = 0.02  # mm: repeatability in each direction, of RP 0.07 mm by ISO 9283
+_DRAWS: Final = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Errors as columns of standard normal weights, and what they leave out.
+
+    Attributes
+    ----------
+    basis : Basis
+    hyper : Hyper
+    root : (p, s) array
+        Of the weights' covariance: Λ½ before any sample.
+    """
+
+    basis: Basis
+    hyper: Hyper
+    root: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, tf_flange_tool: FloatArray, anchors: FloatArray, noise: float = _NOISE) -> Self:
+        """Return what is typical of an arm that nobody has measured.
+
+        Parameters
+        ----------
+        robot : Robot
+        tf_flange_tool : (4, 4) array [mm]
+        anchors : (a, dof) array [rad]
+            Configurations over the work region, some hundred: they carry the rest Z.
+        noise : float [mm]
+            Repeatability and reading noise together, standard deviation in each direction.
+        """
+        terms = Terms(robot, tf_flange_tool)
+        joints = terms.seen(terms.at(anchors))
+        elastic = robot.maker.lower() in _STRAIN_WAVE
+        start = Hyper.start(len(joints), len(terms.range_names))
+        hyper = Hyper(
+            np.full(len(joints), _JOINT_STD[elastic]),
+            start.joint_length,
+            start.tolerance,
+            noise,
+            _REST_STD[elastic],
+            start.rest_range,
+        )
+        return cls._before(terms, joints, hyper, anchors)
+
+    @classmethod
+    def after(cls, model: KinematicKriging, q: ArrayLike, anchors: FloatArray) -> Self:
+        """Return what is known after a series: fitted hyperparameters, and the weights given samples at q (n, dof)."""
+        assert model.robot is not None
+        terms = Terms(
+            model.robot,
+            np.eye(4) if model.tf_flange_tool is None else np.asarray(model.tf_flange_tool, float),
+            convention=model.convention,
+            geometry=model.geometry,
+            compliance=model.compliance,
+            residual=model.residual,
+        )
+        before = cls._before(terms, model.joints_, model.hyper_, anchors)
+        return before.given(np.asarray(q, float))
+
+    @classmethod
+    def _before(cls, terms: Terms, joints: IntArray, hyper: Hyper, anchors: FloatArray) -> Self:
+        basis = Basis.of(terms, joints, hyper, terms.at(anchors) if terms.range_names else None)
+        return cls(basis, hyper, np.diag(np.sqrt(basis.prior(hyper)[0])))
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns (n, 3, s) [mm] of standard normal weights, and what they leave out, (n, 3, 3) [mm²]."""
+        design = self.basis.terms.at(q)
+        columns = (self.basis.columns(design) @ self.root).reshape(len(q), 3, -1)
+        return columns, self.basis.left_out_covariance(design, self.hyper)
+
+    def noise(self, left_out: FloatArray) -> FloatArray:
+        """Return the covariance of what a reading holds besides its columns, (n, 3, 3) [mm²]."""
+        return np.asarray(left_out + self.hyper.noise**2 * np.eye(3))
+
+    def given(self, q: FloatArray) -> Self:
+        """Return the same with samples taken at joints (n, dof) [rad]."""
+        columns, left_out = self.at(q)
+        root = np.linalg.cholesky(np.linalg.inv(self.noise(left_out)))
+        white = (np.swapaxes(root, 1, 2) @ columns).reshape(3 * len(q), -1)
+        matrix = white.T @ white
+        matrix[np.diag_indices(len(matrix))] += 1.0
+        return type(self)(self.basis, self.hyper, self.root @ np.linalg.inv(np.linalg.cholesky(matrix)).T)
+
+    def covariance(self, q: FloatArray) -> FloatArray:
+        """Return the covariance of the error at joints (n, dof) [rad], without noise: (n, 3, 3) [mm²]."""
+        columns, left_out = self.at(q)
+        return np.asarray(columns @ np.swapaxes(columns, 1, 2) + left_out)
+
+    def expected(self, q: FloatArray) -> float:
+        """Return the mean length [mm] that readings at joints (n, dof) will differ by from their prediction.
+
+        The expected length of normal vectors with the covariance predicted, repeatability and reading noise in it.
+        """
+        factor = np.linalg.cholesky(self.noise(self.covariance(q)))
+        uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]
+        white = norm.ppf(uniform + 0.5 / _DRAWS)
+        return float(np.linalg.norm(np.einsum("nab,db->nda", factor, white), axis=2).mean())

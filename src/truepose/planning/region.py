@@ -1,0 +1,182 @@
+"""Where poses are offered: a box with the tool's orientation in it, or a list; and which of them can be measured."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from truepose.errors import RobotError
+from truepose.geometry import make_transform
+from truepose.planning.surroundings import Surroundings
+from truepose.robots import nearest_branch
+from truepose.robots.branches import SINGULAR
+from truepose.robots.newton import smallest_singular
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Configurations asked for, and why some of them are left out.
+
+    Attributes
+    ----------
+    q : (n, dof) array [rad]
+        Those that can be measured.
+    left_out : dict of str to int
+        How many of the others, by reason.
+    asked : int
+    """
+
+    q: FloatArray
+    left_out: dict[str, int]
+    asked: int
+
+    def told(self) -> str:
+        """Return a sentence: how much of the region can be measured, and what is in the way."""
+        share = 100.0 * len(self.q) / self.asked
+        why = ", ".join(f"{100.0 * n / self.asked:.0f} % {reason}" for reason, n in self.left_out.items())
+        return f"{share:.0f} % of the poses offered can be measured" + (f" ({why})" if why else "")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ground:
+    """Where poses are offered, and how the arm goes to them.
+
+    Attributes
+    ----------
+    surroundings : Surroundings
+        With the arm and its tool.
+    home : (dof,) array [rad]
+        Joints on the branch of the work, and where the measuring program starts.
+    margin : float [rad]
+        From the joint limits.
+    approach : float [rad]
+        Every joint comes to its pose from that far below, or from above where a limit is too near.
+    """
+
+    surroundings: Surroundings
+    home: FloatArray
+    margin: float = np.deg2rad(5.0)
+    approach: float = 0.0
+
+    def spread(self, count: int, seed: int) -> Reach:
+        """Return about `count` configurations, or more, spread evenly.
+
+        Raises
+        ------
+        RobotError
+            If none can be measured.
+        """
+        raise NotImplementedError
+
+    def approach_signs(self, q: FloatArray) -> FloatArray:
+        """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1."""
+        return np.where(q - self.approach < self.surroundings.robot.limits[:, 0], -1.0, 1.0)
+
+    def before(self, q: FloatArray) -> FloatArray:
+        """Return the joints that the last motion to joints (n, dof) [rad] comes from."""
+        return np.asarray(q - self.approach * self.approach_signs(q))
+
+    def measurable(self, q: FloatArray) -> Reach:
+        """Return which of joints (n, dof) [rad] can be measured, and why the others cannot; NaN is out of reach."""
+        around = self.surroundings
+        low, high = around.robot.limits.T
+        checks: list[Callable[[FloatArray], NDArray[np.str_]]] = [
+            lambda q: np.where(np.isnan(q).any(axis=1), "out of reach", ""),
+            lambda q: np.where(
+                ((q > low + self.margin) & (q < high - self.margin)).all(axis=1), "", "at a joint limit"
+            ),
+            lambda q: np.where(smallest_singular(around.robot, q) < SINGULAR, "near a singularity", ""),
+            lambda q: _named("in the box {}", around.touched(q)),
+            lambda q: np.where(around.sees(q), "", "not seen by the tracker"),
+            lambda q: self._way("behind the box {} on the way from home", self.home, self.before(q)),
+            lambda q: self._way("behind the box {} on the last way", self.before(q), q),
+            lambda q: self._way("behind the box {} on the way home", q, self.home),
+        ]
+        reason = np.full(len(q), "", dtype="<U80")
+        for check in checks:
+            open_ = np.flatnonzero(reason == "")
+            reason[open_] = check(q[open_])
+        good = reason == ""
+        return Reach(q[good], dict(Counter(reason[~good].tolist()).most_common()), len(q))
+
+    @staticmethod
+    def _some(found: Reach) -> Reach:
+        if not len(found.q):
+            raise RobotError(
+                f"{found.told()}; check [region] (centre, orientation and home_deg), the tool, the boxes of "
+                "[obstacles], the position of [tracker] and [measuring] reflector_axis"
+            )
+        return found
+
+    def _way(self, wording: str, q_from: FloatArray, q_to: FloatArray) -> NDArray[np.str_]:
+        return _named(wording, self.surroundings.way_touches(*np.broadcast_arrays(q_from, q_to)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Listed(Ground):
+    """Configurations to choose from, (n, dof) [rad], such as those of a program that runs already."""
+
+    q: FloatArray
+
+    def spread(self, count: int, seed: int) -> Reach:
+        """Return those of the list that can be measured, however many."""
+        return self._some(self.measurable(self.q))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WorkRegion(Ground):
+    """A box in a frame, the tool's orientation in it, and the branch on which the arm works there.
+
+    Attributes
+    ----------
+    tf_base_frame : (4, 4) array [mm]
+        The frame that the box is stated in.
+    centre, size : (3,) arrays [mm]
+        Of the box, in its frame.
+    rotation : Rotation
+        Of the tool at rest, in the box's frame.
+    tilt : float [rad]
+        By how much the work turns away from it, about each axis of the tool.
+    """
+
+    tf_base_frame: FloatArray
+    centre: FloatArray
+    size: FloatArray
+    rotation: Rotation
+    tilt: float
+
+    @property
+    def dimensions(self) -> int:
+        """Of `poses`: 3 for positions, 6 with orientations."""
+        return 6 if self.tilt else 3
+
+    def poses(self, unit: FloatArray) -> FloatArray:
+        """Return tool poses in the base frame, (n, 4, 4) [mm], of points of the unit cube, (n, 3) or (n, 6)."""
+        shift = np.asarray(unit, float) - 0.5
+        turn = np.zeros((len(shift), 3))
+        turn[:, : shift.shape[1] - 3] = 2.0 * self.tilt * shift[:, 3:]
+        inside = make_transform(self.rotation * Rotation.from_rotvec(turn), self.centre + shift[:, :3] * self.size)
+        return np.asarray(self.tf_base_frame @ inside)
+
+    def reach(self, unit: FloatArray) -> Reach:
+        """Return the configurations for points of the unit cube that can be measured, and why others cannot."""
+        around = self.surroundings
+        branches = around.robot.inverse(self.poses(unit), tool=around.tf_flange_tool)
+        return self.measurable(nearest_branch(branches, self.home))
+
+    def spread(self, count: int, seed: int) -> Reach:
+        """Return about `count` configurations, or more, spread evenly over the region (scrambled Sobol points)."""
+        sobol = qmc.Sobol(self.dimensions, rng=np.random.default_rng(seed))
+        return self._some(self.reach(sobol.random_base2(int(np.ceil(np.log2(count))))))
+
+
+def _named(wording: str, box: NDArray[np.str_]) -> NDArray[np.str_]:
+    return np.array([wording.format(name) if name else "" for name in box], dtype=np.str_)

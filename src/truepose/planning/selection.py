@@ -1,0 +1,166 @@
+"""Which candidates to measure: greedy, then exchanged one by one while that helps (method.md §6).
+
+The prior of (10) makes every error linear in weights w ~ N(0, I) but for noise: e_i = A_i w + ε_i, ε_i ~ N(0, R_i). A
+sample at candidate i then takes from the posterior covariance P of the weights
+
+    P A_iᵀ S⁻¹ A_i P,    S = A_i P A_iᵀ + R_i,
+
+and from the mean variance over the targets, tr(T P) with T the mean of their A_tᵀ A_t,
+
+    tr[S⁻¹ A_i P T P A_iᵀ].
+
+A P and A P T are kept for all candidates; a sample that comes or goes changes them by three columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_PASSES: Final = 3  # of exchanges
+
+Progress = Callable[[int, int], object]
+
+
+class Posterior:
+    """The uncertainty of all candidates, and what each would take from that of the targets.
+
+    Parameters
+    ----------
+    columns : (n, 3, p) array [mm]
+        A of the candidates, for one standard deviation of each weight.
+    noise : (n, 3, 3) array [mm²]
+        R of the candidates.
+    aim : (p, p) array [mm²]
+        T.
+    """
+
+    def __init__(self, columns: FloatArray, noise: FloatArray, aim: FloatArray) -> None:
+        n, _, p = columns.shape
+        self._columns, self._noise = columns, noise
+        self._now = columns.copy()
+        self._aimed = (columns.reshape(-1, p) @ aim).reshape(n, 3, p)
+
+    def gains(self) -> FloatArray:
+        """Return how much each candidate would lower the targets' mean variance: (n,) [mm²]."""
+        spread = np.swapaxes(self._now, 1, 2)
+        inner = self._columns @ spread + self._noise
+        return np.asarray(np.einsum("nab,nba->n", np.linalg.inv(inner), self._aimed @ spread))
+
+    def variances(self) -> FloatArray:
+        """Return the variance of each candidate's error, its three directions summed: (n,) [mm²]."""
+        return np.asarray(np.einsum("nap,nap->n", self._now, self._columns))
+
+    def add(self, i: int) -> None:
+        """Take a sample at candidate i."""
+        self._change(i, 1.0)
+
+    def remove(self, i: int) -> None:
+        """Give a sample at candidate i back."""
+        self._change(i, -1.0)
+
+    def _change(self, i: int, sign: float) -> None:
+        n, _, p = self._columns.shape
+        gain, aimed = self._now[i].copy(), self._aimed[i].copy()
+        inner = gain @ self._columns[i].T + sign * self._noise[i]
+        share = (self._columns.reshape(-1, p) @ gain.T) @ np.linalg.inv(inner)
+        self._now -= (share @ gain).reshape(n, 3, p)
+        self._aimed -= (share @ aimed).reshape(n, 3, p)
+
+
+def lowest_mean(
+    columns: FloatArray, noise: FloatArray, aim: FloatArray, n: int, progress: Progress, *, passes: int = _PASSES
+) -> IntArray:
+    """Choose n candidates that leave the targets the lowest mean variance.
+
+    Parameters
+    ----------
+    columns, noise, aim
+        As of `Posterior`.
+    n : int
+    progress : callable
+        Takes steps done and steps in all.
+    passes : int
+        Of exchanges, at most.
+
+    Returns
+    -------
+    (n,) array of int
+        In the order of what they add, but for the exchanged.
+    """
+    posterior = Posterior(columns, noise, aim)
+    chosen: list[int] = []
+    for step in range(n):
+        chosen.append(_best(posterior.gains(), chosen))
+        posterior.add(chosen[-1])
+        progress(step + 1, n * (1 + passes))
+    for turn in range(passes):
+        before = list(chosen)
+        posterior = Posterior(columns, noise, aim)  # anew: rounding does not pile up over the passes
+        for i in chosen:
+            posterior.add(i)
+        for place, i in enumerate(before):
+            posterior.remove(i)
+            chosen[place] = _best(posterior.gains(), [*chosen[:place], *chosen[place + 1 :]])
+            posterior.add(chosen[place])
+            progress((1 + turn) * n + place + 1, n * (1 + passes))
+        if chosen == before:
+            break
+    return np.array(chosen)
+
+
+def lowest_largest(columns: FloatArray, noise: FloatArray, n: int, progress: Progress) -> IntArray:
+    """Choose n candidates, each where the variance is largest by then: the pivots of a Cholesky factorisation."""
+    posterior = Posterior(columns, noise, np.zeros((columns.shape[2],) * 2))
+    chosen: list[int] = []
+    for step in range(n):
+        chosen.append(_best(posterior.variances(), chosen))
+        posterior.add(chosen[-1])
+        progress(step + 1, n)
+    return np.array(chosen)
+
+
+def most_observable(
+    columns: FloatArray, index: Callable[[FloatArray, int], FloatArray], n: int, progress: Progress
+) -> IntArray:
+    """Choose n candidates whose columns have the best observability index, greedy and exchanged.
+
+    Parameters
+    ----------
+    columns : (m, 3, p) array
+        Scaled columns of the parameters.
+    index : callable
+        Takes eigenvalues (m, p), ascending, of information matrices, and the number of samples; the more the better.
+    n : int
+    progress : callable
+        Takes steps done and steps in all.
+    """
+    each = np.swapaxes(columns, 1, 2) @ columns
+    floor = 1e-9 * np.trace(each.sum(axis=0)) * np.eye(columns.shape[2])  # until there are enough samples for a rank
+    total, chosen = floor.copy(), list[int]()
+
+    def best() -> int:
+        return _best(index(np.linalg.eigvalsh(total + each), len(chosen) + 1), chosen)
+
+    for step in range(n):
+        chosen.append(best())
+        total += each[chosen[-1]]
+        progress(step + 1, 2 * n)
+    for place in range(n):
+        total -= each[chosen.pop(0)]
+        chosen.append(best())
+        total += each[chosen[-1]]
+        progress(n + place + 1, 2 * n)
+    return np.array(chosen)
+
+
+def _best(value: FloatArray, taken: list[int]) -> int:
+    value = value.copy()
+    value[taken] = -np.inf
+    return int(np.argmax(value))
