@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from truepose.errors import FileError
 
@@ -37,37 +39,51 @@ def read_text(path: str | Path) -> str:
 
 
 def write_atomic(path: str | Path, content: bytes | str) -> None:
-    """Write a file so that it holds either its old content or all of the new.
+    """Write a file so that it holds either its old content or all of the new; see `writing`."""
+    with writing(path) as (file,):
+        file.write(content.encode("utf-8") if isinstance(content, str) else content)
 
-    The content goes to a temporary file in the same folder, which is then renamed. Folders above it are made.
+
+@contextlib.contextmanager
+def writing(*paths: str | Path) -> Iterator[list[BinaryIO]]:
+    """Open files to be written all together or not at all.
+
+    What is written goes to temporary files in the same folders, which are renamed, in this order, when the block ends
+    well. Folders above them are made.
 
     Raises
     ------
     FileError
-        If the file cannot be written; nothing is changed then.
+        If a file cannot be written; nothing is changed then.
     """
-    path = Path(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    temporary: str | None = None
-    try:
-        if path.is_dir():
-            raise FileError(path, "is a folder; name a file in it")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(mode)
-        Path(temporary).replace(path)
-        temporary = None
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}; choose another output path") from None
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                Path(temporary).unlink()
+    goals, temporary, new = [Path(path) for path in paths], list[Path](), list[Path]()
+    with contextlib.ExitStack() as stack:
+        try:
+            opened: list[BinaryIO] = []
+            for path in goals:
+                if path.is_dir():
+                    raise FileError(path, "is a folder; name a file in it")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
+                temporary.append(Path(name))
+                opened.append(stack.enter_context(os.fdopen(handle, "wb")))
+            yield opened
+            for path, draft, file in zip(goals, temporary, opened, strict=True):
+                file.flush()
+                os.fsync(file.fileno())
+                file.close()
+                draft.chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
+            for path, draft in zip(goals, temporary, strict=True):
+                there = path.exists()
+                draft.replace(path)
+                new += [] if there else [path]
+            new = []
+        except OSError as error:
+            what = f"cannot be written: {error.strerror or error}; choose another output path"
+            raise FileError(path, what) from None
+        finally:
+            for leftover in (*temporary, *new):
+                leftover.unlink(missing_ok=True)
 
 
 def _umask() -> int:

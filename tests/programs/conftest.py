@@ -39,15 +39,18 @@ class FakeMap:
     calls: list[dict[str, Any]] = field(default_factory=list)
 
     def correct(self, poses: np.ndarray, **more: Any) -> Answer:
+        before = sum(len(call["poses"]) for call in self.calls)  # a long program comes in parts
         self.calls.append({"poses": poses, **more})
         n = len(poses)
         p = poses[:, :3, 3]
-        shift = np.broadcast_to(np.asarray(self.shift, float), (n, 3)).copy()
+        shift = np.asarray(self.shift, float)
+        shift = np.broadcast_to(shift if shift.ndim == 1 else shift[before : before + n], (n, 3)).copy()
         verdict = np.full(n, "correct", dtype="<U7")
         reason = [""] * n
         for i, why in self.guarded.items():
-            verdict[i] = "refuse" if more["on_guard"] == "refuse" else "skip"
-            reason[i], shift[i] = why, 0.0
+            if before <= i < before + n:
+                verdict[i - before] = "refuse" if more["on_guard"] == "refuse" else "skip"
+                reason[i - before], shift[i - before] = why, 0.0
         return Answer(p, p + shift, -shift, np.full((n, 3), 0.02), verdict, reason)
 
 

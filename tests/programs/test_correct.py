@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, FileError, RefusedError
-from truepose.programs import FrameTable, ReadOptions, correct_program, read_program
+from truepose.programs import FrameTable, ReadOptions, correct_program
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 10.0,C -170.0,S 2,T 10}"
 SRC = """&ACCESS RVP\r
@@ -56,14 +56,14 @@ def test_a_shift_in_the_base_frame_is_turned_into_the_targets_frame(
 def test_the_map_is_asked_with_poses_tools_and_configuration(path: Path, frames: FrameTable, make_map: Any) -> None:
     error_map = make_map()
     correct_program(path, error_map, frames=frames)
-    call = error_map.calls[0]
-    index = [t.name for t in read_program(path, frames).targets if t.verdict == "correct"].index("XP7")
+    in_src, in_dat = error_map.calls
     tf = np.eye(4)
     tf[:3, :3] = Rotation.from_euler("ZYX", [90.0, 10.0, -170.0], degrees=True).as_matrix()
     tf[:3, 3] = [812.5, -40.25, 1033.0]
-    np.testing.assert_allclose(call["poses"][index], frames.bases[2] @ tf, atol=1e-9)
-    np.testing.assert_allclose(call["tf_flange_tool"], np.broadcast_to(frames.tools[3], (3, 4, 4)))
-    assert (call["status"][index], call["turn"][index], call["on_guard"]) == (2, 10, "refuse")
+    np.testing.assert_allclose(in_dat["poses"], [frames.bases[2] @ tf], atol=1e-9)
+    np.testing.assert_allclose(in_src["tf_flange_tool"], np.broadcast_to(frames.tools[3], (2, 4, 4)))
+    assert (in_dat["status"].tolist(), in_dat["turn"].tolist(), in_dat["on_guard"]) == ([2], [10], "refuse")
+    assert in_src["status"].tolist() == [-1, -1]
 
 
 def test_zero_correction_returns_the_files(path: Path, frames: FrameTable, make_map: Any) -> None:

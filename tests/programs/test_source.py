@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from truepose.errors import RefusedError
 from truepose.programs.krl_lexer import LEXER
-from truepose.programs.source import Patch, Source, apply_patches, format_number, parse_number, prove, unified_diff
+from truepose.programs.source import Source, apply_patches, format_number, parse_number, prove, unified_diff
 
 NUMBERS = st.from_regex(rb"\A[+-]?(?:[0-9]{1,5}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})(?:[eE][+-]?[0-2])?\Z")
 
@@ -82,10 +82,11 @@ def test_broken_numbers(token: bytes, message: str) -> None:
 
 
 def test_patches_go_by_position() -> None:
-    assert apply_patches(b"X 5,Y 5", [Patch(6, 7, b"7"), Patch(2, 3, b"66")]) == b"X 66,Y 7"
-    for wrong in ([Patch(2, 5, b""), Patch(4, 6, b"")], [Patch(6, 9, b"")], [Patch(3, 2, b"")]):
-        with pytest.raises(ValueError, match="overlaps another or lies outside"):
-            apply_patches(b"X 5,Y 5", wrong)
+    assert apply_patches(b"X 5,Y 5", [(2, 3), (6, 7)], [b"66", b"7"]) == b"X 66,Y 7"
+    assert apply_patches(b"X 5,Y 5", [(6, 7)], [b"7"], 4) == b"Y 7"
+    for wrong in ([(2, 5), (4, 6)], [(6, 9)], [(3, 2)], [(6, 7), (2, 3)]):
+        with pytest.raises(ValueError, match="overlap or lie outside"):
+            apply_patches(b"X 5,Y 5", wrong, [b""] * len(wrong))
 
 
 @given(data=st.binary(max_size=200))
@@ -99,39 +100,39 @@ SOURCE = Source(Path("a.src"), b"DEF a()\r\nLIN {X 812.5,Y 1}\nEND")
 
 
 def test_proof_accepts_corrected_numbers() -> None:
-    patches = [Patch(16, 21, b"813.25"), Patch(24, 25, b"1.5")]
-    prove(SOURCE, apply_patches(SOURCE.data, patches), patches, LEXER)
+    spans = [(16, 21), (24, 25)]
+    prove(SOURCE, 0, len(SOURCE.data), apply_patches(SOURCE.data, spans, [b"813.25", b"1.5"]), spans, LEXER)
 
 
 @pytest.mark.parametrize(
-    ("patch", "patched", "message"),
+    ("span", "patched", "message"),
     [
         # another byte changed than the patch says
-        (Patch(16, 21, b"813.25"), b"DEF b()\r\nLIN {X 813.25,Y 1}\nEND", r"a\.src:1: .*b'a' became b'b'"),
+        ((16, 21), b"DEF b()\r\nLIN {X 813.25,Y 1}\nEND", r"a\.src:1: .*b'a' became b'b'"),
         # a number that no patch names
-        (Patch(16, 21, b"813.25"), b"DEF a()\r\nLIN {X 813.25,Y 2}\nEND", r"a\.src:2: .*b'1' became b'2'"),
+        ((16, 21), b"DEF a()\r\nLIN {X 813.25,Y 2}\nEND", r"a\.src:2: .*b'1' became b'2'"),
         # what was written is no number, or grows together with what stands beside it
-        (Patch(16, 21, b"8a"), b"DEF a()\r\nLIN {X 8a,Y 1}\nEND", r"a\.src:2"),
-        (Patch(15, 21, b"813.25"), b"DEF a()\r\nLIN {X813.25,Y 1}\nEND", r"a\.src:2.*number of words changed"),
+        ((16, 21), b"DEF a()\r\nLIN {X 8a,Y 1}\nEND", r"a\.src:2"),
+        ((15, 21), b"DEF a()\r\nLIN {X813.25,Y 1}\nEND", r"a\.src:2.*number of words changed"),
         # a line end was normalised
-        (Patch(16, 21, b"813.25"), b"DEF a()\nLIN {X 813.25,Y 1}\nEND", r"a\.src:"),
+        ((16, 21), b"DEF a()\nLIN {X 813.25,Y 1}\nEND", r"a\.src:"),
         # the end is missing
-        (Patch(16, 21, b"813.25"), b"DEF a()\r\nLIN {X 813.25,Y 1}\n", r"a\.src:3?"),
+        ((16, 21), b"DEF a()\r\nLIN {X 813.25,Y 1}\n", r"a\.src:3?"),
     ],
 )
-def test_proof_finds_any_other_change(patch: Patch, patched: bytes, message: str) -> None:
+def test_proof_finds_any_other_change(span: tuple[int, int], patched: bytes, message: str) -> None:
     with pytest.raises(RefusedError, match=message):
-        prove(SOURCE, patched, [patch], LEXER)
+        prove(SOURCE, 0, len(SOURCE.data), patched, [span], LEXER)
 
 
-def test_proof_spans_pieces_of_a_long_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truepose.programs.source._CHUNK", 10)
+def test_proof_goes_piece_by_piece() -> None:
     data = b"LIN {X 1.5}\r\n" * 50
-    patches = [Patch(13 * i + 7, 13 * i + 10, b"1.625") for i in range(0, 50, 3)]
-    patched = apply_patches(data, patches)
-    prove(Source(Path("a.src"), data), patched, patches, LEXER)
+    source = Source(Path("a.src"), data)
+    patches = [(13 * i + 7, 13 * i + 10) for i in range(40, 48, 3)]
+    patched = apply_patches(data, patches, [b"1.625"] * 3, 13 * 40)
+    prove(source, 13 * 40, len(data), patched, patches, LEXER)
     with pytest.raises(RefusedError, match=r"a\.src:50"):
-        prove(Source(Path("a.src"), data), patched[:-4] + b"9}\r\n", patches, LEXER)
+        prove(source, 13 * 40, len(data), patched[:-4] + b"9}\r\n", patches, LEXER)
 
 
 def test_lines_end_at_lf_crlf_and_cr() -> None:

@@ -40,6 +40,23 @@ def working() -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show on stderr, if a person is looking, how far a long task is: yields what takes the number done and of all."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None, visible=False)
+
+        def advance(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total, visible=True)
+
+        yield advance
+
+
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:
     """Return a titled table: first column left-aligned, the others right-aligned, numbers with three decimals."""
     from rich.console import Group

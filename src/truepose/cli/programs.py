@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -10,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say
+from truepose.cli.output import Json, counting, emit_json, say
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from truepose.cell import Cell
     from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
 
@@ -81,6 +83,8 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Tell which targets of programs could be corrected and which not, and why; needs no map."""
+    import numpy as np
+
     from truepose.cell import load_cell
     from truepose.programs import read_program
 
@@ -90,15 +94,15 @@ def check(
     if as_json:
         emit_json(
             {
-                "programs": [{"file": path, **_counts(p)} for path, p in zip(paths, programs, strict=True)],
+                "programs": [{"file": path, **p.counts()} for path, p in zip(paths, programs, strict=True)],
                 "targets": [row for program in programs for row in _rows(program)],
             }
         )
         return
     for path, program in zip(paths, programs, strict=True):
-        counts = _counts(program)
+        counts = program.counts()
         say(f"[bold]{path}[/]: {counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused")
-        _say_reasons([target for target in program.targets if target.verdict != "correct"])
+        _say_reasons(program.targets, np.flatnonzero(program.targets.verdicts()))
 
 
 def correct(
@@ -123,6 +127,7 @@ def correct(
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; writes the programs and a list of what was done to each target."""
+    import numpy as np
     from rich.markup import escape
 
     from truepose.cell import load_cell
@@ -135,9 +140,11 @@ def correct(
     frames = _frames(cell, config_dat, tool, base)
     options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
     # all are corrected before any is written: a refusal leaves nothing half-done
-    corrected = [
-        correct_program(path, error_map, cell, frames=frames, on_guard=policy, options=options) for path in paths
-    ]
+    with counting("targets") as progress:
+        corrected = [
+            correct_program(path, error_map, cell, frames=frames, on_guard=policy, options=options, progress=progress)
+            for path in paths
+        ]
     _check_names(corrected, in_place)
     written: list[Path] = []
     for one in [] if dry_run else corrected:
@@ -156,7 +163,7 @@ def correct(
         )
         for warning in program.warnings[:_LISTED]:
             say(f"  {escape(warning)}")
-        _say_reasons([outcome for outcome in program.targets if outcome.verdict != "correct"])
+        _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
     for file in written:
         say(f"Wrote {file}")
 
@@ -193,11 +200,6 @@ def _options(
     )
 
 
-def _counts(program: Program) -> dict[str, int]:
-    counts = Counter(target.verdict for target in program.targets)
-    return {"correct": counts["correct"], "skip": counts["skip"], "refuse": counts["refuse"]}
-
-
 def _rows(program: Program) -> list[dict[str, Any]]:
     return [
         {
@@ -214,13 +216,14 @@ def _rows(program: Program) -> list[dict[str, Any]]:
     ]
 
 
-def _say_reasons(targets: Sequence[Any]) -> None:
+def _say_reasons(targets: Sequence[Any], rows: NDArray[np.intp]) -> None:
+    """Tell why the targets of some rows are not corrected."""
     from rich.markup import escape
 
-    for target in targets[:_LISTED]:
+    for target in (targets[i] for i in rows[:_LISTED].tolist()):
         say(escape(f"  line {target.line}, {target.name}: {target.verdict}: {target.reason}"))
-    if len(targets) > _LISTED:
-        say(f"  … and {len(targets) - _LISTED} more (--json lists all)")
+    if len(rows) > _LISTED:
+        say(f"  … and {len(rows) - _LISTED} more (--json lists all)")
 
 
 def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:

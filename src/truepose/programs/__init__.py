@@ -1,6 +1,7 @@
 """Robot programs: read as targets, corrected in place, byte-exact."""
 
-from truepose.programs.correct import CorrectedProgram, Corrector, Outcome, correct_program, read_program
+from truepose.programs.correct import CorrectedProgram, Corrector, correct_program, read_program
+from truepose.programs.outcomes import Outcome
 from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
 
 __all__ = [

@@ -8,7 +8,6 @@ judged.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
-from truepose.programs.targets import FloatArray, Target
+from truepose.programs.columns import Columns
+from truepose.programs.target import FloatArray
 from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
 
 StrArray = NDArray[np.str_]
@@ -29,7 +29,7 @@ _HAIR: Final = 0.02  # [mm]
 
 
 def changed_words(
-    robot: Robot, targets: Sequence[Target], poses: FloatArray, p_command: FloatArray, tools: FloatArray
+    robot: Robot, columns: Columns, poses: FloatArray, commands: FloatArray, tools: FloatArray
 ) -> dict[int, str]:
     """Return which targets would change their word of configuration, each with the reason.
 
@@ -37,23 +37,22 @@ def changed_words(
     ----------
     robot : Robot
         Nominal.
-    targets : sequence of n Target
-    poses : (n, 4, 4) array [mm]
-        Base to tool, as programmed.
-    p_command : (n, 3) array [mm]
-        Corrected positions, base frame.
+    columns : Columns
+        The n targets.
+    poses, commands : (n, 4, 4) arrays [mm]
+        Base to tool, as programmed and as corrected.
     tools : (n, 4, 4) array [mm]
         Flange to tool.
     """
     controller = robot.maker.lower()
-    words = [word_of(controller, target) if target.controller == controller else "" for target in targets]
+    if columns.controller != controller:
+        return {}
+    words = words_of(columns)
     named = np.flatnonzero([bool(word) for word in words])
     reasons: dict[int, str] = {}
     for start in range(0, len(named), _CHUNK):
         rows = named[start : start + _CHUNK]
         wanted = np.array([words[i] for i in rows])
-        after = poses[rows].copy()
-        after[:, :3, 3] = p_command[rows]
         tf_tool_flange = invert_transform(tools[rows])
         try:
             q = _joints_of(controller, robot, poses[rows] @ tf_tool_flange, wanted)
@@ -63,7 +62,7 @@ def changed_words(
             border = _on_border(controller, robot, poses[rows[others]], tf_tool_flange[others], wanted[others])
             for i in others[border]:
                 reasons[int(rows[i])] = f"it lies on the border of its configuration {wanted[i]}"
-            q_after = nearest_branch(find_branches(robot, (after @ tf_tool_flange)[known]).q, q[known])
+            q_after = nearest_branch(find_branches(robot, (commands[rows] @ tf_tool_flange)[known]).q, q[known])
         except RobotError:
             return reasons  # an arm of another kind: its programs name no such words
         lost = ~np.isfinite(q_after).all(axis=1)
@@ -74,13 +73,20 @@ def changed_words(
     return reasons
 
 
-def word_of(controller: str, target: Target) -> str:
-    """Return a target's word in one form; empty where it names none, or no valid one."""
-    if controller == "kuka" and target.status is not None and target.turn is not None:
-        return f"S {target.status & _BRANCH}, T {target.turn & _TURNS}"
-    if controller == "abb" and (m := _ABB.fullmatch(target.configuration)):
+def words_of(columns: Columns) -> list[str]:
+    """Return the words of targets in one form; empty where a target names none, or no valid one."""
+    if columns.controller == "kuka":
+        pairs = zip(columns.status.tolist(), columns.turn.tolist(), strict=True)
+        return [f"S {s & _BRANCH}, T {t & _TURNS}" if s >= 0 and t >= 0 else "" for s, t in pairs]
+    kinds, which = columns.shared()
+    words = [_word(columns.controller, target.configuration) for target in kinds]
+    return [words[k] for k in which.tolist()]
+
+
+def _word(controller: str, configuration: str) -> str:
+    if controller == "abb" and (m := _ABB.fullmatch(configuration)):
         return ",".join(str(int(number)) for number in m.groups())
-    if controller == "fanuc" and (m := _FANUC.fullmatch(target.configuration)):
+    if controller == "fanuc" and (m := _FANUC.fullmatch(configuration)):
         flip, elbow, front, *turns = m.groups()
         return ", ".join([f"{flip} {elbow} {front}".upper(), *(str(int(turn)) for turn in turns)])
     return ""

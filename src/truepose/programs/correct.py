@@ -6,27 +6,35 @@ and added to its digits. Nothing else changes, which `truepose.programs.source.p
 
 from __future__ import annotations
 
+import hashlib
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs import sidecar
+from truepose.programs.columns import Columns
 from truepose.programs.configurations import changed_words
-from truepose.programs.paths import bends
-from truepose.programs.source import Patch, apply_patches, format_number, prove, unified_diff
-from truepose.programs.targets import IDENTITY, FloatArray, FrameTable, Program, ReadOptions, Target, linked
+from truepose.programs.digits import moved
+from truepose.programs.orientations import turned
+from truepose.programs.outcomes import DONE, Outcomes, digit_step
+from truepose.programs.paths import StraightPaths
+from truepose.programs.source import Source, prove, unified_diff
+from truepose.programs.target import FloatArray, Verdict
+from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
     from truepose.robots import Robot
 
 Policy = Literal["refuse", "skip", "clip"]
+Progress = Callable[[int, int], Any]
 _DIALECTS: Final = {
     **dict.fromkeys((".src", ".dat"), "krl"),
     **dict.fromkeys((".mod", ".prg", ".sys", ".modx"), "rapid"),
@@ -43,7 +51,6 @@ _REFUSED: Final = {
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
 }
 _SHOWN: Final = 3  # refused targets that a message names
-_CORRECTED: Final = ("correct", "clip")
 
 
 class CorrectionsLike(Protocol):
@@ -61,6 +68,8 @@ class CorrectionsLike(Protocol):
     def verdict(self) -> NDArray[np.str_]: ...  # noqa: D102
     @property
     def reason(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def rotation(self) -> FloatArray | None: ...  # noqa: D102
 
 
 class Corrector(Protocol):
@@ -74,51 +83,8 @@ class Corrector(Protocol):
         status: NDArray[np.int64],
         turn: NDArray[np.int64],
         on_guard: Policy,
+        orientation: bool = False,
     ) -> CorrectionsLike: ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """What was done to a target.
-
-    Attributes
-    ----------
-    target : Target
-    verdict : {"correct", "clip", "skip"}
-    reason : str
-        Why not ``correct``; empty where it is.
-    p_after : (3,) array [mm], the target's own frame
-        As written; NaN where the target has no position.
-    e, std : (3,) arrays [mm], base frame
-        Predicted error at the command and its standard deviation; NaN where nothing was predicted.
-    """
-
-    target: Target
-    verdict: str
-    reason: str
-    p_after: FloatArray
-    e: FloatArray
-    std: FloatArray
-
-    @property
-    def name(self) -> str:
-        """Of the target."""
-        return self.target.name
-
-    @property
-    def line(self) -> int:
-        """Of the target."""
-        return self.target.line
-
-    @property
-    def p_before(self) -> FloatArray:
-        """Position in the target's own frame, (3,) [mm]."""
-        return self.target.p
-
-    @property
-    def correction(self) -> FloatArray:
-        """What was added, (3,) [mm], the target's own frame."""
-        return self.p_after - self.p_before
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,36 +95,37 @@ class CorrectedProgram:
     ----------
     program : Program
         The original.
-    files : dict of Path to bytes
-        Every file of the program by its original path, changed or not.
-    targets : tuple of Outcome
+    targets : Outcomes
     on_guard : {"refuse", "skip", "clip"}
     resolution : float [mm]
     map_hash : str, optional
+    hashes : dict of Path to str
+        SHA-256 of every file as it becomes, proven.
     warnings : tuple of str
         What a user should look at: straight paths that bend (see `truepose.programs.paths`).
     """
 
     program: Program
-    files: dict[Path, bytes]
-    targets: tuple[Outcome, ...]
+    targets: Outcomes
     on_guard: Policy
     resolution: float
     map_hash: str | None
+    hashes: dict[Path, str]
     warnings: tuple[str, ...] = ()
+
+    def content(self, source: Source) -> Iterator[bytes]:
+        """Yield a file as it becomes, piece by piece."""
+        for _, _, piece, _ in self.targets.pieces(source, self.resolution):
+            yield piece
+
+    @property
+    def files(self) -> dict[Path, bytes]:
+        """Every file of the program by its original path, changed or not."""
+        return {source.path: b"".join(self.content(source)) for source in self.program.sources}
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
-        done = [outcome for outcome in self.targets if outcome.verdict in _CORRECTED]
-        return {
-            "targets": len(self.targets),
-            "corrected": len(done),
-            "clipped": sum(outcome.verdict == "clip" for outcome in done),
-            "skipped": sum(outcome.verdict == "skip" for outcome in self.targets),
-            "refused": sum(outcome.verdict == "refuse" for outcome in self.targets),
-            "largest_correction_mm": max((float(np.linalg.norm(outcome.correction)) for outcome in done), default=0.0),
-            "largest_std_mm": max((float(np.linalg.norm(outcome.std)) for outcome in done), default=0.0),
-        }
+        return self.targets.summary()
 
     def sidecar(self) -> dict[str, Any]:
         """Return the record of this correction for JSON; see `truepose.programs.sidecar`."""
@@ -170,8 +137,8 @@ class CorrectedProgram:
 
     def diff(self) -> str:
         """Return what changes as a unified diff, decoded as latin-1."""
-        sources = self.program.sources
-        return "".join(unified_diff(source.path, source.data, self.files[source.path]) for source in sources)
+        files = self.files
+        return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
 
     def write(self, out_dir: str | Path) -> list[Path]:
         """Write every file of the program and its record (JSON and CSV) to a folder; return their paths.
@@ -248,6 +215,8 @@ def correct_program(
     on_guard: Policy = "refuse",
     resolution: float = 1e-3,
     options: ReadOptions | None = None,
+    orientation: bool = False,
+    progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
     """Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
 
@@ -265,6 +234,10 @@ def correct_program(
     resolution : float [mm]
         Step of a correction, where the number in the file is not finer.
     options : ReadOptions, optional
+    orientation : bool
+        Correct orientations, too. Without it their digits never change.
+    progress : callable
+        Takes how many targets are done, and how many there are, as it goes on.
 
     Returns
     -------
@@ -287,95 +260,131 @@ def correct_program(
     sidecar.check_not_corrected(program)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
-        _refuse(program, {i: t.reason for i, t in enumerate(program.targets) if t.verdict == "refuse"})
-    chosen = program.correctable()
-    if not len(chosen) and any(not target.reason.startswith("joint target") for target in program.targets):
-        reasons = {i: target.reason for i, target in enumerate(program.targets)}
-        raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, reasons)}")
-    outcomes: dict[int, Outcome] = {}
-    patches: dict[Path, list[Patch]] = {source.path: [] for source in program.sources}
-    warnings: list[str] = []
-    if len(chosen):
-        warnings = _correct(program, chosen, error_map, on_guard, resolution, outcomes, patches)
-    done = [outcomes.get(i) or _untouched(target) for i, target in enumerate(program.targets)]
-    files = {}
-    for source in program.sources:
-        files[source.path] = apply_patches(source.data, patches[source.path])
-        prove(source, files[source.path], patches[source.path], program.lexer)
+        _refuse(program, _reasons(program, "refuse"))
+    counts = program.counts()
+    if not counts["correct"] and not all(why.startswith("joint target") for why in _reasons(program).values()):
+        raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, _reasons(program))}")
+    outcomes = Outcomes.none(program, program.width if orientation else 3)
+    change = np.zeros((len(outcomes), 6 if orientation else 3))
+    refused: dict[int, str] = {}
+    done = 0
+    for rows, columns in program.correctable_columns():
+        asked = _ask(error_map, columns, on_guard, orientation)
+        change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
+        why = {int(rows[k]): reason for k, reason in asked[4].items()}
+        outcomes.why.update(why)
+        refused.update({i: reason for i, reason in why.items() if DONE[outcomes.code[i]] == "refuse"})
+        done += len(rows)
+        progress(done, counts["correct"])
+    if on_guard == "refuse":
+        _refuse(program, refused)
+    members = {i for circle in program.circles for i in circle}
+    left_out = [i for i in sorted(members) if not outcomes.corrected[i]]
+    for j, i in linked(program.circles, left_out).items():
+        outcomes.code[j], change[j] = 0, 0.0
+        outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
+    warnings = _write_digits(program, outcomes, change, resolution)
+    hashes = {source.path: _prove(source, outcomes, resolution) for source in program.sources}
     map_hash = getattr(error_map, "hash", None)
-    return CorrectedProgram(program, files, tuple(done), on_guard, resolution, map_hash, tuple(warnings))
+    return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, tuple(warnings))
 
 
-def _correct(
-    program: Program,
-    chosen: NDArray[np.intp],
-    error_map: Corrector,
-    on_guard: Policy,
-    resolution: float,
-    outcomes: dict[int, Outcome],
-    patches: dict[Path, list[Patch]],
-) -> list[str]:
-    """Ask the map, and put what it says into outcomes and patches; return what a user should look at."""
-    targets = [program.targets[i] for i in chosen]
-    poses, tools = program.poses_base(), program.tools(getattr(error_map, "tf_flange_tool", IDENTITY))
+_Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, str]]
+
+
+def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: bool) -> _Asked:
+    """Ask the map about some targets: change in their own frames (n, 3 or 6), e, std, codes, and reasons by row."""
+    poses, tools = columns.poses_base(), columns.tf_flange_tool(getattr(error_map, "tf_flange_tool", IDENTITY))
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,
-        status=np.array([-1 if t.status is None else t.status for t in targets]),
-        turn=np.array([-1 if t.turn is None else t.turn for t in targets]),
+        status=columns.status,
+        turn=columns.turn,
         on_guard=on_guard,
+        orientation=orientation,
     )
-    verdict = [str(v) for v in answer.verdict]
-    reason = list(answer.reason)
+    code = np.array([DONE.index(verdict) for verdict in np.asarray(answer.verdict).tolist()], np.int8)
+    reasons = {k: reason for k, reason in enumerate(answer.reason) if reason}
+    after = poses.copy()
+    after[:, :3, 3] = answer.p_command
+    change = answer.p_command - answer.p_target
+    if orientation:
+        assert answer.rotation is not None
+        after[:, :3, :3] = Rotation.from_rotvec(answer.rotation).as_matrix() @ poses[:, :3, :3]
+        change = np.concatenate([change, answer.rotation], axis=1)
+    wrong = np.isin(code, (1, 2)) & ~np.isfinite(change).all(axis=1)
+    if wrong.any():
+        target = columns.target(int(np.argmax(wrong)))
+        raise RefusedError(f"{target.where}: {target.name}: the map gave a correction that is not a number")
     robot: Robot | None = getattr(error_map, "robot", None)
     if robot is not None:
-        for k, why in changed_words(robot, targets, poses, answer.p_command, tools).items():
-            if verdict[k] in _CORRECTED:
-                verdict[k], reason[k] = "refuse" if on_guard == "refuse" else "skip", why
-    if on_guard == "refuse":
-        _refuse(program, {int(i): reason[k] for k, i in enumerate(chosen) if verdict[k] == "refuse"})
-    place = {int(i): k for k, i in enumerate(chosen)}
-    left_out = [int(i) for k, i in enumerate(chosen) if verdict[k] not in _CORRECTED]
-    for j, i in linked(program.circles, left_out).items():
-        verdict[place[j]] = "skip"
-        reason[place[j]] = f"its circle's other point {program.targets[i].name} is not corrected"
-    tf_base_frame = np.array([t.tf_base_frame for t in targets])
-    difference = answer.p_command - answer.p_target
+        for k, why in changed_words(robot, columns, poses, after, tools).items():
+            if code[k] in (1, 2):
+                code[k], reasons[k] = DONE.index("refuse" if on_guard == "refuse" else "skip"), why
     # R_frame_base = R_base_frameᵀ
-    moved = np.einsum("nji,nj->ni", tf_base_frame[:, :3, :3], difference)
-    data = {source.path: source.data for source in program.sources}
-    for k, i in enumerate(chosen):
-        target = targets[k]
-        if verdict[k] not in _CORRECTED:
-            outcomes[i] = Outcome(target, "skip", reason[k], target.p, answer.e[k], answer.std[k])
-            continue
-        if not np.isfinite(moved[k]).all():
-            raise RefusedError(f"{target.where}: {target.name}: the map gave a correction that is not a number")
-        after = _patch(data[target.path], target, moved[k], resolution, patches[target.path])
-        outcomes[i] = Outcome(target, verdict[k], reason[k], after, answer.e[k], answer.std[k])
-    added = np.where(np.isin(verdict, _CORRECTED)[:, None], difference, 0.0)
-    return [
-        f"{targets[k].where}: {targets[k].name} {what}" for k, what in bends(targets, answer.p_target, added).items()
-    ]
+    tf_base_frame = columns.tf_base_frame()
+    change = np.einsum("nji,nkj->nki", tf_base_frame[:, :3, :3], change.reshape(len(change), -1, 3))
+    change = np.where(np.isin(code, (1, 2))[:, None, None], change, 0.0).reshape(len(change), -1)
+    return change, answer.e, answer.std, code, reasons
 
 
-def _patch(data: bytes, target: Target, moved: FloatArray, resolution: float, patches: list[Patch]) -> FloatArray:
-    """Add the patches of one target; return its position as written."""
-    after = target.p
-    for axis, (start, end) in enumerate(target.spans[:3]):
-        token = data[start:end]
-        written = format_number(token, float(moved[axis]) / target.unit, resolution / target.unit)
-        if written != token:
-            patches.append(Patch(start, end, written))
-            after[axis] = float(written) * target.unit
-            if abs(after[axis] - target.p[axis] - moved[axis]) > resolution:
-                raise RefusedError(f"{target.where}: {target.name}: {written!r} is not what the correction asks for")
+def _write_digits(program: Program, outcomes: Outcomes, change: FloatArray, resolution: float) -> list[str]:
+    """Find what the digits become, in place; return what a user should look at."""
+    warnings: list[str] = []
+    path = StraightPaths()
+    for rows, columns in program.correctable_columns():
+        here = np.flatnonzero(outcomes.corrected[rows])
+        outcomes.after[rows[here]] = _digits(program, columns.take(here), change[rows[here]], resolution)
+        tf = columns.tf_base_frame()
+        p = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
+        added = np.einsum("nij,nj->ni", tf[:, :3, :3], change[rows, :3])
+        for a, b, c, size in path.bends(columns, rows, p, added):
+            target, before, behind = (program.targets[i] for i in (b, a, c))
+            warnings.append(
+                f"{target.where}: {target.name} bends a straight path by {size:.3f} mm against its neighbours "
+                f"{before.name} and {behind.name}"
+            )
+    return warnings
+
+
+def _digits(program: Program, columns: Columns, change: FloatArray, resolution: float) -> FloatArray:
+    """Return the numbers of targets as they are written when they change so, (n, 3 or 3 + k)."""
+    data = next(source.data for source in program.sources if source.path == columns.path) if len(columns) else b""
+    before, wanted = columns.values[:, :3], columns.values[:, :3] + change[:, :3]
+    if change.shape[1] > 3 and len(columns):
+        before = columns.values
+        angles = turned(columns.controller, columns.values[:, 3:], Rotation.from_rotvec(change[:, 3:]))
+        wanted = np.concatenate([wanted, angles], axis=1)
+    after = before.copy()
+    for axis in range(before.shape[1] if len(columns) else 0):
+        unit, step = digit_step(columns, axis, resolution)
+        old = before[:, axis] / unit
+        new = moved(data, columns.spans[:, axis], old, (wanted - before)[:, axis] / unit, step)
+        after[:, axis] = np.where(new == old, before[:, axis], new * unit)
+        missed = np.abs(after[:, axis] - wanted[:, axis]) > step * unit
+        if missed.any():
+            target = columns.target(int(np.argmax(missed)))
+            raise RefusedError(f"{target.where}: {target.name}: its digits cannot hold the correction")
     return after
 
 
-def _untouched(target: Target) -> Outcome:
-    nothing = np.full(3, np.nan)
-    return Outcome(target, "skip", target.reason, target.p, nothing, nothing)
+def _prove(source: Source, outcomes: Outcomes, resolution: float) -> str:
+    """Prove piece by piece that only corrected numbers change; return the hash of what the file becomes."""
+    digest = hashlib.sha256()
+    for start, end, piece, patches in outcomes.pieces(source, resolution):
+        prove(source, start, end, piece, patches, outcomes.program.lexer)
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def _reasons(program: Program, verdict: Verdict | None = None) -> dict[int, str]:
+    """Return the reasons of the program's own verdicts, by index."""
+    found = {}
+    for first, columns in program.targets.chunks():
+        kinds, which = columns.shared()
+        wanted = np.array([t.verdict != "correct" and verdict in (None, t.verdict) for t in kinds])
+        found.update({first + i: kinds[which[i]].reason for i in np.flatnonzero(wanted[which]).tolist()})
+    return found
 
 
 def _refuse(program: Program, reasons: dict[int, str]) -> None:
@@ -385,8 +394,6 @@ def _refuse(program: Program, reasons: dict[int, str]) -> None:
 
 
 def _listed(program: Program, reasons: dict[int, str]) -> str:
-    shown = [
-        f"{program.targets[i].where}: {program.targets[i].name}: {why}" for i, why in list(reasons.items())[:_SHOWN]
-    ]
+    shown = [f"{program.targets[i].where}: {program.targets[i].name}: {reasons[i]}" for i in list(reasons)[:_SHOWN]]
     more = f" (and {len(reasons) - _SHOWN} more)" if len(reasons) > _SHOWN else ""
     return "; ".join(shown) + more

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
+from truepose.programs import krl_runs
 from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.krl_frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
-from truepose.programs.krl_lexer import LEXER, Statement, shown, statements
+from truepose.programs.krl_lexer import LEXER, Lines, Statement, pieces, shown, statements
 from truepose.programs.krl_motions import Goal, MotionReader, Settings
 from truepose.programs.krl_names import Names, element
-from truepose.programs.krl_points import Judge, Variable, at
+from truepose.programs.krl_points import Judge, Numbers, Variable, at
+from truepose.programs.krl_runs import Run, find_run
 from truepose.programs.krl_words import (
     DECLARE,
     FRAME_CHANGE,
@@ -29,7 +31,7 @@ from truepose.programs.krl_words import (
     TYPES,
     WITHOUT_USE,
 )
-from truepose.programs.points import join_circles
+from truepose.programs.points import in_order
 from truepose.programs.source import Source
 from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
 
@@ -89,6 +91,7 @@ class _Reader:
         self._motions = MotionReader(src, self._names, self._flow)
         self._changed: dict[tuple[str, int | None], int] = {}
         self._variables: list[Variable] = []
+        self._runs: list[tuple[Numbers, Lines]] = []
         self._routine: tuple[str, int] | None = None
         self._routines = 0
 
@@ -97,9 +100,12 @@ class _Reader:
             self._read_dat(self._dat)
         line = 1
         try:
-            for statement in statements(self._src):
-                line = statement.line
-                self._statement(statement)
+            for piece in pieces(self._src, find_run, krl_runs.FEWEST):
+                line = piece.line
+                if isinstance(piece, Statement):
+                    self._statement(piece)
+                else:
+                    self._runs.append((self._motions.first_of(piece), piece))
             if self._routine is None and not self._routines:
                 self._flow.end_routine()
         except Structure as error:
@@ -306,7 +312,7 @@ class _Reader:
                 )
 
     def _collect(self, path: Path, judge: Judge) -> Program:
-        targets: list[Target] = []
+        targets: list[Target | Run] = []
         place: dict[int, int] = {}
         for i, numbers in enumerate(self._names.numbers):
             target = judge.target(numbers)
@@ -315,6 +321,10 @@ class _Reader:
                 targets.append(target)
         first_other = len(targets)
         targets += self._motions.others
+        for first, lines in self._runs:
+            like = judge.target(first)
+            assert like is not None  # it is moved to
+            targets.append(Run(self._src, lines.start, lines.end, lines.line, lines.lines, like))
         unknown: dict[int, int] = {}
         for variable in [*self._names.module.values(), *self._variables, *self._names.elsewhere.values()]:
             if variable.moves and not variable.literals:
@@ -332,13 +342,9 @@ class _Reader:
             literals = at(goal.variable.literals, element(goal.variable, goal.brackets))
             return [place[i] for i in literals if i in place]
 
-        # in the order of the text, the .src first
-        order = sorted(range(len(targets)), key=lambda i: (targets[i].path != self._src.path, targets[i].line))
-        rank = {i: k for k, i in enumerate(order)}
-        circles = tuple([tuple(rank[i] for goal in goals for i in places(goal)) for goals in self._motions.circles])
-        ordered = join_circles([targets[i] for i in order], circles)
+        circles = [[i for goal in goals for i in places(goal)] for goals in self._motions.circles]
         sources = (self._src,) if self._dat is None else (self._src, self._dat)
-        return Program(path, sources, tuple(ordered), circles, LEXER)
+        return Program(path, sources, *in_order(targets, circles, sources), LEXER)
 
 
 def _declares(word: str, data: bytes, rest: int, end: int) -> bool:

@@ -6,7 +6,7 @@ A statement ends with its line, unless the line ends with a backslash. ``;`` sta
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from truepose.programs.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number
@@ -37,10 +37,11 @@ _COMPONENT = re.compile(
     + _WS
     + rb")(,|\})"
 )
+FindRun = Callable[[bytes, int], tuple[int, int]]
 _COMMON_KEYS: Final = ("X", "Y", "Z", "A", "B", "C", "S", "T")
 _COMMON = re.compile(
     rb"\{"
-    + rb",[ \t]*+".join(key.encode() + rb"[ \t]*+(" + NUMBER + rb")" for key in _COMMON_KEYS[:6])
+    + rb",[ \t]*+".join(key.encode() + rb"(?:[ \t]++|(?=[-+.]))(" + NUMBER + rb")" for key in _COMMON_KEYS[:6])
     + rb"(?:,[ \t]*+S[ \t]++("
     + NUMBER
     + rb"),[ \t]*+T[ \t]++("
@@ -106,6 +107,15 @@ class Aggregate(NamedTuple):
         return int(found[1], 2) if found[1] else int(found[2], 16)
 
 
+class Lines(NamedTuple):
+    """Whole lines of motions that are alike; see `truepose.programs.krl_runs`."""
+
+    line: int
+    start: int
+    end: int
+    lines: int
+
+
 def statements(source: Source) -> Iterator[Statement]:
     """Yield the statements that have code; comments and headers have none.
 
@@ -114,9 +124,34 @@ def statements(source: Source) -> Iterator[Statement]:
     FileError
         If a text is not closed on its line.
     """
+    for statement in pieces(source, lambda _, position: (position, 0), 1):
+        assert isinstance(statement, Statement)
+        yield statement
+
+
+def pieces(source: Source, find_run: FindRun, fewest: int) -> Iterator[Statement | Lines]:
+    """Yield the statements as `statements` does, but runs of alike lines in one piece.
+
+    Parameters
+    ----------
+    source : Source
+    find_run : callable
+        The file's bytes and a position to where a run that starts there ends, and how many lines it has.
+    fewest : int
+        Lines of a run; fewer come one by one.
+    """
     data, line = source.data, 0
-    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
-    for m in STATEMENT.finditer(data, start):
+    position = looked = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    while position < len(data):
+        if position >= looked:
+            looked, count = find_run(data, position)
+            if count >= fewest:
+                yield Lines(line + 1, position, looked, count)
+                position, line = looked, line + count
+                continue
+        m = STATEMENT.match(data, position)
+        assert m is not None  # it matches at every byte
+        position = m.end()
         line += 1
         rest, end = m.span("rest")
         if rest < 0:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from truepose.programs.flow import Flow, InForce
 from truepose.programs.krl_frames import SYSTEM, frame_value, ipo_value
-from truepose.programs.krl_lexer import Statement, closing_brace, parse_point, shown, split_commas, strip
+from truepose.programs.krl_lexer import Lines, Statement, closing_brace, parse_point, shown, split_commas, strip
 from truepose.programs.krl_names import Names, element
 from truepose.programs.krl_points import Numbers, Use, Variable
 from truepose.programs.krl_words import APPROACH, CIRCLES
@@ -19,6 +19,7 @@ _SIMPLE = re.compile(
     rb"(?:[ \t]++C_(?:PTP|DIS|VEL|ORI|SPL)\b)*+[ \t]*+",
     re.I,
 )
+_FIRST = re.compile(rb"[ \t]*+(\w++)[ \t]*+(\{[^{}]*+\})")
 _WITH = re.compile(rb"\bWITH\b", re.I)
 _NAME = re.compile(rb"([A-Za-z_$][\w$]*+)\s*+(\[[^\[\]]*\])?")
 _SETTING = re.compile(rb"(\$\w+)\s*+(?:\[[^\]]*\]|\.\s*\w+)?\s*=\s*")
@@ -81,6 +82,15 @@ class MotionReader:
                 self._point(m[2], m[3], use)
                 return []
         return self._general(statement)
+
+    def first_of(self, lines: Lines) -> Numbers:
+        """Return the first point of a run of alike motions."""
+        m = _FIRST.match(self._source.data, lines.start)
+        assert m is not None
+        word = m[1].decode().upper()
+        use = Use(word, lines.line, self._flow.node, *self.block)
+        aggregate = parse_point(self._source, *m.span(2), lines.line)
+        return Numbers(f"{word}:{lines.line}", self._source, lines.line, aggregate, use=use)
 
     def settings(self, start: int, end: int, line: int) -> Settings:
         """Read the assignments behind WITH."""

@@ -6,13 +6,17 @@ A dialect's reader makes a `Point` for each target that it finds, and `Judge` gi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import accumulate
 from typing import Final, NamedTuple
 
 from truepose.geometry import ANGLES
+from truepose.programs.columns import Stretch, Targets
 from truepose.programs.source import Source, Span, parse_number
-from truepose.programs.targets import FloatArray, FrameTable, Key, ReadOptions, Target, Verdict, frame_key, linked
+from truepose.programs.target import FloatArray, Target, Verdict
+from truepose.programs.targets import FrameTable, Key, ReadOptions, frame_key, linked
 
 AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
@@ -226,7 +230,7 @@ class Judge:
 
     def program_targets(
         self, points: Sequence[Point], circles: Iterable[Sequence[Point]]
-    ) -> tuple[tuple[Target, ...], tuple[tuple[int, ...], ...]]:
+    ) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
         """Return the targets in the order of the text, and the circles as their indices.
 
         Parameters
@@ -235,32 +239,60 @@ class Judge:
         circles : iterable of sequences of Point
             Corrected together or not at all.
         """
-        ordered = sorted(points, key=lambda point: (point.line, point.spans))
-        place = {id(point): i for i, point in enumerate(ordered)}
-        joined = tuple([tuple([place[id(point)] for point in circle]) for circle in circles])
-        return tuple(join_circles([self.target(point) for point in ordered], joined)), joined
+        place = {id(point): i for i, point in enumerate(points)}
+        joined = [[place[id(point)] for point in circle] for circle in circles]
+        return in_order([self.target(point) for point in points], joined, list({p.source: None for p in points}))
 
 
+@lru_cache(maxsize=256)
 def _array(tf: bytes) -> FloatArray:
     import numpy as np
 
     return np.frombuffer(tf).reshape(4, 4)
 
 
-def join_circles(targets: Sequence[Target], circles: tuple[tuple[int, ...], ...]) -> Iterator[Target]:
-    """Yield the targets; one whose circle has a point that is left out is left out for that."""
-    left_out = [i for i, target in enumerate(targets) if target.verdict != "correct"]
-    causes = linked(circles, left_out) if circles else {}
-    for i, target in enumerate(targets):
-        if i in causes:
-            k = i
-            while k in causes:
-                k = causes[k]
-            cause = targets[k]
-            reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
-            yield replace(target, verdict=cause.verdict, reason=reason)
-        else:
-            yield target
+def in_order(
+    items: Sequence[Target | Stretch], circles: Iterable[Sequence[int]], sources: Sequence[Source]
+) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
+    """Return a program's targets in the order of the text, file by file, and its circles by their places there.
+
+    A target whose circle has a point that is left out is left out for that.
+
+    Parameters
+    ----------
+    items : sequence of Target or Stretch
+    circles : iterable of sequences of int
+        Places in `items`.
+    sources : sequence of Source
+        In the order of the files.
+    """
+    rank = {source.path: k for k, source in enumerate(sources)}
+
+    def key(i: int) -> tuple[int, int, tuple[Span, ...]]:
+        first = item if isinstance(item := items[i], Target) else item.like
+        return rank[first.path], first.line, first.spans
+
+    order = sorted(range(len(items)), key=key)
+    starts = accumulate([1 if isinstance(item := items[i], Target) else len(item) for i in order], initial=0)
+    place = dict(zip(order, starts, strict=False))
+    replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
+    targets = Targets(replaced.get(i, items[i]) for i in order)
+    return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
+
+
+def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:
+    """Return the targets that are left out because of another one in their circle, by their places."""
+    targets = {i: target for circle in circles for i in circle if isinstance(target := items[i], Target)}
+    causes = linked(circles, [i for i, target in targets.items() if target.verdict != "correct"])
+    replaced = {}
+    for i in causes:
+        k = i
+        while k in causes:
+            k = causes[k]
+        cause = targets[k]
+        reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
+        replaced[i] = replace(targets[i], verdict=cause.verdict, reason=reason)
+    return replaced
 
 
 def numbers_at(

@@ -5,29 +5,33 @@ By the hashes a program that is corrected already is known again, and refused: e
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import hashlib
-import io
 import json
-import math
+from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
+
+import numpy as np
 
 from truepose import files
 from truepose.errors import FileError, RefusedError
+from truepose.programs.outcomes import DONE
+from truepose.programs.target import FloatArray, Target
 
 if TYPE_CHECKING:
-    from truepose.programs.correct import CorrectedProgram, Outcome
-    from truepose.programs.targets import FloatArray, Program
+    from truepose.programs.correct import CorrectedProgram
+    from truepose.programs.targets import Program
 
 FORMAT: Final = "truepose corrections"
 SCHEMA: Final = 1
 _SUFFIX: Final = ".corrections.json"
+_TARGETS: Final = ' "targets": ['
 _COLUMNS: Final = (
-    "file line name motion frame tool status turn x_mm y_mm z_mm x_after_mm y_after_mm z_after_mm "
-    "ex_mm ey_mm ez_mm sx_mm sy_mm sz_mm verdict reason"
+    *("file", "line", "name", "motion", "frame", "tool", "status", "turn"),
+    *("x_mm", "y_mm", "z_mm", "x_after_mm", "y_after_mm", "z_after_mm"),
+    *("ex_mm", "ey_mm", "ez_mm", "sx_mm", "sy_mm", "sz_mm"),
 )
+_quoted = json.encoder.encode_basestring
 
 
 def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[str, Any]:
@@ -43,7 +47,7 @@ def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[st
             {
                 "file": str(source.path),
                 "sha256_before": source.sha256,
-                "sha256_after": hashlib.sha256(corrected.files[source.path]).hexdigest(),
+                "sha256_after": corrected.hashes[source.path],
             }
             for source in corrected.program.sources
         ],
@@ -54,29 +58,100 @@ def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[st
         "warnings": list(corrected.warnings),
     }
     if with_targets:
-        found["targets"] = [_target(outcome) for outcome in corrected.targets]
+        found["targets"] = [json.loads(line) for lines, _ in _rows(corrected) for line in lines]
     return found
-
-
-def to_json(corrected: CorrectedProgram) -> str:
-    """Return the record as text, one line per target."""
-    head = record(corrected, with_targets=False)
-    lines = [json.dumps(head, indent=1, ensure_ascii=False)[:-2], ',\n "targets": [\n']
-    lines.append(",\n".join([json.dumps(_target(outcome), ensure_ascii=False) for outcome in corrected.targets]))
-    return "".join([*lines, "\n ]\n}\n"])
 
 
 def to_csv(corrected: CorrectedProgram) -> str:
     """Return one line per target."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_COLUMNS.split())
-    for outcome in corrected.targets:
-        row = _target(outcome)
-        numbers = [*row["before_mm"], *row["after_mm"], *row["e_mm"], *row["std_xyz_mm"]]
-        head = [row[key] for key in ("file", "line", "name", "motion", "frame", "tool", "status", "turn")]
-        writer.writerow([*head, *numbers, row["verdict"], row["reason"]])
-    return out.getvalue()
+    return _head_csv(corrected) + "".join([line for _, lines in _rows(corrected) for line in lines])
+
+
+def _write_records(corrected: CorrectedProgram, json_file: BinaryIO, csv_file: BinaryIO) -> None:
+    """Write both records, some thousand targets at a time; the JSON has one line per target."""
+    head = json.dumps(record(corrected, with_targets=False), indent=1, ensure_ascii=False)
+    json_file.write(_encoded(head.removesuffix("\n}") + f",\n{_TARGETS}\n"))
+    csv_file.write(_encoded(_head_csv(corrected)))
+    between = ""
+    for lines, rows in _rows(corrected):
+        json_file.write(_encoded(between + ",\n".join(lines)))
+        csv_file.write(_encoded("".join(rows)))
+        between = ",\n"
+    json_file.write(b"\n ]\n}\n")
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text
+
+
+def _head_csv(corrected: CorrectedProgram) -> str:
+    return ",".join([*_COLUMNS, *_angle_columns(corrected), "verdict", "reason"]) + "\n"
+
+
+def _angle_columns(corrected: CorrectedProgram) -> list[str]:
+    k = corrected.targets.after.shape[1] - 3
+    return [f"angle{i}{when}" for when in ("", "_after") for i in range(1, k + 1)]
+
+
+def _rows(corrected: CorrectedProgram) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield some thousand targets at a time, each as a line of JSON and a line of CSV."""
+    done = corrected.targets
+    k = done.after.shape[1]
+    for first, columns in corrected.program.targets.chunks():
+        here = slice(first, first + len(columns))
+        before = columns.values[:, :k]
+        after = np.where(np.isnan(done.after[here]), before, done.after[here])
+        size = np.linalg.norm(done.std[here], axis=1)[:, None]
+        xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], after[:, :3] - before[:, :3], size]
+        texts = _texts(np.concatenate([*xyz, before[:, 3:], after[:, 3:]], axis=1))
+        kinds, which = columns.shared()
+        templates = [_templates(kind, k - 3) for kind in kinds]
+        lines, rows = [], []
+        for i, kind in enumerate(which.tolist()):
+            code, row = done.code[first + i], texts[i]
+            name, line = columns.name(i), str(columns.line[i])
+            status, turn = (str(n) if n >= 0 else "" for n in (int(columns.status[i]), int(columns.turn[i])))
+            verdict, reason = DONE[code], done.why.get(first + i, kinds[kind].reason)
+            json_form, csv_form = templates[kind]
+            filled = [number or "null" for number in (status, turn, *row)]
+            lines.append(json_form % (line, _quoted(name), *filled, verdict, _quoted(reason)))
+            shown = (*row[:12], *row[16:])
+            rows.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason)))
+        yield lines, rows
+
+
+def _texts(numbers: FloatArray) -> list[list[str]]:
+    """Return numbers to six decimals; empty where there is none."""
+    flat = list(map(repr, (np.round(numbers, 6) + 0.0).ravel().tolist()))
+    if not np.isfinite(numbers).all():
+        flat = ["" if text == "nan" else text for text in flat]
+    width = numbers.shape[1]
+    return [flat[i : i + width] for i in range(0, len(flat), width)]
+
+
+def _templates(target: Target, angles: int) -> tuple[str, str]:
+    """Return the forms of a line of JSON and of CSV for targets that share all but name, line and numbers."""
+    file, motion, frame, tool, configuration = (
+        text.replace("%", "%%")
+        for text in (str(target.path), target.motion, target.frame, target.tool, target.configuration)
+    )
+    three, many = "[%s, %s, %s]", "[" + ", ".join(["%s"] * angles) + "]"
+    oriented = f', "angles": {many}, "angles_after": {many}' if angles else ""
+    json_form = (
+        f'{{"file": {_quoted(file)}, "line": %s, "name": %s, "motion": {_quoted(motion)}, "frame": {_quoted(frame)}, '
+        f'"tool": {_quoted(tool)}, "configuration": {_quoted(configuration)}, "status": %s, "turn": %s, '
+        f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, "correction_mm": {three}, '
+        f'"std_mm": %s{oriented}, "verdict": "%s", "reason": %s}}'
+    )
+    head = f"{_cell(file)},%s,%s,{_cell(motion)},{_cell(frame)},{_cell(tool)},%s,%s,"
+    return json_form, head + ",".join(["%s"] * (12 + 2 * angles + 2)) + "\n"
+
+
+def _cell(text: str) -> str:
+    """Return a cell of CSV, in quotes where it needs them."""
+    if any(mark in text for mark in ',"\r\n'):
+        return '"' + text.replace('"', '""') + '"'
+    return text
 
 
 def names(program: Program) -> list[str]:
@@ -87,61 +162,46 @@ def names(program: Program) -> list[str]:
 
 def write_in_place(corrected: CorrectedProgram) -> list[Path]:
     """Write over the program; see `CorrectedProgram.write_in_place`."""
-    changed = [source for source in corrected.program.sources if corrected.files[source.path] != source.data]
+    changed = [s for s in corrected.program.sources if corrected.hashes[s.path] != s.sha256]
     for source in changed:
         if source.path.is_symlink():
             raise FileError(source.path, "is a link; name the file itself")
     for source in corrected.program.sources:
         if files.read_bytes(source.path) != source.data:
             raise FileError(source.path, "changed while it was being corrected; run again")
-    backups = {source.path: source.path.with_name(source.path.name + ".original") for source in changed}
-    for backup in backups.values():
+    backups = [source.path.with_name(source.path.name + ".original") for source in changed]
+    for backup in backups:
         if backup.exists():
             raise FileError(backup, "is there already, and would be lost; move it away")
-    for source in changed:
-        files.write_atomic(backups[source.path], source.data)
-    # the record first: a program that is corrected is never without it
     folder, (*_, json_name, csv_name) = corrected.program.path.parent, names(corrected.program)
-    files.write_atomic(folder / json_name, to_json(corrected))
-    files.write_atomic(folder / csv_name, to_csv(corrected))
-    done: list[Path] = []
-    try:
-        for source in changed:
-            files.write_atomic(source.path, corrected.files[source.path])
-            done.append(source.path)
-    except FileError:
-        for source in changed:
-            if source.path in done:
-                files.write_atomic(source.path, source.data)
-        raise
-    return [*done, folder / json_name, folder / csv_name, *backups.values()]
+    records = [folder / json_name, folder / csv_name]
+    # copies and record first: a program that is corrected is never without them
+    with files.writing(*backups, *records, *(source.path for source in changed)) as opened:
+        for file, source in zip(opened, changed, strict=False):
+            file.write(source.data)
+        _write_records(corrected, opened[len(changed)], opened[len(changed) + 1])
+        for file, source in zip(opened[len(changed) + 2 :], changed, strict=True):
+            file.writelines(corrected.content(source))
+    return [*(source.path for source in changed), *records, *backups]
 
 
 def write(corrected: CorrectedProgram, out_dir: Path) -> list[Path]:
     """Write the program's files and the record; see `CorrectedProgram.write`."""
-    *_, json_name, csv_name = names(corrected.program)
-    contents: dict[Path, bytes | str] = {out_dir / path.name: data for path, data in corrected.files.items()}
-    contents[out_dir / json_name] = to_json(corrected)
-    contents[out_dir / csv_name] = to_csv(corrected)
-    new: list[Path] = []
+    sources = corrected.program.sources
+    paths = [out_dir / name for name in names(corrected.program)]
     try:
-        for path in contents:
-            if path.exists() and any(path.samefile(s.path) for s in corrected.program.sources):
+        for path in paths:
+            if path.exists() and any(path.samefile(source.path) for source in sources):
                 raise FileError(path, "is the program itself; choose another output folder")
-        for path, data in contents.items():
-            if not path.exists():
-                new.append(path)
-            files.write_atomic(path, data)
+        with files.writing(*paths) as opened:
+            for file, source in zip(opened, sources, strict=False):
+                file.writelines(corrected.content(source))
+            _write_records(corrected, *opened[len(sources) :])
     except OSError as error:
         raise FileError(
             out_dir, f"cannot be written: {error.strerror or error}; choose another output folder"
         ) from None
-    except FileError:
-        for path in new:
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
-        raise
-    return list(contents)
+    return paths
 
 
 def check_not_corrected(program: Program) -> None:
@@ -166,39 +226,14 @@ def check_not_corrected(program: Program) -> None:
 
 
 def _hashes(path: Path) -> list[tuple[str, str]]:
+    """Return the hashes before and after of a record's files; targets, which may be a million, are not read."""
     try:
-        entries = json.loads(files.read_text(path))["files"]
+        with path.open(encoding="utf-8-sig") as lines:
+            head = list(takewhile(lambda line: line.rstrip() != _TARGETS, lines))
+            more = "]}" if next(lines, None) is not None else ""
+        entries = json.loads("".join(head) + (f"{_TARGETS}{more}" if more else ""))["files"]
         return [(entry["sha256_before"], entry["sha256_after"]) for entry in entries]
-    except FileError:
-        raise
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError, RecursionError):
         raise FileError(path, "is no readable record of corrections; move it away if it is not one") from None
-
-
-def _target(outcome: Outcome) -> dict[str, Any]:
-    target = outcome.target
-    size = math.hypot(*outcome.std.tolist())
-    before, after = outcome.p_before, outcome.p_after
-    return {
-        "file": str(target.path),
-        "line": target.line,
-        "name": target.name,
-        "motion": target.motion,
-        "frame": target.frame,
-        "tool": target.tool,
-        "status": target.status,
-        "turn": target.turn,
-        "configuration": target.configuration,
-        "before_mm": _numbers(before),
-        "after_mm": _numbers(after),
-        "correction_mm": _numbers(after - before),
-        "e_mm": _numbers(outcome.e),
-        "std_xyz_mm": _numbers(outcome.std),
-        "std_mm": round(size, 6) if math.isfinite(size) else None,
-        "verdict": outcome.verdict,
-        "reason": outcome.reason,
-    }
-
-
-def _numbers(values: FloatArray) -> list[float | None]:
-    return [round(value, 6) if math.isfinite(value) else None for value in values.tolist()]

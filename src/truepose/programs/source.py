@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import bisect
 import hashlib
+import math
+import operator
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, chain
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 from truepose import files
 from truepose.errors import FileError, RefusedError
@@ -38,7 +41,6 @@ _DIGITS = re.compile(rb"[-+\d.eE\s]+")
 _BROKEN = re.compile(
     rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
 )
-_CHUNK = 1 << 20
 _CONTEXT = 3
 
 
@@ -72,8 +74,8 @@ class Source:
         return hashlib.sha256(self.data).hexdigest()
 
     @cached_property
-    def _line_starts(self) -> list[int]:
-        return [0, *(m.end() for m in _LINE_END.finditer(self.data))]
+    def _line_starts(self) -> array[int]:
+        return array("q", [0]) + array("q", (m.end() for m in _LINE_END.finditer(self.data)))
 
     def line(self, offset: int) -> int:
         """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
@@ -91,14 +93,6 @@ class Source:
     def error(self, line: int, message: str) -> FileError:
         """Return an error that names the file and a line."""
         return FileError(self.path, message, line=line)
-
-
-class Patch(NamedTuple):
-    """The bytes from `start` to `end` become `replacement`."""
-
-    start: int
-    end: int
-    replacement: bytes
 
 
 def parse_number(token: bytes) -> float:
@@ -157,10 +151,11 @@ def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes
     number = token.lstrip()
     digits, _, exponent = number.lower().partition(b"e")
     kept = 0 if exponent else len(digits.partition(b".")[2])
-    coarse = Decimal(repr(resolution))
-    step = min(Decimal(1).scaleb(-kept), coarse)
-    value = (Decimal(number.decode()) + Decimal(repr(delta))) / step
-    value = value.to_integral_value() * step
+    step = min(Decimal(1).scaleb(-kept), Decimal(repr(resolution)))
+    value, moved = Decimal(number.decode()) / step, Decimal(repr(delta)) / step
+    if value == value.to_integral_value():  # steps are counted as `digits.moved` counts them
+        moved = Decimal(round(delta / float(step)))
+    value = (value + moved).to_integral_value() * step
     if value == 0:
         value = abs(value)
     text = f"{value:f}"
@@ -175,31 +170,51 @@ def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes
     return b" " + written.encode().rjust(len(token) - 1)
 
 
-def apply_patches(data: bytes, patches: Sequence[Patch]) -> bytes:
-    """Return the bytes with the patches in place, by position.
+def decimals_of(resolution: float) -> int | None:
+    """Return the decimals of a resolution that is a power of ten; None of any other.
+
+    Examples
+    --------
+    >>> decimals_of(0.001), decimals_of(0.05)
+    (3, None)
+    """
+    decimals = round(-math.log10(resolution))
+    return decimals if 0 <= decimals < 10 and math.isclose(resolution, float(f"1e-{decimals}"), rel_tol=1e-9) else None
+
+
+def apply_patches(
+    data: bytes, spans: Sequence[Span], texts: Sequence[bytes], start: int = 0, end: int | None = None
+) -> bytes:
+    """Return the bytes from `start` to `end` with texts in place of what stands at spans.
 
     Raises
     ------
     ValueError
-        If patches overlap or lie outside.
+        If spans overlap, lie outside, or are not in order.
     """
-    parts, done = [], 0
-    for start, end, replacement in sorted(patches):
-        if not done <= start <= end <= len(data):
-            raise ValueError(f"patch of bytes {start} to {end} overlaps another or lies outside")
-        parts += [data[done:start], replacement]
-        done = end
-    return b"".join([*parts, data[done:]])
+    end = len(data) if end is None else end
+    borders = [start, *chain.from_iterable(spans), end]
+    if any(map(operator.gt, borders, borders[1:])):
+        raise ValueError("spans of patches overlap or lie outside")
+    parts = [b""] * (2 * len(spans) + 1)
+    parts[::2] = [data[a:b] for a, b in zip(borders[::2], borders[1::2], strict=True)]
+    parts[1::2] = texts
+    return b"".join(parts)
 
 
-def prove(original: Source, patched: bytes, patches: Sequence[Patch], lexer: re.Pattern[bytes]) -> None:
-    """Read the patched program again and require every token outside the patches to be as it was.
+def prove(
+    original: Source, start: int, end: int, patched: bytes, spans: Sequence[Span], lexer: re.Pattern[bytes]
+) -> None:
+    """Read a patched piece of a file again and require every token outside the patches to be as it was.
 
     Parameters
     ----------
     original : Source
+    start, end : int
+        The piece of the original; it ends at a line end or with the file.
     patched : bytes
-    patches : sequence of Patch
+    spans : sequence of (start, end)
+        Of the patches, in order.
     lexer : pattern
         Of the dialect; see the module.
 
@@ -208,37 +223,20 @@ def prove(original: Source, patched: bytes, patches: Sequence[Patch], lexer: re.
     RefusedError
         If a token changed that is not a corrected number, or tokens were joined or split.
     """
-    patches = sorted(patches)
+    before, after = lexer.findall(original.data, start, end), lexer.findall(patched)
+    if before == after:
+        return
+    changed = [i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]
+    starts = list(accumulate(map(len, before), initial=start))
+    if len(before) != len(after):
+        raise _unproven(original, starts[changed[0]] if changed else start, "the number of words changed")
     k = 0
-    for start, old, new in _chunks(original.data, patched, patches):
-        before, after = lexer.findall(old), lexer.findall(new)
-        if before == after:
-            continue
-        changed = [i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]
-        starts = list(accumulate(map(len, before), initial=start))
-        if len(before) != len(after):
-            raise _unproven(original, starts[changed[0]] if changed else start, "the number of words changed")
-        for i in changed:
-            while k < len(patches) and patches[k].end <= starts[i]:
-                k += 1
-            inside = k < len(patches) and patches[k].start <= starts[i] and starts[i + 1] <= patches[k].end
-            if not inside or not (_both(_NUMBER, before[i], after[i]) or not (before[i] + after[i]).strip(b" \t")):
-                raise _unproven(original, starts[i], f"{before[i]!r} became {after[i]!r}")
-
-
-def _chunks(original: bytes, patched: bytes, patches: Sequence[Patch]) -> Iterator[tuple[int, bytes, bytes]]:
-    """Yield the two versions in pieces that end at a line end, each with its start in the original."""
-    start = shift = k = 0
-    while start < len(original) or start + shift < len(patched):
-        found = _LINE_END.search(original, start + _CHUNK)
-        end, begin = (found.end() if found else len(original)), start + shift
-        while k < len(patches) and patches[k].start < end:
-            shift += len(patches[k].replacement) - (patches[k].end - patches[k].start)
+    for i in changed:
+        while k < len(spans) and spans[k][1] <= starts[i]:
             k += 1
-        yield start, original[start:end], patched[begin : end + shift if found else len(patched)]
-        start = end
-        if not found:
-            return
+        inside = k < len(spans) and spans[k][0] <= starts[i] and starts[i + 1] <= spans[k][1]
+        if not inside or not (_both(_NUMBER, before[i], after[i]) or not (before[i] + after[i]).strip(b" \t")):
+            raise _unproven(original, starts[i], f"{before[i]!r} became {after[i]!r}")
 
 
 def _both(pattern: re.Pattern[bytes], a: bytes, b: bytes) -> bool:

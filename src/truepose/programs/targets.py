@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError
-from truepose.geometry import euler, make_transform
 from truepose.geometry.transforms import check_transforms
-from truepose.programs.source import Source, Span
+from truepose.programs.columns import Columns, Targets
+from truepose.programs.source import Source
+from truepose.programs.target import FloatArray, Target, Verdict
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
 
-FloatArray = NDArray[np.float64]
-Verdict = Literal["correct", "skip", "refuse"]
+__all__ = [
+    "IDENTITY",
+    "FloatArray",
+    "FrameTable",
+    "Key",
+    "Program",
+    "ReadOptions",
+    "Target",
+    "Targets",
+    "Verdict",
+    "frame_key",
+    "linked",
+]
 Key = int | str
 """Of a tool or base: controllers number them or name them."""
 IDENTITY: Final = np.eye(4)
@@ -115,90 +125,6 @@ class FrameTable:
         return cls({**known.tools, **cell.tools}, {**known.bases, **cell.bases})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Target:
-    """A target of a program, or a motion whose target cannot be corrected.
-
-    Attributes
-    ----------
-    name : str
-        Of the point; an inline target is named by its motion and line.
-    path : Path
-    line : int
-        Where its numbers stand.
-    motions : tuple of str
-        The motion word of every use.
-    verdict : {"correct", "skip", "refuse"}
-    reason : str
-        Why not ``correct``; empty where it is.
-    frame, tool : str
-        What the controller calls them; empty where not known.
-    frame_number, tool_number : int, optional
-    xyz : tuple of 3 float [mm], optional
-        Position in its own frame.
-    angles : tuple of float, optional
-        Orientation in its own frame, in the controller's numbers.
-    controller : str
-        Whose angles they are, for `truepose.geometry.euler`.
-    tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
-        No tool: that of the measurements.
-    status, turn : int, optional
-        Configuration, where the target names it as KUKA does.
-    configuration : str
-        As other controllers name it.
-    spans : tuple of (start, end)
-        Bytes of the numbers X, Y, Z and the angles, with the blanks in front where the column is kept.
-    unit : float [mm]
-        Of the position's digits.
-    """
-
-    name: str
-    path: Path
-    line: int
-    motions: tuple[str, ...]
-    verdict: Verdict
-    reason: str = ""
-    frame: str = ""
-    tool: str = ""
-    frame_number: int | None = None
-    tool_number: int | None = None
-    xyz: tuple[float, ...] | None = None
-    angles: tuple[float, ...] | None = None
-    controller: str = "kuka"
-    tf_base_frame: FloatArray | None = None
-    tf_flange_tool: FloatArray | None = None
-    status: int | None = None
-    turn: int | None = None
-    configuration: str = ""
-    spans: tuple[Span, ...] = ()
-    unit: float = 1.0
-
-    @property
-    def p(self) -> FloatArray:
-        """Position in its own frame, (3,) [mm]; NaN where the target has none."""
-        return np.full(3, np.nan) if self.xyz is None else np.array(self.xyz)
-
-    @property
-    def rotation(self) -> Rotation | None:
-        """Orientation in its own frame."""
-        return None if self.angles is None else euler(self.controller, np.array(self.angles))
-
-    @property
-    def uses(self) -> dict[str, int]:
-        """How often each kind of motion goes to it."""
-        return dict(Counter(self.motions))
-
-    @property
-    def motion(self) -> str:
-        """The kinds of motion in words."""
-        return ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in self.uses.items())
-
-    @property
-    def where(self) -> str:
-        """File and line."""
-        return f"{self.path}:{self.line}"
-
-
 @dataclass(frozen=True, eq=False)
 class Program:
     """A program as its dialect's reader understood it.
@@ -209,7 +135,8 @@ class Program:
         As the user named it.
     sources : tuple of Source
         Every file of it.
-    targets : tuple of Target
+    targets : Targets
+        In the order of the text, file by file.
     circles : tuple of tuple of int
         Indices of targets that are corrected together or not at all.
     lexer : compiled pattern
@@ -220,25 +147,36 @@ class Program:
 
     path: Path
     sources: tuple[Source, ...]
-    targets: tuple[Target, ...]
+    targets: Targets
     circles: tuple[tuple[int, ...], ...]
     lexer: re.Pattern[bytes]
     finest: float = 0.0
 
     def correctable(self) -> NDArray[np.intp]:
         """Return the indices of the targets whose verdict is ``correct``."""
-        return np.flatnonzero([target.verdict == "correct" for target in self.targets])
+        return np.flatnonzero(self.targets.verdicts() == 0)
+
+    @property
+    def width(self) -> int:
+        """How many numbers a target has: three of its position and those of its orientation."""
+        return next((columns.values.shape[1] for _, columns in self.targets.chunks()), 6)
+
+    def counts(self) -> dict[Verdict, int]:
+        """Return how many targets have each verdict."""
+        correct, skip, refuse = np.bincount(self.targets.verdicts(), minlength=3).tolist()
+        return {"correct": correct, "skip": skip, "refuse": refuse}
+
+    def correctable_columns(self) -> Iterator[tuple[NDArray[np.intp], Columns]]:
+        """Yield the correctable targets some thousand at a time, with their indices."""
+        for first, columns in self.targets.chunks():
+            rows = np.flatnonzero(columns.verdict == "correct")
+            if len(rows):
+                yield first + rows, columns.take(rows)
 
     def poses_base(self) -> FloatArray:
         """Return the poses of the correctable targets, base to tool, (n, 4, 4) [mm]."""
-        chosen = [self.targets[i] for i in self.correctable()]
-        if not chosen:
-            return np.empty((0, 4, 4))
-        angles = np.array([target.angles for target in chosen])
-        tf_frame_tool = make_transform(euler(chosen[0].controller, angles), np.array([target.xyz for target in chosen]))
-        tf_base_frame = np.array([target.tf_base_frame for target in chosen])
-        poses: FloatArray = tf_base_frame @ tf_frame_tool
-        return poses
+        poses = [columns.poses_base() for _, columns in self.correctable_columns()]
+        return np.concatenate(poses) if poses else np.empty((0, 4, 4))
 
     def positions_base(self) -> FloatArray:
         """Return the positions of the correctable targets, (n, 3) [mm], base frame."""
@@ -249,8 +187,8 @@ class Program:
 
         `measured`, (4, 4) [mm], stands where the program names none.
         """
-        tools = [self.targets[i].tf_flange_tool for i in self.correctable()]
-        return np.array([measured if tool is None else tool for tool in tools]).reshape(-1, 4, 4)
+        tools = [columns.tf_flange_tool(measured) for _, columns in self.correctable_columns()]
+        return np.concatenate(tools) if tools else np.empty((0, 4, 4))
 
 
 def frame_key(key: Key) -> Key:
