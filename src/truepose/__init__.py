@@ -13,9 +13,11 @@ from truepose._version import __version__
 
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
+    from truepose.choosing import choose
     from truepose.error_map import ErrorMap, fit_cell, load_map
     from truepose.errors import TrueposeError
     from truepose.geometry import euler, register, register_with_tool
+    from truepose.planning import plan
     from truepose.predictors import (
         GridCell,
         InverseDistance,
@@ -61,6 +63,7 @@ _HOME = {
     "VectorKriging": "predictors",
     "VirtualCell": "simulation",
     "accuracy": "verification",
+    "choose": "choosing",
     "correct_program": "programs",
     "euler": "geometry",
     "experimental_variogram": "similarity",
@@ -103,6 +106,7 @@ __all__ = [
     "VirtualCell",
     "__version__",
     "accuracy",
+    "choose",
     "correct_program",
     "euler",
     "experimental_variogram",

@@ -15,10 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from truepose import archive
 from truepose.cell import Cell
-from truepose.error_map import ErrorMap, arm_of, predictor_coordinates
+from truepose.choosing import arm_of
+from truepose.error_map import ErrorMap, predictor_coordinates
 from truepose.errors import FileError
 from truepose.geometry import Registration
 from truepose.predictors import PREDICTORS, make_predictor
+from truepose.registering import reading_noise
 from truepose.robots import parse_robot
 from truepose.samples import Samples
 
@@ -43,10 +45,13 @@ def to_bytes(error_map: ErrorMap) -> bytes:
             "tool_fitted": error_map.tool_fitted,
         },
         "ranking": error_map.ranking,
+        "expected": error_map.expected,
         "excluded": error_map.excluded,
     }
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
+    if error_map.p_flange_sampled is not None:
+        arrays["p_flange_sampled"] = error_map.p_flange_sampled
     return archive.pack(content, arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e})
 
 
@@ -73,6 +78,8 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
         )
         name = content["predictor"]["name"]
         cell = Cell.model_validate(content["cell"], context={"robot": robot})
+        tf_flange_sampled = tf_flange_tool.copy()
+        tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
         error_map = ErrorMap(
             cell=cell,
             robot=robot,
@@ -80,12 +87,14 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
             registration=registration,
             tf_flange_tool=tf_flange_tool,
             predictor_name=name,
-            predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_tool)),
+            predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
             ranking=content["ranking"],
+            expected=content["expected"],
             excluded=content["excluded"],
+            p_flange_sampled=arrays.get("p_flange_sampled"),
         )
         x = predictor_coordinates(PREDICTORS[name].space, samples, error_map.p_cmd)
-        error_map.predictor.fit(x, arrays["e"])
+        error_map.predictor.fit(x, arrays["e"], reading_noise(cell, samples, registration))
     except FileError:
         raise
     except (KeyError, TypeError, ValueError) as error:

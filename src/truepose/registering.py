@@ -47,6 +47,17 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
         raise
 
 
+def reading_noise(cell: Cell, samples: Samples, registration: Registration) -> FloatArray | None:
+    """Return the standard deviation of readings in the base frame, (n, 3) [mm], or None if nothing is known of it.
+
+    That of each sample where the table has it (x_std_mm …), otherwise the tracker's, as the cell file states it.
+    """
+    std = cell.tracker.reading_std(samples.p_meas) if samples.p_std is None else samples.p_std
+    if std is None:
+        return None
+    return np.asarray(np.sqrt(std**2 @ (registration.tf_base_tracker[:3, :3] ** 2).T))
+
+
 def check_limits(robot: Robot, poses: Poses) -> None:
     """Refuse joints beyond the robot's limits, by the rows' own names.
 

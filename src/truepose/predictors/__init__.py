@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.calibration import KinematicCalibration
-from truepose.predictors.choose import choose
-from truepose.predictors.folds import block_folds, random_folds
+from truepose.predictors.choose import Choice, choose
+from truepose.predictors.cross_validation import Errors
+from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds
 from truepose.predictors.inverse_distance import InverseDistance
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging import OrdinaryKriging, SimpleKriging, UniversalKriging
@@ -21,6 +22,8 @@ from truepose.predictors.vector_kriging import VectorKriging
 __all__ = [
     "PREDICTORS",
     "Arm",
+    "Choice",
+    "Errors",
     "GridCell",
     "InverseDistance",
     "KinematicCalibration",
@@ -38,7 +41,9 @@ __all__ = [
     "VecchiaKriging",
     "VectorKriging",
     "block_folds",
+    "branch_folds",
     "choose",
     "make_predictor",
+    "point_folds",
     "random_folds",
 ]

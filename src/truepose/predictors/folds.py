@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.cluster.vq import kmeans2
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -61,10 +60,11 @@ def point_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
 
 
 def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
-    """Return the fold of each sample when folds are compact blocks of space.
+    """Return the fold of each sample when folds are compact blocks of space, sizes equal to within one.
 
     Samples near each other resemble each other, so random folds flatter an interpolator; blocks ask it for a region
-    that it has not seen. Blocks are clusters (k-means on the coordinates, each scaled by its spread).
+    that it has not seen. The samples are cut across their widest extent, and both parts again, until the blocks are as
+    many as the folds; coordinates count by their spread, and are turned at random first.
 
     Parameters
     ----------
@@ -76,11 +76,21 @@ def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
     (n,) array of int, 0 … folds − 1
     """
     scaled = _scaled(x)
-    _check(len(scaled), folds)
-    if len(np.unique(scaled, axis=0)) < 2 * folds:
-        return random_folds(len(scaled), folds, rng=rng)  # samples at a few places only have no blocks
-    _, cluster = kmeans2(scaled, folds, minit="++", rng=np.random.default_rng(rng))
-    return np.unique(cluster, return_inverse=True)[1].astype(np.int64)  # an empty cluster leaves no gap
+    n, d = scaled.shape
+    _check(n, folds)
+    turned = scaled @ np.linalg.qr(np.random.default_rng(rng).normal(size=(d, d)))[0]
+    fold = np.zeros(n, np.int64)
+    parts = [(np.arange(n), 0, folds)]
+    while parts:
+        rows, first, count = parts.pop()
+        fold[rows] = first
+        if count > 1:
+            half = count // 2
+            widest = np.argmax(np.ptp(turned[rows], axis=0))
+            along = rows[np.argsort(turned[rows, widest], kind="stable")]
+            cut = round(len(rows) * half / count)
+            parts += [(along[:cut], first, half), (along[cut:], first + half, count - half)]
+    return fold
 
 
 def branch_folds(robot: Robot, q: ArrayLike) -> IntArray:

@@ -64,7 +64,16 @@ PREDICTORS: Final[dict[str, Named]] = {
     "nearest": Named(Nearest),
     "nearest-joint": Named(Nearest, "joint"),
     "kinematic-kriging": Named(KinematicKriging, "joint"),
+    "kinematic-kriging-cartesian": Named(KinematicKriging, "joint", {"residual": "cartesian"}),
+    "kinematic-kriging-both": Named(KinematicKriging, "joint", {"residual": "both"}),
+    "kinematic-kriging-no-rest": Named(KinematicKriging, "joint", {"residual": "none"}),
+    "kinematic-kriging-no-joints": Named(KinematicKriging, "joint", {"joint_errors": False}),
+    "kinematic-kriging-no-compliance": Named(KinematicKriging, "joint", {"compliance": False}),
+    "kinematic-kriging-no-geometry": Named(KinematicKriging, "joint", {"geometry": False, "compliance": False}),
     "calibration": Named(KinematicCalibration, "joint"),
+    "calibration-dh": Named(KinematicCalibration, "joint", {"convention": "dh"}),
+    "calibration-cpc": Named(KinematicCalibration, "joint", {"convention": "cpc"}),
+    "calibration-poe": Named(KinematicCalibration, "joint", {"convention": "poe"}),
     "calibration-ls": Named(KinematicCalibration, "joint", {"method": "ls"}),
     "calibration-ekf": Named(KinematicCalibration, "joint", {"method": "ekf"}),
     "calibration-ukf": Named(KinematicCalibration, "joint", {"method": "ukf"}),
@@ -94,6 +103,20 @@ class Arm:
     payload: tuple[float, float, float, float] | None = None
 
 
+def check_name(name: str) -> None:
+    """Refuse a name that is not a key of `PREDICTORS`.
+
+    Raises
+    ------
+    DataError
+        With the nearest name, and all that there are.
+    """
+    if name not in PREDICTORS:
+        near = difflib.get_close_matches(name, [*PREDICTORS, "auto"], n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise DataError(f"no predictor {name!r}; {hint}there are: auto, {', '.join(PREDICTORS)}")
+
+
 def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: Arm | None = None) -> Predictor:
     """Return an unfitted predictor.
 
@@ -111,10 +134,7 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: 
     DataError
         If there is no such predictor, with the nearest names.
     """
-    if name not in PREDICTORS:
-        near = difflib.get_close_matches(name, [*PREDICTORS, "auto"], n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise DataError(f"no predictor {name!r}; {hint}there are: auto, {', '.join(PREDICTORS)}")
+    check_name(name)
     named = PREDICTORS[name]
     if named.family.of_arm and arm is None:
         raise DataError(f"predictor {name!r} needs to know the arm: its robot and tool")

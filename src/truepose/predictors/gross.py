@@ -1,0 +1,55 @@
+"""Fits without gross readings: those that the others contradict."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.predictors.base import Predictor
+
+FloatArray = NDArray[np.float64]
+
+_GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
+_FEWEST: Final = 10  # samples; with fewer nothing is left out
+_MEDIAN: Final = 1.538  # length of a standard normal vector in space, in the middle
+_HEAVY: Final = 3.0  # tails of good readings beyond those of a normal distribution, at most
+
+
+def fit_without_gross(
+    model: Predictor, x: FloatArray, e: FloatArray, noise_std: FloatArray | None = None
+) -> FloatArray:
+    """Fit a predictor, leaving out readings that the others contradict.
+
+    A reading is gross when its leave-one-out residual is beyond 10 predicted standard deviations (norm over the
+    components); where gross readings have widened all standard deviations, beyond 30 of those that the middle of the
+    readings shows. The worst go first: one gross reading spoils what is expected of its neighbours. Large errors alone
+    are no reason: at the edge of a region they may be the robot's own, and then their neighbours have them, too.
+
+    Parameters
+    ----------
+    model : Predictor
+        Is fitted.
+    x, e, noise_std : (n, d), (n, k), (n, k) arrays
+        As for `Predictor.fit`.
+
+    Returns
+    -------
+    (n,) array
+        How strongly each reading is contradicted, in standard deviations; 0 for those kept.
+    """
+    gross = np.zeros(len(e))
+    while True:
+        kept = np.flatnonzero(gross == 0)
+        model.fit(x[kept], e[kept], None if noise_std is None else noise_std[kept])
+        residual, std = model.leave_one_out()
+        surprise = np.linalg.norm(residual / np.maximum(std, np.finfo(float).tiny), axis=1)
+        middle = np.median(surprise)
+        if middle > 0:  # 0: an interpolator that meets most of its samples
+            surprise = surprise * max(1.0, _MEDIAN / (_HEAVY * middle))
+        worst = surprise.max()
+        if worst <= _GROSS or len(kept) <= _FEWEST:
+            return gross
+        out = surprise > max(_GROSS, 0.7 * worst)
+        gross[kept[out]] = surprise[out]
