@@ -314,3 +314,25 @@ def test_measured_ur10(shared, tmp_path):
     assert figures["before"]["mean_mm"] == pytest.approx(0.72, abs=0.02)
     assert figures["after"]["mean_mm"] < 0.5
     assert figures["seen"] == 0
+
+
+def test_noise_of_the_readings_reaches_the_predictor_and_survives_the_file(virtual, samples, tmp_path):
+    """A sample that is read badly counts for little; intervals of a reading hold its own noise."""
+    std = np.full((100, 3), 0.01)
+    std[40:] = 1.0
+    p_meas = samples.p_meas + np.random.default_rng(0).normal(size=std.shape) * std
+    told = Samples(p_meas, q=samples.q, p_std=std, source="told")
+    fitted, blind = (
+        tp.fit_cell(virtual.cell, one, "calibration") for one in (told, Samples(p_meas, q=samples.q, source="blind"))
+    )
+    test = virtual.measure(virtual.design(50, seed=3), seed=3)
+    mean = [found.validate(test)["after"]["mean_mm"] for found in (fitted, blind)]
+    assert mean[0] < 0.5 * mean[1]
+    fitted.save(tmp_path / "m.truepose")
+    again = tp.load_map(tmp_path / "m.truepose")
+    np.testing.assert_allclose(again.predict_reading(test)[1], fitted.predict_reading(test)[1], rtol=1e-9)
+    worse = Samples(test.p_meas, q=test.q, p_std=test.p_std + 1.0)
+    assert (fitted.predict_reading(worse)[1] > 0.9).all()
+    stated = virtual.cell.model_copy(update={"tracker": virtual.cell.tracker.model_copy(update={"std_mm": 0.3})})
+    silent = Samples(test.p_meas, q=test.q)
+    assert (tp.fit_cell(stated, silent, "calibration").predict_reading(silent)[1] > 0.3).all()

@@ -24,7 +24,7 @@ from truepose.errors import DataError, RobotError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
 from truepose.predictors import PREDICTORS, Predictor, choose
-from truepose.registering import check_limits
+from truepose.registering import check_limits, reading_noise
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
 from truepose.verification import accuracy, coverage
@@ -145,7 +145,19 @@ class ErrorMap:
         x = self._coordinates(samples)
         e, std = self.predict_errors(samples)
         (_, alone), (_, noisy) = (self.predictor.predict(x, return_std=True, include_nugget=b) for b in (False, True))
-        return e, np.sqrt(std**2 + np.maximum(noisy**2 - alone**2, 0.0))
+        known = self.reading_noise(samples)
+        return e, np.sqrt(std**2 + np.maximum(noisy**2 - alone**2, 0.0) + (0.0 if known is None else known**2))
+
+    def reading_noise(self, samples: Samples) -> FloatArray | None:
+        """Return what is known beforehand of the noise of new samples, (n, 3) [mm], base frame: see `reading_noise`.
+
+        That of the map's own in the mean where they tell nothing; None where the map was fitted without.
+        """
+        own = self.predictor.noise_std_
+        if own is None:
+            return None
+        known = reading_noise(self.cell, samples, self.registration)
+        return np.broadcast_to(np.sqrt(np.mean(own**2, axis=0)), (len(samples), 3)) if known is None else known
 
     def predict_measured(self, q: ArrayLike | Poses) -> tuple[FloatArray, FloatArray]:
         """Predict where the tracker will see the measured point.
