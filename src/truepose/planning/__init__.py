@@ -2,6 +2,6 @@
 
 from truepose.planning.designs import METHODS
 from truepose.planning.grounds import work_region
-from truepose.planning.plan import Plan, plan
+from truepose.planning.planner import Plan, plan
 
 __all__ = ["METHODS", "Plan", "plan", "work_region"]

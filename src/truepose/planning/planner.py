@@ -82,6 +82,11 @@ class Plan:
             source="plan",
         )
 
+    @property
+    def expected_mm(self) -> float:
+        """Mean length by which a reading in the work region will differ from its prediction after this plan [mm]."""
+        return next(row["mean_mm"] for row in self.expected if row["n"] == len(self.q))
+
     def program(self, name: str = "measure") -> tuple[str, str]:
         """Return the ending and the text of the measuring program.
 
