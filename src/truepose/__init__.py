@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from truepose.errors import TrueposeError
     from truepose.geometry import euler, register, register_with_tool
     from truepose.planning import plan
+    from truepose.iso import iso9283, iso9283_poses
     from truepose.predictors import (
         GridCell,
         InverseDistance,
@@ -69,6 +70,8 @@ _HOME = {
     "experimental_variogram": "similarity",
     "fit_cell": "error_map",
     "fit_variogram": "similarity",
+    "iso9283": "iso",
+    "iso9283_poses": "iso",
     "list_robots": "robots",
     "load_cell": "cell",
     "load_map": "error_map",
@@ -112,6 +115,8 @@ __all__ = [
     "experimental_variogram",
     "fit_cell",
     "fit_variogram",
+    "iso9283",
+    "iso9283_poses",
     "list_robots",
     "load_cell",
     "load_map",

@@ -1,0 +1,96 @@
+"""Figures of ISO 9283, and its test poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.cli.output import Json, emit_json, say, table
+
+if TYPE_CHECKING:
+    from truepose.verification import Iso9283
+
+
+def iso9283(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Samples of repeated poses; with --poses the cell file instead.")
+    ],
+    cell_path: Annotated[
+        Path | None, typer.Option("--cell", help="The cell, whose tool and station bring readings into the base frame.")
+    ] = None,
+    registered: Annotated[
+        bool, typer.Option("--registered", help="The readings are in the robot base frame already.")
+    ] = False,
+    poses: Annotated[
+        Path | None, typer.Option("--poses", help="Write the standard's test poses for the cell FILE to this table.")
+    ] = None,
+    edge: Annotated[float | None, typer.Option("--edge", help="Edge of the test cube [mm].", min=1.0)] = None,
+    as_json: Json = False,
+) -> None:
+    """Pose accuracy and repeatability, drift, distances and paths by ISO 9283, and what the standard still asks for."""
+    from truepose.cell import load_cell
+    from truepose.iso import iso9283 as evaluate
+    from truepose.samples import read_samples
+
+    if poses is not None:
+        _write_poses(path, poses, edge, as_json)
+        return
+    samples = read_samples(path)
+    found = evaluate(samples, cell=None if cell_path is None else load_cell(cell_path), registered=registered)
+    stated = {
+        "source": str(path),
+        "readings": len(samples),
+        "frame": "base" if registered else "registered with the cell" if cell_path else "registered on these poses",
+        "load_kg": None if samples.load is None else sorted(set(samples.load.tolist())),
+        "temperature_C": None
+        if samples.temperature is None
+        else [samples.temperature.min(), samples.temperature.max()],
+    }
+    if as_json:
+        emit_json({"stated": stated, **found.to_dict()})
+        return
+    _show(found, stated)
+
+
+def _write_poses(cell_path: Path, out: Path, edge: float | None, as_json: bool) -> None:
+    from truepose.cell import load_cell
+    from truepose.iso import iso9283_poses
+    from truepose.samples import write_samples
+
+    made = iso9283_poses(load_cell(cell_path), edge_mm=edge)
+    write_samples(out, made)
+    if as_json:
+        emit_json({"poses": out, "n": len(made), "what": made.source})
+    else:
+        say(f"Wrote {out}: {made.source}, P1 to P5 in turn, {len(made) // 5} cycles.")
+
+
+def _show(found: Iso9283, stated: dict[str, object]) -> None:
+    rows = [
+        (pose.name, pose.n, pose.AP_mm, *pose.AP_xyz_mm, pose.RP_mm, _three(pose.AP_abc_deg), _three(pose.RP_abc_deg))
+        for pose in found.poses
+    ]
+    columns = ["pose", "cycles", "AP [mm]", "x", "y", "z", "RP [mm]", "AP a, b, c [deg]", "RP a, b, c [deg]"]
+    say(table("Poses (ISO 9283)", columns, rows))
+    between = "" if found.AD_poses is None else f"between {found.AD_poses[0]} and {found.AD_poses[1]}"
+    over = "" if found.drift_hours is None else f"at {found.drift_pose} over {found.drift_hours:.2f} h"
+    lines = [
+        ("AP, pose accuracy", found.AP_mm, "the largest of these poses"),
+        ("RP, pose repeatability", found.RP_mm, "the largest of these poses"),
+        ("vAP, multi-directional variation", found.vAP_mm, "" if found.vAP_pose is None else f"at {found.vAP_pose}"),
+        ("AD, distance accuracy", found.AD_mm, between),
+        ("RD, distance repeatability", found.RD_mm, between),
+        ("dAP, drift of accuracy", found.dAP_mm, over),
+        ("dRP, drift of repeatability", found.dRP_mm, over),
+        ("AT, path accuracy", found.AT_mm, ""),
+        ("RT, path repeatability", found.RT_mm, ""),
+    ]
+    say(table("Figures", ["", "[mm]", "where"], [(name, "–" if v is None else v, where) for name, v, where in lines]))
+    frame = f"Frame: {stated['frame']}; AP depends on it, RP, vAP, AD, RD and RT do not."
+    say(frame, *(f"[yellow]Missing[/]  {text}." for text in found.missing))
+
+
+def _three(values: tuple[float, float, float] | None) -> str:
+    return "–" if values is None else "  ".join(f"{value:.4f}" for value in values)
