@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,9 @@ from truepose.registering import check_limits, reading_noise
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
 from truepose.verification import accuracy, coverage
+
+if TYPE_CHECKING:
+    from truepose.updating import Recheck
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -137,12 +140,12 @@ class ErrorMap:
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors and their standard deviation at commanded poses, both (n, 3) [mm], base frame."""
-        e, std = self._predict(self._coordinates(poses), self.tf_flange_tool, return_std=True)
+        e, std = self._predict(self.coordinates(poses), self.tf_flange_tool, return_std=True)
         return e, std
 
     def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
         """Return what errors (n, 3) [mm] are expected of new samples, and the std of that with a reading's noise."""
-        x = self._coordinates(samples)
+        x = self.coordinates(samples)
         e, std = self.predict_errors(samples)
         (_, alone), (_, noisy) = (self.predictor.predict(x, return_std=True, include_nugget=b) for b in (False, True))
         known = self.reading_noise(samples)
@@ -219,8 +222,20 @@ class ErrorMap:
         DataError
             If the map knows positions only, or there are no joints.
         """
-        error, std = self._predict(self._coordinates(poses), self.tf_flange_tool, return_std=True, orientation=True)
+        error, std = self._predict(self.coordinates(poses), self.tf_flange_tool, return_std=True, orientation=True)
         return error, std
+
+    def recheck(self, samples: Samples) -> Recheck:
+        """Test whether this map still holds for new samples, and what may have happened: see `Recheck`."""
+        from truepose.updating import recheck
+
+        return recheck(self, samples)
+
+    def update(self, samples: Samples, refit: Literal["station", "tool", "both"] | None = None) -> ErrorMap:
+        """Return this map with new samples taken in: see `truepose.updating.update_map`."""
+        from truepose.updating import update_map
+
+        return update_map(self, samples, refit)
 
     def correct(
         self,
@@ -396,7 +411,7 @@ class ErrorMap:
                 status, _ = status_turn(self.robot, samples.q)
             except RobotError:
                 status = None  # no KUKA arm: its programs name no Status
-        return Guards(self._coordinates(samples), self.e, limits, self.tf_flange_sampled[:3, 3], rotation, status)
+        return Guards(self.coordinates(samples), self.e, limits, self.tf_flange_sampled[:3, 3], rotation, status)
 
     @cached_property
     def _bytes(self) -> bytes:
@@ -408,7 +423,7 @@ class ErrorMap:
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
 
-    def _coordinates(self, poses: Poses) -> FloatArray:
+    def coordinates(self, poses: Poses) -> FloatArray:
         """Return what the predictor takes, (n, 3) [mm] or (n, dof) [rad]."""
         return predictor_coordinates(self.space, poses, self.commanded_positions(poses))
 

@@ -20,7 +20,6 @@ from truepose.error_map import ErrorMap, predictor_coordinates
 from truepose.errors import FileError
 from truepose.geometry import Registration
 from truepose.predictors import PREDICTORS, make_predictor
-from truepose.registering import reading_noise
 from truepose.robots import parse_robot
 from truepose.samples import Samples
 
@@ -50,6 +49,8 @@ def to_bytes(error_map: ErrorMap) -> bytes:
     }
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
+    if error_map.predictor.noise_std_ is not None:
+        arrays["noise_std"] = error_map.predictor.noise_std_
     if error_map.p_flange_sampled is not None:
         arrays["p_flange_sampled"] = error_map.p_flange_sampled
     return archive.pack(content, arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e})
@@ -94,7 +95,7 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
             p_flange_sampled=arrays.get("p_flange_sampled"),
         )
         x = predictor_coordinates(PREDICTORS[name].space, samples, error_map.p_cmd)
-        error_map.predictor.fit(x, arrays["e"], reading_noise(cell, samples, registration))
+        error_map.predictor.fit(x, arrays["e"], arrays.get("noise_std"))
     except FileError:
         raise
     except (KeyError, TypeError, ValueError) as error:

@@ -83,6 +83,12 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self._fit(X, e, noise)
         return self
 
+    @property
+    def noise_std_(self) -> FloatArray | None:
+        """Standard deviation of the samples' readings (n, k) [mm], as `fit` was told; None if it was not."""
+        check_is_fitted(self)
+        return self._given[2]
+
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = ..., include_nugget: bool = ...) -> FloatArray: ...
     @overload

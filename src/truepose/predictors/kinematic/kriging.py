@@ -32,7 +32,7 @@ _SUBSET: Final = 350  # samples that hyperparameters are searched on where there
 _ANCHORS: Final = 250  # samples that carry Z in a basis
 _FEWEST: Final = 6
 _LARGE: Final = 1500  # equations from which BLAS gains by threads
-_DEGREES_OF_FREEDOM: Final = 5.0  # of the Student t that noise is taken for
+_SURPRISE: Final = 11.34  # squared standardised length beyond which a reading is weighed down: 1 % of good ones
 _ROUNDS: Final = 4
 _GROSS: Final = 0.1  # weight below which a reading is called gross
 _SETTLED: Final = 0.1
@@ -290,12 +290,16 @@ class KinematicKriging(Predictor):
         return weight
 
     def _weights(self) -> FloatArray:
-        """Return the Student-t weights (ν + 3)/(ν + z²) from leave-one-out residuals, z² without the weight itself."""
-        residual, covariance = self._form.left_out(np.arange(len(self._e)))
-        inflation = self._noise_variance() * (1.0 - self.weight_[:, None])
-        clean = covariance - inflation[:, :, None] * np.eye(3)
+        """Return weights min(1, c²/z²) from leave-one-out residuals, z² without the weight itself."""
+        residual, clean = self._left_out_alone()
         z_squared = np.einsum("na,na->n", residual, np.linalg.solve(clean, residual[..., None])[..., 0])
-        return np.asarray(np.minimum((_DEGREES_OF_FREEDOM + 3.0) / (_DEGREES_OF_FREEDOM + z_squared), 1.0))
+        return np.asarray(np.minimum(_SURPRISE / np.maximum(z_squared, np.finfo(float).tiny), 1.0))
+
+    def _left_out_alone(self) -> tuple[FloatArray, FloatArray]:
+        """Return leave-one-out residuals and their covariances, each reading of full weight."""
+        residual, covariance = self._form.left_out(np.arange(len(self._e)))
+        wider = self._noise_variance() * (1.0 - self.weight_[:, None])
+        return residual, covariance - wider[:, :, None] * np.eye(3)
 
     def _noise_variance(self) -> FloatArray:
         return np.asarray((self.hyper_.noise**2 + self._reading**2) / self.weight_[:, None])
@@ -333,7 +337,7 @@ class KinematicKriging(Predictor):
         if not return_std:
             return e, None
         variance = np.einsum("maa->ma", self._form.covariance(design))
-        noise = self._new_noise if include_nugget else 0.0
+        noise = self.hyper_.noise**2 if include_nugget else 0.0
         return e, np.sqrt(self.inflation_ * (np.maximum(variance, 0.0) + noise))
 
     def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -446,15 +450,9 @@ class KinematicKriging(Predictor):
         residual, covariance = self._form.left_out(label)
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
-    @property
-    def _new_noise(self) -> float:
-        """Variance of one new reading [mm²]: that of the Student t, wider than its scale, when robust."""
-        wider = _DEGREES_OF_FREEDOM / (_DEGREES_OF_FREEDOM - 2.0) if self.robust else 1.0
-        return wider * self.hyper_.noise**2
-
     def _inflation(self) -> float:
         """Return the mean squared standardised leave-one-out residual of the readings not called gross, at least 1."""
-        residual, covariance = self._form.left_out(np.arange(len(self._e)))
+        residual, covariance = self._left_out_alone()
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
         variance = np.einsum("naa->na", covariance)
         return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept])))

@@ -1,0 +1,181 @@
+"""A map and new samples: whether it holds, what happened, and how it takes them in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import truepose as tp
+from truepose.errors import DataError
+from truepose.geometry import apply_transform, invert_transform, make_transform
+from truepose.samples import Samples
+from truepose.updating import GROWTH, STATION, TOOL
+
+
+@pytest.fixture(scope="module")
+def virtual() -> tp.VirtualCell:
+    return tp.VirtualCell("hard", seed=21, effects={"geometry", "tool", "repeatability", "tracker", "transmission"})
+
+
+@pytest.fixture(scope="module")
+def error_map(virtual) -> tp.ErrorMap:
+    return tp.fit_cell(virtual.cell, virtual.measure(virtual.design(120, seed=1), seed=1), "kinematic-kriging")
+
+
+@pytest.fixture(scope="module")
+def held_out(virtual) -> Samples:
+    """Without noise."""
+    q = virtual.design(150, seed=5)
+    return Samples(apply_transform(invert_transform(virtual.truth.tf_base_tracker), virtual.true_position(q)), q=q)
+
+
+def new_readings(virtual, n, seed=3):
+    return virtual.measure(virtual.design(n, seed=seed), seed=seed)
+
+
+def mean_miss(error_map, samples):
+    return np.linalg.norm(error_map.errors(samples) - error_map.predict_errors(samples)[0], axis=1).mean()
+
+
+def test_the_map_holds_for_what_it_was_made_for(virtual, error_map):
+    found = [error_map.recheck(new_readings(virtual, 10, seed)).holding for seed in range(30, 45)]
+    assert sum(one.verdict == "holds" for one in found) >= 13
+    assert np.mean([one.ratio for one in found]) == pytest.approx(1.0, abs=0.2)
+
+
+def _turned(virtual, readings, joint):
+    """The same, had a crash moved joint 2 or 3 by 0.3 mrad."""
+    q = readings.q.copy()
+    q[:, joint] += 3e-4
+    moved = (
+        virtual.robot.forward(q, virtual.tf_flange_tool) - virtual.robot.forward(readings.q, virtual.tf_flange_tool)
+    )[:, :3, 3]
+    return replace(readings, p_meas=readings.p_meas + moved @ virtual.truth.tf_base_tracker[:3, :3])
+
+
+def _station(virtual, readings):
+    tf = make_transform(Rotation.from_rotvec([0.0, 1e-4, 2e-4]), [0.3, -0.2, 0.1])
+    return replace(readings, p_meas=apply_transform(tf, readings.p_meas))
+
+
+def _tool(virtual, readings):
+    shift = virtual.robot.forward(readings.q)[:, :3, :3] @ [0.3, 0.0, -0.2]
+    return replace(readings, p_meas=readings.p_meas + shift @ virtual.truth.tf_base_tracker[:3, :3])
+
+
+@pytest.mark.parametrize(
+    ("happened", "cause"),
+    [
+        (_station, STATION),
+        (_tool, TOOL),
+        (lambda v, r: _turned(v, r, 1), "joint 2 is off"),
+        (lambda v, r: _turned(v, r, 2), "joint 3 is off"),
+    ],
+    ids=["station", "tool", "joint 2", "joint 3"],
+)
+def test_what_happened_is_found(virtual, error_map, happened, cause):
+    found = error_map.recheck(happened(virtual, new_readings(virtual, 12)))
+    assert found.holding.verdict == "does not hold"
+    assert found.causes[0].cause == cause
+    assert found.causes[0].explained > 0.8
+    assert cause in found.words[1]
+
+
+def test_an_arm_that_grew(virtual, error_map):
+    readings = new_readings(virtual, 12)
+    p_base = apply_transform(virtual.truth.tf_base_tracker, readings.p_meas) * (1 + 150e-6)
+    grown = replace(readings, p_meas=apply_transform(invert_transform(virtual.truth.tf_base_tracker), p_base))
+    found = error_map.recheck(grown)
+    assert GROWTH in [cause.cause for cause in found.causes[:2]]
+
+
+def test_drift_over_time_and_temperature(virtual, error_map):
+    readings = new_readings(virtual, 40)
+    hours = np.linspace(0, 4, 40)
+    drifting = replace(
+        readings,
+        p_meas=readings.p_meas + 0.05 * hours[:, None] * virtual.truth.tf_base_tracker[2, :3],
+        time=3600.0 * hours,
+        temperature=20.0 + np.sin(7 * np.arange(40)),
+    )
+    found = error_map.recheck(drifting)
+    assert found.time.p_value < 1e-6
+    np.testing.assert_allclose(found.time.slope, [0, 0, 0.05], atol=0.02)
+    assert found.temperature.p_value > 1e-3
+    assert any(sentence.startswith("Over time: drift, 0.0") for sentence in found.words)
+    assert found.to_dict()["temperature"]["p_value"] == found.temperature.p_value
+
+
+def test_samples_join(virtual, error_map, held_out, tmp_path):
+    more = new_readings(virtual, 240)
+    joined = error_map.update(more)
+    assert len(joined.samples) == len(error_map.samples) + 240
+    assert len(error_map.predictor.weight_) == len(error_map.samples)  # the old map is as it was
+    assert mean_miss(joined, held_out) < 0.9 * mean_miss(error_map, held_out)
+    joined.save(tmp_path / "joined.truepose")
+    again = tp.load_map(tmp_path / "joined.truepose")
+    for a, b in zip(joined.predict_errors(held_out), again.predict_errors(held_out), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_samples_join_a_map_without_arm(virtual, held_out):
+    cartesian = tp.fit_cell(virtual.cell, new_readings(virtual, 60, 1), "ordinary-kriging")
+    joined = cartesian.update(new_readings(virtual, 60, 2))
+    assert len(joined.samples) == 120
+    assert joined.predictor.variogram == cartesian.predictor.pinned().variogram
+    assert joined.predict_errors(held_out)[1].mean() < cartesian.predict_errors(held_out)[1].mean()
+    assert cartesian.recheck(new_readings(virtual, 8)).holding.n == 8
+
+
+def test_a_moved_tracker_needs_a_few_readings(virtual, error_map, held_out, tmp_path):
+    tf = make_transform(Rotation.from_rotvec([0.1, -0.2, 1.3]), [800.0, -2000.0, 100.0])
+
+    def from_there(samples):
+        return replace(samples, p_meas=apply_transform(tf, samples.p_meas))
+
+    moved = error_map.update(from_there(new_readings(virtual, 8)), refit="station")
+    assert mean_miss(moved, from_there(held_out)) < mean_miss(error_map, held_out) + 0.02
+    np.testing.assert_allclose(moved.e, error_map.e, atol=1e-9)
+    p, std = moved.predict_measured(held_out.q)
+    assert np.linalg.norm(p - from_there(held_out).p_meas, axis=1).mean() < 0.1
+    assert std.shape == p.shape
+    moved.save(tmp_path / "moved.truepose")
+    np.testing.assert_allclose(tp.load_map(tmp_path / "moved.truepose").predict_measured(held_out.q)[0], p, atol=1e-6)
+
+
+@pytest.mark.parametrize("refit", ["tool", "both"])
+def test_another_tool_needs_a_few_readings(virtual, error_map, refit, tmp_path):
+    """Its errors are those of the arm, seen at its own point, and the turn of the tool."""
+    other = virtual.truth.tf_flange_tool.copy()
+    other[:3, 3] += [60.0, -150.0, 220.0]
+    tf = make_transform(
+        Rotation.from_rotvec([0.0, 0.0, 0.7 * (refit == "both")]), [0.0, 500.0 * (refit == "both"), 0.0]
+    )
+
+    def read(n, seed):
+        q, rng = virtual.design(n, seed=seed), np.random.default_rng(seed)
+        joints = q + virtual.truth.joint_error(q)
+        p_base = virtual.truth.robot.forward(joints, tool=other)[:, :3, 3] + rng.normal(scale=0.02, size=(n, 3))
+        p_tracker = apply_transform(invert_transform(virtual.truth.tf_base_tracker), p_base)
+        return Samples(apply_transform(tf, p_tracker), q=q, source="new tool")
+
+    changed = error_map.update(read(12, 3), refit=refit)
+    samples = read(100, 9)
+    nominal = np.linalg.norm(changed.errors(samples), axis=1).mean()
+    assert mean_miss(changed, samples) < 0.25 * nominal
+    assert mean_miss(changed, samples) < 0.12
+    np.testing.assert_allclose(changed.e, error_map.e, atol=1e-9)
+    changed.save(tmp_path / "changed.truepose")
+    again = tp.load_map(tmp_path / "changed.truepose")
+    np.testing.assert_allclose(again.predict_errors(samples)[0], changed.predict_errors(samples)[0], atol=1e-7)
+    with pytest.raises(DataError, match="samples are of another point"):
+        changed.update(read(3, 4))
+
+
+def test_wrong_words(virtual, error_map):
+    with pytest.raises(DataError, match=r'refit is .base.; expected "station", "tool" or "both"'):
+        error_map.update(new_readings(virtual, 8), refit="base")
+    bare = Samples(new_readings(virtual, 8).p_meas, p_cmd=np.zeros((8, 3)), source="bare")
+    with pytest.raises(DataError, match="bare"):
+        error_map.update(bare, refit="tool")
