@@ -35,10 +35,10 @@ def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
     assert choice.expected["mean_mm"] == choice.ranking[0]["mean_mm"]  # the same candidate in every fold
     test = virtual.measure(virtual.design(200, seed=2), seed=2)
     errors = tp.fit_cell(virtual.cell, samples, "calibration").validate(test)
-    low, high = choice.expected["mean_95_mm"]
+    low, high = choice.expected["mean_interval_mm"]
     assert low < errors["after"]["mean_mm"] < high
     assert not choice.ranking[1]["level"]
-    low, high = choice.ranking[1]["worse_by_95_mm"]
+    low, high = choice.ranking[1]["worse_by_interval_mm"]
     assert 0 < low < choice.ranking[1]["worse_by_mm"] < high
 
 
@@ -157,5 +157,5 @@ def test_figures(held_out):
     assert found["within_95"] == pytest.approx(0.95, abs=0.02)
     expected = 0.2 * np.sqrt(8 / np.pi)  # mean length of a normal vector
     assert found["mean_mm"] == pytest.approx(expected, rel=0.05)
-    assert found["mean_95_mm"][0] < found["mean_mm"] < found["mean_95_mm"][1]
+    assert found["mean_interval_mm"][0] < found["mean_mm"] < found["mean_interval_mm"][1]
     assert set(found["splits"]) == {"points", "blocks"}

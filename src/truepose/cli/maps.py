@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,6 +53,13 @@ def similarity(
 
 def fit(
     cell_path: CellPath,
+    candidates: Annotated[
+        str, typer.Option(help="Of auto: quick (one of each kind), all, or names with commas between.")
+    ] = "quick",
+    splits: Annotated[
+        str, typer.Option(help="What auto leaves out: points, blocks, branches, with commas between.")
+    ] = "points,blocks",
+    workers: Annotated[int, typer.Option(help="Processes of auto; 0: as many as processors.", min=0)] = 0,
     samples_path: SamplesPath,
     predictor: Annotated[str, typer.Option("--predictor", help="auto, or a name; a wrong one lists them.")] = "auto",
     out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
@@ -59,6 +67,7 @@ def fit(
 ) -> None:
     """Register, fit the tool if asked, and fit an error model; writes a map."""
     import numpy as np
+    from truepose.cli.choice import show_choice
 
     from truepose.cell import load_cell
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
@@ -67,7 +76,15 @@ def fit(
     from truepose.verification import summary
 
     with working() as progress:
-        error_map = fit_cell(load_cell(cell_path), read_samples(samples_path), predictor, progress=progress)
+        error_map = fit_cell(
+            load_cell(cell_path),
+            read_samples(samples_path),
+            predictor,
+            candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
+            splits=splits.split(","),
+            workers=workers or os.cpu_count() or 1,
+            progress=progress,
+        )
         error_map.save(out)
     registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
     tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
@@ -82,6 +99,7 @@ def fit(
         "parameters": parameters,
         "tool_mm": None if tool is None else np.round(tool, 4),
         "hint": error_map.registration.hint,
+        "expected": error_map.expected,
         "registered": registered,
         "leave_one_out": left_out,
         "ranking": error_map.ranking,
@@ -101,8 +119,7 @@ def fit(
     for row in error_map.excluded:
         say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
     if error_map.ranking:
-        rows = [(row["predictor"], row.get("mean_mm", float("nan")), row.get("note", "")) for row in error_map.ranking]
-        say(table("Candidates, in cross-validation over blocks of space", ["predictor", "mean [mm]", ""], rows))
+        show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:
         show_calibration(calibration)
     title = f"{error_map.predictor_name}: after registration, and predicted without the sample itself"

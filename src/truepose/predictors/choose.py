@@ -47,7 +47,7 @@ class Choice:
     ----------
     ranking : list of dict
         One row for each candidate, the one taken first, then by ``mean_mm``: ``predictor``, `figures`, ``log_density``
-        (mean, per reading), ``worse_by_mm`` than the first and ``worse_by_95_mm``, its 95 % interval, ``level``:
+        (mean, per reading), ``worse_by_mm`` than the first and ``worse_by_interval_mm``, its 95 % interval, ``level``:
         whether that may be chance. One that failed comes last, with its error as ``note``.
     expected : dict
         What the choice itself leaves on samples that took part neither in a fit nor in the choice (the outer loop):
@@ -165,7 +165,7 @@ def _ranking(held_out: HeldOut, rng: int) -> list[dict[str, Any]]:
             **figures(told.residual[c], told.std[c], told.splits, rng=rng),
             "log_density": float(density[c]),
             "worse_by_mm": float(mean[c] - mean[best]),
-            "worse_by_95_mm": worse[c].tolist(),
+            "worse_by_interval_mm": worse[c].tolist(),
             "level": bool(worse[c, 0] <= 0.0),
         }
         for c in order

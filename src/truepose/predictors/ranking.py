@@ -98,13 +98,13 @@ def figures(residual: FloatArray, std: FloatArray, splits: tuple[str, ...], *, r
     Returns
     -------
     dict
-        ``mean_mm`` over samples and splits with ``mean_95_mm``, its interval; ``p95_mm``; ``mean_mm`` and ``p95_mm`` of
+        ``mean_mm`` over samples and splits with ``mean_interval_mm``, its interval; ``p95_mm``; ``mean_mm`` and ``p95_mm`` of
         each split in ``splits``; ``within_95``: share of components within their predicted 95 % intervals.
     """
     length = np.linalg.norm(residual, axis=2)
     return {
         "mean_mm": float(length.mean()),
-        "mean_95_mm": _intervals(length.mean(axis=0)[None], rng)[0].tolist(),
+        "mean_interval_mm": _intervals(length.mean(axis=0)[None], rng)[0].tolist(),
         "p95_mm": float(np.percentile(length, 95)),
         "splits": {
             name: {"mean_mm": float(one.mean()), "p95_mm": float(np.percentile(one, 95))}
