@@ -1,46 +1,55 @@
-"""Pictures of the report, as SVG text that follows the page's colours."""
+"""Pictures of the report, as SVG text; every character in them is a shape, so that no font can be missing.
+
+The colours are those of `COLOURS`: a page puts its own for light and dark in their place.
+"""
 
 from __future__ import annotations
 
 import io
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from truepose.report.study import StudyPart
+from truepose.report import fonts
+from truepose.similarity import plot
+
+if TYPE_CHECKING:
+    from truepose.report.locale import Locale
+    from truepose.report.region import Plane
+    from truepose.report.study import StudyPart
 
 FloatArray = NDArray[np.float64]
 
+INK: Final = "#1c2430"
+WIDTH: Final = 9.0
+"""Of a picture as wide as the page [in]; fonts are sized for it."""
+
 BEFORE: Final = "#c2562d"
 AFTER: Final = "#1f77a4"
-_INK: Final = "#010203"  # replaced by the page's own text colour
-_NO_METADATA: Final = dict.fromkeys(
-    ("Date", "Creator", "Format", "Type")
-)  # no name of a web site, same bytes each time
-_STYLE: Final[dict[Any, Any]] = {
-    "font.size": 9.0,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "truepose",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK),
+COLOURS: Final = {
+    INK: "ink",
+    BEFORE: "before",
+    AFTER: "after",
+    plot.POINT: "point",
+    plot.WEAK: "weak",
+    plot.MODEL: "model",
+    plot.BAND: "band",
+    plot.THEORY: "theory",
+    plot.QUIET: "soft",
 }
+"""Colours of the pictures, and what a page calls each."""
+
+_CROSS: Final = "#303030"  # on a filled map, light or dark
+_NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # the same bytes each time
+_INKED: Final = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
 
 
-def to_svg(figure: Figure) -> str:
-    """Return a figure as an SVG element whose text and axes take the page's text colour."""
-    buffer = io.StringIO()
-    with mpl.rc_context(_STYLE):
-        figure.savefig(buffer, format="svg", transparent=True, metadata=_NO_METADATA, bbox_inches="tight")
-    text = buffer.getvalue()
-    return text[text.index("<svg") :].replace(_INK, "currentColor")
-
-
-def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray) -> str:
+def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Locale) -> str:
     """Draw errors as arrows where they arise, before and after, magnified alike.
 
     Parameters
@@ -48,62 +57,118 @@ def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray) -> str:
     p : (n, 3) array [mm], base frame
         Commanded positions.
     before, after : (n, 3) arrays [mm], base frame
+    say : Locale
     """
     largest = float(np.linalg.norm(before, axis=1).max())
     extent = float(np.ptp(p, axis=0).max())
     magnify = _round_down(0.15 * extent / largest) if largest > 0 and extent > 0 else 1.0
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.0, 4.2))
-        for k, (e, colour, title) in enumerate(((before, BEFORE, "before"), (after, AFTER, "after")), 1):
+    with mpl.rc_context(_style()):
+        figure = Figure(figsize=(WIDTH, 4.2))
+        for k, (e, colour, state) in enumerate(((before, BEFORE, "before"), (after, AFTER, "after")), 1):
             axes = figure.add_subplot(1, 2, k, projection="3d")
             axes.quiver(*p.T, *(magnify * e).T, color=colour, linewidth=0.9, arrow_length_ratio=0.3)
             axes.scatter(*p.T, s=2, color=colour, alpha=0.5)
-            axes.set_title(f"{title}: {np.linalg.norm(e, axis=1).mean():.3f} mm in the mean", fontsize=9)
+            axes.set_title(say(f"figure.{state}_mean", mean=float(np.linalg.norm(e, axis=1).mean())), fontsize=9)
             axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
             axes.set_box_aspect(np.maximum(np.ptp(p, axis=0), 0.2 * max(extent, 1.0)))
             axes.tick_params(labelsize=7, pad=0)
             axes.locator_params(nbins=4)
             for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
                 axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
-        figure.text(0.5, 0.02, f"arrows {magnify:g} times as long as the errors", ha="center", fontsize=8)
+        figure.text(0.5, 0.02, say("figure.arrows_scale", times=magnify), ha="center", fontsize=8)
         figure.subplots_adjust(left=0.02, right=0.95, wspace=0.08, bottom=0.1, top=0.95)
-        return to_svg(figure)
+        return _to_svg(figure, say)
 
 
-def histogram(before: FloatArray, after: FloatArray) -> str:
+def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
     """Draw the lengths of errors (n, 3) [mm] before and after."""
     lengths = [np.linalg.norm(e, axis=1) for e in (before, after)]
     edges = np.linspace(0.0, max(float(length.max()) for length in lengths) or 1.0, 31)
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(6.4, 2.9))
+    with mpl.rc_context(_style()):
+        figure = Figure(figsize=(6.4, 2.7))
         axes = figure.add_subplot()
-        for length, colour, label in zip(lengths, (BEFORE, AFTER), ("before", "after"), strict=True):
-            axes.hist(length, bins=edges.tolist(), color=colour, alpha=0.65, label=label)
+        for length, colour, state in zip(lengths, (BEFORE, AFTER), ("before", "after"), strict=True):
+            axes.hist(length, bins=edges.tolist(), color=colour, alpha=0.65, label=say(f"report.{state}"))
             axes.axvline(float(length.max()), color=colour, linewidth=1.0, linestyle=":")
-        axes.set(xlabel="length of the error [mm]; dotted: largest", ylabel="poses")
+        axes.set(xlabel=say("figure.length"), ylabel=say("figure.poses"))
         axes.legend(frameon=False)
-        return to_svg(figure)
+        return _to_svg(figure, say)
 
 
-def variogram(part: StudyPart) -> str:
+def variogram(part: StudyPart, say: Locale) -> str:
     """Draw the semivariogram of one space with its fit and envelope."""
-    with mpl.rc_context(_STYLE):
-        return to_svg(part.figure())
+    with mpl.rc_context(_style()):
+        return _to_svg(part.figure(say.words("similarity")), say)
 
 
-def standard_deviation(p: FloatArray, std: FloatArray) -> str:
-    """Draw where the map is sure: std (n,) [mm] at positions (n, 3) [mm], seen along each axis."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.0, 2.9))
-        for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), 1):
-            axes: Axes = figure.add_subplot(1, 3, k)
-            drawn = axes.scatter(p[:, i], p[:, j], c=std, s=14, cmap="viridis", vmin=0.0)
-            axes.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
-            axes.locator_params(nbins=3)
-        figure.subplots_adjust(wspace=0.45, right=0.9)
-        bar = figure.colorbar(drawn, ax=figure.axes, shrink=0.85, pad=0.02)
-        bar.set_label("predicted std [mm]")
-        return to_svg(figure)
+def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
+    """Draw predicted error above and its standard deviation below, and where poses were measured.
+
+    Parameters
+    ----------
+    planes : sequence of Plane
+    p : (n, 3) array [mm], base frame
+        Measured poses.
+    say : Locale
+    """
+    with mpl.rc_context(_style()):
+        widths = [float(np.ptp(plane.u)) for plane in planes]
+        height = 7.0 * max(float(np.ptp(plane.v)) for plane in planes) / sum(widths)
+        figure = Figure(figsize=(WIDTH, 2 * height + 1.2), layout="constrained")
+        grid = figure.subplots(2, len(planes), squeeze=False, width_ratios=widths)
+        rows = (
+            ("error", "YlOrBr", [plane.error for plane in planes]),
+            ("std", "PuBu", [plane.std for plane in planes]),
+        )
+        for row, (quantity, colours, values) in zip(grid, rows, strict=True):
+            top = max((float(np.nanmax(v)) for v in values if np.isfinite(v).any()), default=1.0)
+            levels = MaxNLocator(9).tick_values(0.0, top or 1.0)
+            for axes, plane, value in zip(row, planes, values, strict=True):
+                drawn = axes.contourf(plane.u, plane.v, np.ma.masked_invalid(value), levels=levels, cmap=colours)
+                axes.plot(*p[:, [plane.i, plane.j]].T, "+", color=_CROSS, markersize=3, markeredgewidth=0.4)
+                axes.set(xlabel=f"{'xyz'[plane.i]} [mm]", ylabel=f"{'xyz'[plane.j]} [mm]", aspect="equal")
+                axes.locator_params(nbins=4)
+                axes.tick_params(labelsize=7)
+            bar = figure.colorbar(drawn, ax=row.tolist(), shrink=0.9, pad=0.02, format=_ticks(say))
+            bar.set_label(say(f"figure.{quantity}"))
+            bar.ax.tick_params(labelsize=7)
+        return _to_svg(figure, say)
+
+
+def _style() -> dict[Any, Any]:
+    return {
+        "font.family": fonts.use_in_figures(),
+        "font.size": 9.0,
+        "svg.fonttype": "path",
+        "svg.hashsalt": "truepose",
+        "grid.color": (0.5, 0.5, 0.5, 0.3),
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        **dict.fromkeys(_INKED, INK),
+    }
+
+
+def _ticks(say: Locale) -> ScalarFormatter:
+    """Return a formatter that writes the language's decimal mark."""
+
+    class Formatter(ScalarFormatter):
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return str(super().__call__(x, pos)).replace(".", say.decimal)
+
+    return Formatter()
+
+
+def _to_svg(figure: Figure, say: Locale) -> str:
+    """Return a figure as an SVG element."""
+    for axes in figure.axes:
+        for name in ("xaxis", "yaxis", "zaxis"):
+            axis = getattr(axes, name, None)
+            if axis is not None and type(axis.get_major_formatter()) is ScalarFormatter:
+                axis.set_major_formatter(_ticks(say))
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata=_NO_METADATA, bbox_inches="tight")
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
 
 
 def _round_down(value: float) -> float:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import RobotError
+from truepose.report.locale import Locale
 from truepose.similarity import (
     ExperimentalVariogram,
     LikelihoodFit,
     VariogramModel,
     experimental_variogram,
     model_based_variogram,
+    verdict,
 )
 
 if TYPE_CHECKING:
@@ -109,71 +111,70 @@ def _ratio(measured: FloatArray, implied: FloatArray, weights: FloatArray) -> fl
     return float((weights * measured) @ implied / ((weights * implied) @ implied))
 
 
-def findings(part: StudyPart) -> list[tuple[str, str]]:
-    """Return questions and answers about one space."""
-    found = [("Is there structure at all?", part.verdict), ("How far does it reach?", _reach(part))]
-    found += [("How much is noise?", _noise(part.likelihood)), ("Along which directions?", _directions(part))]
-    found.append(("Is there a trend?", _trend(part)))
+def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
+    """Return questions and answers about one space, in a language."""
+    answers = {
+        "structure": verdict(part.model, part.envelope, part.unit, words=say.words("similarity")),
+        "reach": _reach(part, say),
+        "noise": _noise(part.likelihood, say),
+        "directions": _directions(part, say),
+        "trend": _trend(part, say),
+    }
     if part.explained is not None:
-        found.append(("Does kinematics explain it?", _kinematics(part)))
-    return found
+        answers["kinematics"] = _kinematics(part, part.explained, say)
+    return [(say(f"finding.{question}"), answer) for question, answer in answers.items()]
 
 
-def _reach(part: StudyPart) -> str:
+def _reach(part: StudyPart, say: Locale) -> str:
     model = part.likelihood
     fit = model.fit
     assert isinstance(fit, LikelihoodFit)
-    told = f"By likelihood ({model.family}), the errors of two poses are alike out to about"
     if fit.bounds_hit.get("sill") == "lower":
-        return "Nowhere: by likelihood, all of the variance is noise."
+        return say("finding.reach_nowhere")
     if fit.bounds_hit.get("range") == "upper":
-        return "Farther than the samples do: the errors behave like a trend."
+        return say("finding.reach_beyond")
     error = fit.standard_error.get("range", math.nan) * model.practical_range / float(np.max(model.range))
-    width = "" if math.isnan(error) else f" ± {error:.2g}"
-    nearer = f"; at half of {model.practical_range:.3g} {part.unit} they still share"
-    share = float(model.signal_covariance(model.practical_range / 2)) / model.partial_sill
-    return f"{told} {model.practical_range:.3g}{width} {part.unit}{nearer} {100 * share:.0f} % of the structure."
+    reach = say.number(model.practical_range, ".3g")
+    if not math.isnan(error):
+        reach += f" ± {say.number(error, '.2g')}"
+    share = 100 * float(model.signal_covariance(model.practical_range / 2)) / model.partial_sill
+    return say("finding.reach_told", family=model.family, reach=reach, unit=part.unit, share=share)
 
 
-def _noise(model: VariogramModel) -> str:
-    total = math.sqrt(model.nugget + model.partial_sill)
+def _noise(model: VariogramModel, say: Locale) -> str:
     small = isinstance(model.fit, LikelihoodFit) and model.fit.bounds_hit.get("nugget") == "lower"
-    noise = "too small to be told" if small else f"{math.sqrt(model.nugget):.2g} mm"
-    return (
-        f"Standard deviation of one component: {total:.2g} mm in all, noise {noise}; "
-        f"noise is {100 * (1 - model.structural_ratio):.2g} % of the variance, and no map can predict that part."
+    return say(
+        "finding.noise_small" if small else "finding.noise_told",
+        total=math.sqrt(model.nugget + model.partial_sill),
+        noise=math.sqrt(model.nugget),
+        share=100 * (1 - model.structural_ratio),
     )
 
 
-def _directions(part: StudyPart) -> str:
+def _directions(part: StudyPart, say: Locale) -> str:
     if part.directional is None:
-        return "Not told: a coordinate is the same for all samples."
+        return say("finding.directions_flat")
     ranges = part.directional.practical_ranges
-    told = ", ".join(
-        f"{axis} {a:.3g} {part.unit}" if a < 2 * extent else f"{axis} beyond the samples"
+    told = say("finding.list").join(
+        say("finding.range" if a < 2 * extent else "finding.range_beyond", axis=axis, range=a, unit=part.unit)
         for axis, a, extent in zip(part.axes, ranges, part.extent.tolist(), strict=True)
     )
     if max(ranges) < DIRECTIONAL * min(ranges):
-        return f"Alike in all ({told})."
+        return say("finding.directions_alike", ranges=told)
     short, long = part.axes[int(np.argmin(ranges))], part.axes[int(np.argmax(ranges))]
-    return f"It reaches {told}: errors change fastest along {short}, slowest along {long}."
+    return say("finding.directions_differ", ranges=told, short=short, long=long)
 
 
-def _trend(part: StudyPart) -> str:
-    share = max(part.trend.adjusted, 0.0)
+def _trend(part: StudyPart, say: Locale) -> str:
     rises = getattr(part.model.fit, "bounds_hit", {}).get("range") == "upper"
-    answer = f"A linear trend over the coordinates takes away {100 * share:.0f} % of the variance"
-    return answer + ("; the semivariance rises without a sill." if rises else "; the semivariance has a sill.")
+    key = "finding.trend_rises" if rises else "finding.trend_sill"
+    return say(key, share=100 * max(part.trend.adjusted, 0.0))
 
 
-def _kinematics(part: StudyPart) -> str:
-    assert part.explained is not None
-    measured, left = part.envelope.variogram, part.explained.residual
+def _kinematics(part: StudyPart, explained: Explained, say: Locale) -> str:
+    measured, left = part.envelope.variogram, explained.residual
     used = measured.pairs > 0
     plateau = float(np.average(left.vector[used], weights=measured.pairs[used]))
     whole = float(np.average(measured.vector[used], weights=measured.pairs[used]))
-    return (
-        f"Errors of {part.explained.rank} kinematic parameters take away {100 * max(part.explained.share, 0.0):.0f} % "
-        f"of the squared errors; the semivariance left is {100 * plateau / whole:.0f} % of the measured one "
-        "(rings in the picture): what Kriging, or the similarity of single joints, has still to tell."
-    )
+    share = 100 * max(explained.share, 0.0)
+    return say("finding.kinematics_told", rank=explained.rank, share=share, left=100 * plateau / whole)

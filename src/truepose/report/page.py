@@ -1,24 +1,27 @@
-"""The page itself: figures and tables of one map, put into a template; no request leaves it."""
+"""A report to a file: one HTML page that asks for nothing, or a PDF. Both lay out the same document."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from importlib import resources
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, Final
 
 from truepose import files
-from truepose._version import __version__
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
-from truepose.report import figures
-from truepose.report.study import SimilarityStudy, similarity_study
+from truepose.report import fonts
+from truepose.report.document import Document
+from truepose.report.evidence import Evidence, gather
+from truepose.report.figures import COLOURS
+from truepose.report.locale import load_locale
+from truepose.report.sections import document
+from truepose.report.study import SimilarityStudy
 from truepose.samples import Samples
-from truepose.verification import accuracy
+
+_ENDINGS: Final = (".html", ".htm", ".pdf")
 
 
 def write_report(
@@ -28,83 +31,111 @@ def write_report(
     *,
     sidecars: Sequence[str | Path] = (),
     study: SimilarityStudy | None = None,
+    locale: str = "en",
+    date: datetime | None = None,
 ) -> None:
-    """Write one self-contained HTML page about a map.
+    """Write a report about a map, whole or not at all.
 
     Parameters
     ----------
     path : str or Path
+        Its ending says what is written: ``.html``, one page that asks for nothing, or ``.pdf``.
     error_map : ErrorMap
     held_out : Samples, optional
-        For accuracy before and after. Without them each sample is predicted from the others, and the page says so.
+        For accuracy before and after. Without them each sample is predicted from the others, and the report says so.
     sidecars : sequence of path
         Records of corrected programs.
     study : SimilarityStudy, optional
         Made here when not given.
+    locale : {"en", "de", "zh"}
+    date : datetime, optional
+        That the report bears; now when not given.
+
+    Raises
+    ------
+    FileError
+        If the ending is another, a record cannot be read, the path cannot be written, or a PDF is asked for and typst
+        is not installed.
+    DataError
+        If there is no such locale, or the held-out samples do not fit the map.
     """
-    context = _context(error_map, held_out, [_sidecar(p) for p in sidecars], study or similarity_study(error_map))
-    files.write_atomic(path, _environment().get_template("report.html").render(context))
+    ending, say = Path(path).suffix.lower(), load_locale(locale)
+    if ending not in _ENDINGS:
+        raise FileError(path, f"ends in {ending or 'nothing'!r}; name a .html or a .pdf file")
+    if ending == ".pdf":
+        _typst(path)
+    evidence: Evidence = gather(error_map, held_out, sidecars=sidecars, study=study, date=date)
+    made = document(evidence, say)
+    files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))
 
 
-def _context(
-    error_map: ErrorMap, held_out: Samples | None, sidecars: list[dict[str, Any]], study: SimilarityStudy
-) -> dict[str, Any]:
-    if held_out is None:
-        p, before = error_map.p_cmd, error_map.e
-        after, std = error_map.leave_one_out()
-        coverage, seen = None, 0
-        figures_of_merit = accuracy(before, after).to_dict()
-    else:
-        p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
-        predicted, std = error_map.predict_errors(held_out)
-        after = before - predicted
-        figures_of_merit = error_map.validate(held_out)
-        coverage, seen = figures_of_merit["coverage"], figures_of_merit["seen"]
-    tool = error_map.tf_flange_tool[:3, 3]
-    return {
-        "version": __version__,
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "robot": error_map.robot,
-        "map": error_map,
-        "tool_mm": tool.tolist(),
-        "tool_fitted": error_map.registration.p_flange_tool is not None,
-        "held_out": held_out is not None,
-        "seen": seen,
-        "accuracy": figures_of_merit,
-        "coverage": coverage,
-        "study": study,
-        "sidecars": sidecars,
-        "arrows": figures.error_arrows(p, before, after),
-        "histogram": figures.histogram(before, after),
-        "sureness": figures.standard_deviation(p, np.linalg.norm(std, axis=1)),
-        "variograms": [figures.variogram(part) for part in study.parts],
-    }
-
-
-def _sidecar(path: str | Path) -> dict[str, Any]:
-    try:
-        record = json.loads(files.read_text(path))
-        if not isinstance(record["targets"], list):
-            raise TypeError("targets is no list")
-    except (ValueError, KeyError, TypeError) as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(
-            path, f"is not the record of a corrected program ({error}); name the .json that 'truepose correct' wrote"
-        ) from None
-    return dict(record)
-
-
-def _environment() -> Any:
+def to_html(made: Document) -> str:
+    """Return a document as one page: nothing is loaded from elsewhere, and Chinese characters bring their font."""
     import jinja2
 
-    template = resources.files("truepose.report").joinpath("report.html").read_text(encoding="utf-8")
     environment = jinja2.Environment(
-        loader=jinja2.DictLoader({"report.html": template}),
+        loader=jinja2.FunctionLoader(_resource),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["mm"] = lambda value: f"{value:.3f}"
-    return environment
+    environment.filters["themed"] = _themed
+    font = fonts.embedded(made.text())
+    return environment.get_template("report.html").render(made=made.to_dict(), font=font, family=fonts.FAMILY)
+
+
+def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> bytes:
+    """Return a document as PDF; `path` is named in the errors.
+
+    Raises
+    ------
+    FileError
+        If typst is not installed, or no font on this machine has a character of a name in the report.
+
+    Notes
+    -----
+    PDF/A-2u: made to be kept, with every font inside; it refuses a character that no font has.
+    """
+    typst = _typst(path)
+
+    def compiled(with_system_fonts: bool) -> bytes:
+        known = typst.Fonts(include_system_fonts=with_system_fonts, font_paths=[str(fonts.folder())])
+        pdf: bytes = typst.compile(
+            _resource("report.typ").encode(),
+            font_paths=known,
+            sys_inputs={"report": json.dumps(made.to_dict(), ensure_ascii=False)},
+            timestamp=int(date.timestamp()),
+            pdf_standards=["a-2u"],
+        )
+        return pdf
+
+    try:
+        return compiled(False)
+    except typst.TypstError:  # most likely a character that the report's own fonts do not have
+        try:
+            return compiled(True)
+        except typst.TypstError as error:
+            remedy = "install a font that has it, such as Noto Sans CJK, or write .html"
+            raise FileError(path, f"cannot be set: {' '.join(error.message.split())}; {remedy}") from None
+
+
+def _themed(svg: str) -> str:
+    """Return a picture whose colours are the page's own, for light and dark."""
+    for colour, name in COLOURS.items():
+        svg = svg.replace(colour, f"var(--{name})")
+    return svg
+
+
+def _typst(path: str | Path) -> Any:
+    try:
+        import typst
+    except ImportError:
+        raise FileError(
+            path, "PDF needs the package typst: pip install 'truepose[pdf]'; or write .html and print it"
+        ) from None
+    return typst
+
+
+def _resource(name: str) -> str:
+    return resources.files("truepose.report").joinpath(name).read_text(encoding="utf-8")

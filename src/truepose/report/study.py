@@ -15,6 +15,7 @@ from truepose import files
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
 from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
+from truepose.report.locale import Locale, load_locale
 from truepose.similarity import (
     Direction,
     Envelope,
@@ -28,6 +29,7 @@ from truepose.similarity import (
     remove_drift,
     verdict,
 )
+from truepose.similarity.words import Words, english
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +43,8 @@ class StudyPart:
 
     Attributes
     ----------
-    title, unit, verdict : str
+    space, unit : str
+        ``cartesian`` or ``joint``; of the coordinates.
     model : VariogramModel
         Fitted to the vector's variogram.
     envelope : Envelope
@@ -60,11 +63,10 @@ class StudyPart:
         Of the coordinates.
     """
 
-    title: str
+    space: str
     unit: str
     model: VariogramModel
     envelope: Envelope
-    verdict: str
     axes: tuple[str, ...]
     likelihood: VariogramModel
     directional: VariogramModel | None
@@ -74,20 +76,39 @@ class StudyPart:
     extent: FloatArray
 
     @property
+    def title(self) -> str:
+        """What the picture shows, in English."""
+        return self.told_title(load_locale("en"))
+
+    @property
     def findings(self) -> list[tuple[str, str]]:
-        """Questions that a reader has, and their answers in words."""
-        return findings(self)
+        """Questions that a reader has, and their answers in English; `told` has them in other languages."""
+        return self.told(load_locale("en"))
+
+    def told_title(self, say: Locale) -> str:
+        """Return what the picture shows."""
+        return say(f"space.{self.space}")
+
+    def told(self, say: Locale) -> list[tuple[str, str]]:
+        """Return questions that a reader has, and their answers."""
+        return findings(self, say)
+
+    @property
+    def verdict(self) -> str:
+        """Whether there is similarity, how far it reaches, how much is noise; in English."""
+        return verdict(self.model, self.envelope, self.unit)
 
     def rows(self) -> Iterator[tuple[float, int, list[float], float]]:
         """Yield lag, pairs, semivariance of each component and of the vector."""
         ev = self.envelope.variogram
         yield from zip(ev.lag.tolist(), ev.pairs.tolist(), ev.semivariance.tolist(), ev.vector.tolist(), strict=True)
 
-    def figure(self) -> Figure:
+    def figure(self, words: Words = english) -> Figure:
         """Return the picture: points, fit, envelope."""
         from truepose.similarity.plot import plot_variogram
 
-        return plot_variogram(self.envelope.variogram, self.model, self.envelope, unit=self.unit, **self.curves)
+        ev, unit = self.envelope.variogram, self.unit
+        return plot_variogram(ev, self.model, self.envelope, unit=unit, words=words, **self.curves)
 
     @property
     def curves(self) -> dict[str, Any]:
@@ -208,39 +229,15 @@ def similarity_study(error_map: ErrorMap, *, family: str = "best", bins: int = 1
     """
     positions, q = error_map.p_cmd, error_map.samples.q
     effect = kinematic_columns(error_map)
-    parts = [
-        _part(
-            "Errors against the distance of positions",
-            "mm",
-            tuple("xyz"),
-            positions,
-            error_map.e,
-            effect,
-            family,
-            bins,
-            rng,
-        )
-    ]
+    parts = [_part("cartesian", "mm", tuple("xyz"), positions, error_map.e, effect, family, bins, rng)]
     if q is not None:
         joints = tuple(f"q{k + 1}" for k in range(q.shape[1]))
-        parts.append(
-            _part(
-                "Errors against the distance of joint vectors",
-                "rad",
-                joints,
-                q,
-                error_map.e,
-                effect,
-                family,
-                bins,
-                rng,
-            )
-        )
+        parts.append(_part("joint", "rad", joints, q, error_map.e, effect, family, bins, rng))
     return SimilarityStudy(parts)
 
 
 def _part(
-    title: str,
+    space: str,
     unit: str,
     axes: tuple[str, ...],
     x: FloatArray,
@@ -263,11 +260,10 @@ def _part(
             if moving[k]
         }
     return StudyPart(
-        title=title,
+        space=space,
         unit=unit,
         model=model,
         envelope=envelope,
-        verdict=verdict(model, envelope, unit),
         axes=axes,
         likelihood=fit_likelihood(x, e),
         directional=fit_likelihood(x, e, "matern32", ranges="each") if moving.all() else None,

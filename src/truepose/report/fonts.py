@@ -1,0 +1,64 @@
+"""The font that comes with the report: figures are drawn with it, and pages carry its Chinese characters."""
+
+from __future__ import annotations
+
+import base64
+import io
+import logging
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+FAMILY: Final = "Truepose Sans"
+_FIRST_CHINESE: Final = 0x2E80  # where the blocks of Chinese characters and punctuation start
+
+
+def folder() -> Path:
+    """Return the folder that holds the font."""
+    return Path(str(resources.files("truepose.report").joinpath("fonts")))
+
+
+@cache
+def use_in_figures() -> list[str]:
+    """Make the font known to matplotlib, and return the families to draw text with."""
+    from matplotlib import font_manager
+
+    font_manager.fontManager.addfont(_path())
+    return [FAMILY, "DejaVu Sans"]
+
+
+@cache
+def characters() -> frozenset[str]:
+    """Return the characters that the font has."""
+    from fontTools.ttLib import TTFont
+
+    with TTFont(_path(), lazy=True) as font:
+        return frozenset(map(chr, font.getBestCmap()))
+
+
+def embedded(text: str) -> str:
+    """Return a font with the Chinese characters of a text, as base64 of WOFF; nothing when there are none."""
+    from fontTools import subset
+
+    wanted = "".join(sorted(set(_chinese(text)) & characters()))
+    if not wanted:
+        return ""
+    logging.getLogger("fontTools").setLevel(logging.WARNING)
+    options = subset.Options(flavor="woff", layout_features=[], notdef_outline=True)
+    font = subset.load_font(_path(), options)
+    subsetter = subset.Subsetter(options)
+    subsetter.populate(text=wanted)
+    subsetter.subset(font)
+    out = io.BytesIO()
+    subset.save_font(font, out, options)
+    font.close()
+    return base64.b64encode(out.getvalue()).decode("ascii")
+
+
+def _chinese(text: str) -> str:
+    return "".join(c for c in text if ord(c) >= _FIRST_CHINESE)
+
+
+def _path() -> str:
+    return str(folder() / "truepose-sans.ttf")

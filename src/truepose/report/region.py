@@ -1,0 +1,85 @@
+"""What a map says over the work region: error and uncertainty on planes through its middle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.error_map import ErrorMap
+from truepose.errors import RobotError
+from truepose.following import Follower
+from truepose.geometry import make_transform
+
+FloatArray = NDArray[np.float64]
+_STEPS: Final = 33  # of the grid, along each axis of a plane
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Predictions on one plane parallel to two axes of the base frame.
+
+    Attributes
+    ----------
+    i, j : int
+        The axes: 0, 1, 2 for x, y, z; along i the samples extend farther.
+    u, v : (m,) arrays [mm]
+        Coordinates along them.
+    error, std : (m, m) arrays [mm]
+        Length of the predicted error and of its standard deviation, rows along v; NaN out of reach.
+    """
+
+    i: int
+    j: int
+    u: FloatArray
+    v: FloatArray
+    error: FloatArray
+    std: FloatArray
+
+
+def planes(error_map: ErrorMap) -> list[Plane]:
+    """Return predictions on the planes through the middle of the samples' box that the samples span.
+
+    A map that predicts from joints is asked at those by which the robot reaches the points, with the tool held as at
+    the sample whose orientation is nearest to the mean of all; it gives nothing if the robot has no inverse kinematics.
+    """
+    low, high = error_map.p_cmd.min(axis=0), error_map.p_cmd.max(axis=0)
+    extent = high - low
+    pairs = [(i, j) for i, j in combinations(range(3), 2) if extent[i] > 0 and extent[j] > 0]
+    axes = [(i, j) if extent[i] >= extent[j] else (j, i) for i, j in pairs]
+    grids = [(np.linspace(low[i], high[i], _STEPS), np.linspace(low[j], high[j], _STEPS)) for i, j in axes]
+    points = np.tile((low + high) / 2, (len(axes), _STEPS, _STEPS, 1))
+    for plane, (i, j), (u, v) in zip(points, axes, grids, strict=True):
+        plane[..., i], plane[..., j] = u, v[:, None]
+    try:
+        error, std = _lengths(error_map, points.reshape(-1, 3))
+    except RobotError:
+        return []
+    shape = (len(axes), _STEPS, _STEPS)
+    return [
+        Plane(i, j, u, v, e, s)
+        for (i, j), (u, v), e, s in zip(axes, grids, error.reshape(shape), std.reshape(shape), strict=True)
+    ]
+
+
+def _lengths(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lengths of error and standard deviation at positions (n, 3) [mm], base frame; NaN out of reach."""
+    if not len(p):
+        return np.empty(0), np.empty(0)
+    if error_map.space == "cartesian":
+        x, lost = p, np.zeros(len(p), np.bool_)
+    else:
+        q = error_map.samples.q
+        assert q is not None  # or the map could not predict from joints
+        rotations = Rotation.from_matrix(error_map.robot.forward(q, tool=error_map.tf_flange_tool)[:, :3, :3])
+        usual = rotations[int(np.argmin((rotations * rotations.mean().inv()).magnitude()))]
+        poses = make_transform(Rotation.from_matrix(np.tile(usual.as_matrix(), (len(p), 1, 1))), p)
+        tools = np.broadcast_to(error_map.tf_flange_tool, (len(p), 4, 4))
+        follower = Follower(error_map.robot, poses, tools, q)
+        x, lost = follower.q, follower.lost
+    e, std = error_map.predictor.predict(x, return_std=True)
+    return np.where(lost, np.nan, np.linalg.norm(e, axis=1)), np.where(lost, np.nan, np.linalg.norm(std, axis=1))

@@ -1,0 +1,314 @@
+"""The sections of a report, from its evidence and in its language."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truepose._version import __version__
+from truepose.report import figures, records
+from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
+from truepose.report.evidence import SEED, Evidence
+from truepose.report.locale import MISSING, Locale
+
+_FIGURES: Final = ("mean", "rms", "std", "p95", "max")
+_STATES: Final = ("before", "after")
+_LISTED: Final = 12
+"""Excluded samples that are listed one by one."""
+_FEW: Final = 8
+"""Numbers of a parameter that are listed; longer ones are in the map only."""
+_HASH: Final = 12
+_NARROW: Final = 0.7
+"""Of the page's width, for pictures of one plot."""
+
+
+def document(evidence: Evidence, say: Locale) -> Document:
+    """Return the whole report in a language."""
+    error_map = evidence.error_map
+    robot = f"{error_map.robot.maker} {error_map.robot.model}".strip() or error_map.robot.name
+    return Document(
+        language=say.name,
+        fonts=say.fonts,
+        title=say("report.of", robot=robot),
+        stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=__version__),
+        page=say("report.page"),
+        tiles=_tiles(evidence, say),
+        lead=_lead(evidence, say),
+        sections=[
+            _cell(evidence, say),
+            _accuracy(evidence, say),
+            _signatures(evidence, say),
+            _errors(evidence, say),
+            _maps(evidence, say),
+            _registration(evidence, say),
+            _similarity(evidence, say),
+            _model(evidence, say),
+            records.section(evidence.records, error_map.hash, say),
+            _provenance(evidence, say),
+        ],
+    )
+
+
+def _tiles(evidence: Evidence, say: Locale) -> list[tuple[str, str]]:
+    found = evidence.accuracy
+    before, after = (found[state] for state in _STATES)
+    change = {
+        key: say("report.change", before=before[f"{key}_mm"], after=after[f"{key}_mm"]) for key in ("mean", "max")
+    }
+    return [
+        (change["mean"], say("report.tile_mean")),
+        (change["max"], say("report.tile_max")),
+        (say("report.percent", share=found["reduction_mean_percent"]), say("report.tile_reduction")),
+        (str(before["n"]), say("report.tile_left_out" if evidence.held_out is None else "report.tile_held_out")),
+    ]
+
+
+def _lead(evidence: Evidence, say: Locale) -> list[Text]:
+    found, held_out = evidence.accuracy, evidence.held_out
+    low, high = found["intervals_95"]["after_mean_mm"]
+    summary = say(
+        "report.summary_left_out" if held_out is None else "report.summary_held_out",
+        n=found["before"]["n"],
+        before=found["before"]["mean_mm"],
+        after=found["after"]["mean_mm"],
+        worst=found["before"]["max_mm"],
+        left=found["after"]["max_mm"],
+        low=low,
+        high=high,
+    )
+    if held_out is None:
+        return [Text(summary), Text(say("report.not_held_out"), warns=True)]
+    seen = [Text(say("report.seen", n=found["seen"]), warns=True)] if found["seen"] else []
+    return [Text(summary), *seen]
+
+
+def _cell(evidence: Evidence, say: Locale) -> Section:
+    error_map, held_out = evidence.error_map, evidence.held_out
+    robot, samples, load = error_map.robot, error_map.samples, error_map.cell.payload
+    low, high = error_map.p_cmd.min(axis=0).tolist(), error_map.p_cmd.max(axis=0).tolist()
+    payload = say("cell.payload_none")
+    if load.mass_kg:
+        payload = say("cell.payload_told", mass=load.mass_kg, x=load.x_mm, y=load.y_mm, z=load.z_mm)
+    with_joints = "cell.samples_positions" if samples.q is None else "cell.samples_joints"
+    told = say("cell.held_out_none")
+    if held_out is not None:
+        told = say("cell.held_out_told", n=len(held_out), source=held_out.source)
+    excluded = [say("cell.excluded_told", row=row["row"], reason=row["reason"]) for row in error_map.excluded]
+    if len(excluded) > _LISTED:
+        excluded = [*excluded[:_LISTED], say("cell.more", n=len(excluded) - _LISTED)]
+    bounds = {
+        f"{axis}{k}": value for k, ends in enumerate((low, high)) for axis, value in zip("xyz", ends, strict=True)
+    }
+    rows = {
+        "robot": f"{robot.maker} {robot.model} ({robot.name})",
+        "dimensions": robot.source,
+        "payload": payload,
+        "tracker": _tracker(evidence, say),
+        "samples": say(with_joints, n=len(samples), source=samples.source),
+        "held_out": told,
+        "region": say("cell.region_told", **bounds),
+        "excluded": "; ".join(excluded) or say("cell.excluded_none"),
+    }
+    return Section(say("cell.title"), [_facts("cell", rows, say)])
+
+
+def _tracker(evidence: Evidence, say: Locale) -> str:
+    tracker = evidence.error_map.cell.tracker
+    if tracker.std_mm is not None:
+        return say("cell.tracker_std", std=tracker.std_mm)
+    terms = (tracker.range_um, tracker.range_um_per_m, tracker.angle_um, tracker.angle_um_per_m)
+    if all(term is None for term in terms):
+        return say("cell.tracker_none")
+    along, along_m, across, across_m = (term or 0.0 for term in terms)
+    return say("cell.tracker_terms", range=along, range_m=along_m, angle=across, angle_m=across_m)
+
+
+def _accuracy(evidence: Evidence, say: Locale) -> Section:
+    found = evidence.accuracy
+    rows = _accuracy_rows(say("accuracy.length"), found, say)
+    shares = (_reduction(found["before"][f"{key}_mm"], found["after"][f"{key}_mm"]) for key in _FIGURES)
+    rows.append([say("accuracy.reduction"), "", *(f"{say.number(share, '.1f')} %" for share in shares)])
+    blocks: list[Block] = [Text(say("accuracy.about")), Table(_accuracy_columns(say), rows)]
+    values = {key: found["after"][key.removeprefix("after_")] for key in ("after_mean_mm", "after_max_mm")}
+    values |= {key: found[key] for key in ("reduction_mean_percent", "reduction_max_percent")}
+    intervals = [
+        [say(f"accuracy.{key}"), *(say.number(v, ".3f" if key.endswith("mm") else ".1f") for v in (value, *ends))]
+        for key, value in values.items()
+        if (ends := found["intervals_95"].get(key)) is not None
+    ]
+    heads = [say(f"accuracy.column_{key}") for key in ("figure", "value", "low", "high")]
+    blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
+    if "coverage" in found:
+        cover = found["coverage"]
+        shares_told = {key: 100 * cover[key] for key in ("within_68", "within_95")}
+        blocks.append(Text(say("accuracy.coverage", **shares_told, rms=cover["standardised_rms"])))
+    return Section(say("accuracy.title"), blocks)
+
+
+def _errors(evidence: Evidence, say: Locale) -> Section:
+    rows: list[list[str]] = []
+    for axis, both in evidence.accuracy["axes"].items():
+        rows += _accuracy_rows(say("accuracy.component", axis=axis), both, say)
+    blocks: list[Block] = [
+        Picture(figures.error_arrows(evidence.p, evidence.before, evidence.after, say), say("figure.arrows")),
+        Picture(figures.histogram(evidence.before, evidence.after, say), say("figure.histogram"), _NARROW),
+        Table(_accuracy_columns(say), rows),
+    ]
+    return Section(say("errors.title"), blocks)
+
+
+def _accuracy_columns(say: Locale) -> list[str]:
+    return ["", *(say(f"accuracy.column_{key}") for key in ("n", *_FIGURES))]
+
+
+def _accuracy_rows(quantity: str, both: Mapping[str, Any], say: Locale) -> list[list[str]]:
+    return [
+        [
+            say("accuracy.row", quantity=quantity, state=say(f"report.{state}")),
+            str(both[state]["n"]),
+            *(say.number(both[state][f"{key}_mm"], ".3f") for key in _FIGURES),
+        ]
+        for state in _STATES
+    ]
+
+
+def _reduction(before: float, after: float) -> float | None:
+    return 100 * (1 - after / before) if before > 0 else None
+
+
+def _maps(evidence: Evidence, say: Locale) -> Section:
+    title, error_map = say("maps.title"), evidence.error_map
+    if not evidence.planes:
+        return Section(title, [Text(say("maps.none"))])
+    middle = (error_map.p_cmd.min(axis=0) + error_map.p_cmd.max(axis=0)) / 2
+    caption = say("maps.caption", **dict(zip("xyz", middle.tolist(), strict=True)))
+    if error_map.space != "cartesian":
+        caption = f"{caption} {say('maps.oriented')}"
+    return Section(title, [Picture(figures.maps(evidence.planes, error_map.p_cmd, say), caption)])
+
+
+def _registration(evidence: Evidence, say: Locale) -> Section:
+    error_map, found = evidence.error_map, evidence.error_map.registration
+    std = np.sqrt(np.diag(found.covariance))
+    tf, fitted = found.tf_base_tracker, error_map.cell.station_fitted
+    rotation = np.rad2deg(Rotation.from_matrix(tf[:3, :3]).as_rotvec())
+    rows = {
+        "station": _position(tf[:3, 3], std[:3] if fitted else None, say),
+        "rotation": say("registration.rotation_told", **dict(zip("xyz", rotation.tolist(), strict=True))),
+    }
+    tool = error_map.tf_flange_tool[:3, 3]
+    if error_map.tool_fitted:
+        rows["tool_fitted"] = _position(tool, std[6:9], say)
+    else:
+        rows["tool_stated"] = _position(tool, None, say)
+    rows["residual"] = say("registration.residual_told", std=found.noise_std)
+    if found.hint:
+        rows["hint"] = found.hint
+    about = say("registration.about" if fitted else "registration.known")
+    return Section(say("registration.title"), [Text(about), _facts("registration", rows, say)])
+
+
+def _position(p: Any, std: Any, say: Locale) -> str:
+    values = dict(zip("xyz", np.asarray(p).tolist(), strict=True))
+    if std is None:
+        return say("registration.position", **values)
+    deviations = dict(zip(("sx", "sy", "sz"), np.asarray(std).tolist(), strict=True))
+    return say("registration.position_std", **values, **deviations)
+
+
+def _similarity(evidence: Evidence, say: Locale) -> Section:
+    blocks: list[Block] = [Text(say("similarity_section.about"))]
+    for part in evidence.study.parts:
+        blocks += [Picture(figures.variogram(part, say), part.told_title(say), _NARROW), Facts(part.told(say))]
+    return Section(say("similarity_section.title"), blocks)
+
+
+def _model(evidence: Evidence, say: Locale) -> Section:
+    error_map = evidence.error_map
+    plain, tables = _parameters(error_map.predictor.to_json(), say)
+    rows = {"predictor": error_map.predictor_name}
+    if plain:
+        rows["parameters"] = "; ".join(plain)
+    blocks: list[Block] = [_facts("model", rows, say), *tables]
+    if not error_map.ranking:
+        return Section(say("model.title"), [*blocks, Text(say("model.named"))])
+    keys = ("predictor", "mean", "interval", "p95", "note")
+    ranked = [
+        [
+            row["predictor"],
+            say.number(row.get("mean_mm"), ".3f"),
+            _interval(row.get("mean_interval_mm"), say),
+            say.number(row.get("p95_mm"), ".3f"),
+            row.get("note", ""),
+        ]
+        for row in error_map.ranking
+    ]
+    shown = [k for k in range(len(keys)) if any(row[k] not in ("", MISSING) for row in ranked)]
+    columns = [say(f"model.column_{keys[k]}") for k in shown]
+    table = Table(columns, [[row[k] for k in shown] for row in ranked], last_left=int(4 in shown))
+    return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table])
+
+
+def _interval(ends: Any, say: Locale) -> str:
+    return MISSING if ends is None else say("model.interval", low=float(ends[0]), high=float(ends[1]))
+
+
+def _parameters(parameters: Mapping[str, Any], say: Locale) -> tuple[list[str], list[Table]]:
+    """Return short parameters as text, and lists of alike ones as tables; what is longer stands in the map."""
+    plain, tables = [], []
+    for name, value in parameters.items():
+        if (
+            isinstance(value, list)
+            and value
+            and all(isinstance(v, dict) and v.keys() == value[0].keys() for v in value)
+        ):
+            columns = [name, *value[0]]
+            tables.append(
+                Table(columns, [[str(k), *(_value(v, say) for v in row.values())] for k, row in enumerate(value, 1)])
+            )
+        elif (told := _value(value, say)) != MISSING:
+            plain.append(f"{name} = {told}")
+    return plain, tables
+
+
+def _value(value: Any, say: Locale) -> str:
+    if isinstance(value, bool | str | int):
+        return str(value)
+    if isinstance(value, float):
+        return say.number(value, ".4g")
+    if isinstance(value, list) and len(value) <= _FEW and all(isinstance(v, float | int | str) for v in value):
+        return "(" + "; ".join(_value(v, say) for v in value) + ")"
+    return MISSING
+
+
+def _provenance(evidence: Evidence, say: Locale) -> Section:
+    rows = [
+        (say("provenance.date"), _date(evidence)),
+        (say("provenance.versions"), evidence.versions),
+        (say("provenance.seeds"), say("provenance.seeds_told", permutations=SEED, bootstrap=SEED)),
+        (say("provenance.map"), evidence.error_map.hash),
+    ]
+    if evidence.held_out is not None:
+        rows.append((say("provenance.held_out"), evidence.held_out_sha256 or say("provenance.missing")))
+    for record in evidence.records:
+        rows.append((say("provenance.record", name=record.file), record.sha256))
+        rows += [(say("provenance.program", name=name), after) for name, after in record.hashes]
+    return Section(say("provenance.title"), [Facts(rows)])
+
+
+def _signatures(evidence: Evidence, say: Locale) -> Section:
+    columns = ["", *(say(f"signatures.{key}") for key in ("name", "date", "signature"))]
+    rows = [say(f"signatures.{key}") for key in ("measured", "evaluated", "approved")]
+    about = Text(say("signatures.about", hash=evidence.error_map.hash, date=_date(evidence)))
+    return Section(say("signatures.title"), [about, Signatures(columns, rows)])
+
+
+def _facts(section: str, rows: Mapping[str, str], say: Locale) -> Facts:
+    return Facts([(say(f"{section}.{key}"), text) for key, text in rows.items()])
+
+
+def _date(evidence: Evidence) -> str:
+    return f"{evidence.date:%Y-%m-%d %H:%M} UTC"

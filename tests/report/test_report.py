@@ -1,0 +1,347 @@
+"""One document, as page and as PDF, in three languages: whole, self-contained, and honest about what it lacks."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+import sys
+import warnings
+from dataclasses import replace
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fontTools.ttLib import TTFont
+
+from truepose.error_map import fit_cell
+from truepose.errors import DataError, FileError
+from truepose.report import figures, write_report
+from truepose.report.document import Document, Table
+from truepose.report.evidence import Evidence, gather
+from truepose.report.locale import LOCALES, load_locale
+from truepose.report.page import to_html, to_pdf
+from truepose.report.records import read_record
+from truepose.report.region import planes
+from truepose.report.sections import document
+from truepose.report.study import similarity_study
+from truepose.samples import Poses
+from truepose.simulation import VirtualCell
+
+EN = load_locale("en")
+DATE = datetime(2025, 3, 7, 9, 15, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def cell():
+    virtual = VirtualCell("paper", seed=4)
+    samples, held_out = (virtual.measure(virtual.design(n, seed=n)) for n in (60, 30))
+    return virtual, samples, held_out
+
+
+@pytest.fixture(scope="module")
+def error_map(cell):
+    virtual, samples, _ = cell
+    return fit_cell(virtual.cell, samples, "ordinary-kriging")
+
+
+@pytest.fixture(scope="module")
+def study(error_map):
+    return similarity_study(error_map)
+
+
+@pytest.fixture(scope="module")
+def documents(evidence) -> dict[str, Document]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # matplotlib warns of a glyph that no font has
+        return {locale: document(evidence, load_locale(locale)) for locale in LOCALES}
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """For tests of text: pictures take most of the time."""
+    for name in ("error_arrows", "histogram", "maps", "variogram"):
+        monkeypatch.setattr(
+            figures, name, lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"></svg>'
+        )
+
+
+@pytest.fixture(scope="module")
+def evidence(error_map, cell, study) -> Evidence:
+    return gather(error_map, cell[2], study=study, date=DATE)
+
+
+def record(map_sha256: str, n: int = 2, **changes) -> dict:
+    target = {
+        "file": "panel.dat", "line": 7, "name": "XP1", "before_mm": [1.0, -2.0, 3.0], "after_mm": [1.1, -2.0, 3.0],
+        "correction_mm": [0.1, 0.0, 0.0], "std_mm": 0.0125, "verdict": "correct", "reason": "",
+    }  # fmt: skip
+    left = {
+        **target,
+        "name": "XP0",
+        "std_mm": None,
+        "correction_mm": [None] * 3,
+        "verdict": "skip",
+        "reason": "too far",
+    }
+    summary = {"targets": n, "corrected": n - 1, "clipped": 0, "skipped": 1, "refused": 0}
+    return {
+        "format": "truepose corrections",
+        "schema": 1,
+        "program": r"C:\krc\panel.src",
+        "files": [{"file": r"C:\krc\panel.dat", "sha256_before": "a" * 64, "sha256_after": "b" * 64}],
+        "map_sha256": map_sha256,
+        "on_guard": "skip",
+        "summary": {**summary, "largest_correction_mm": 0.1, "largest_std_mm": 0.0125},
+        "targets": [left, *[target] * (n - 1)],
+        **changes,
+    }
+
+
+@pytest.fixture
+def sidecar(tmp_path):
+    def write(content: dict) -> Path:
+        path = tmp_path / "panel.corrections.json"
+        path.write_text(json.dumps(content))
+        return path
+
+    return write
+
+
+class Asked(HTMLParser):
+    """What a page loads, and its text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.loads: list[str] = []
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.loads += [
+            value for name, value in attrs if name in ("src", "href", "xlink:href", "action", "data") and value
+        ]
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+def test_page_asks_for_nothing(documents, locale):
+    page = to_html(documents[locale])
+    asked = Asked(page)
+    assert not {"script", "link", "iframe", "object", "base"} & set(asked.tags)
+    assert [target for target in asked.loads if not target.startswith("#")] == []
+    assert re.findall(r"url\((?!data:|#)|@import", page) == []
+    assert re.findall(r"https?://(?!www\.w3\.org/)", page) == []
+    assert "default-src 'none'" in page
+    assert f'<html lang="{locale}">' in page
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+def test_every_section_is_told(evidence, documents, locale):
+    say, made = load_locale(locale), documents[locale]
+    titles = [section.title for section in made.sections]
+    keys = (
+        "cell",
+        "accuracy",
+        "signatures",
+        "errors",
+        "maps",
+        "registration",
+        "similarity_section",
+        "model",
+        "programs",
+    )
+    assert titles == [*(say(f"{key}.title") for key in keys), say("provenance.title")]
+    text = Asked(to_html(made)).text.replace("\u00a0", " ")
+    found = evidence.accuracy
+    for value in (found["before"]["mean_mm"], found["after"]["max_mm"], *found["intervals_95"]["after_mean_mm"]):
+        assert say.number(value, ".3f") in text
+    for word in (
+        evidence.error_map.hash,
+        "2025-03-07 09:15 UTC",
+        "ordinary-kriging",
+        "numpy",
+        say("signatures.approved"),
+    ):
+        assert word in text
+
+
+def test_german_numbers_have_commas_everywhere(documents):
+    text = documents["de"].text()
+    assert re.findall(r"\d\.\d+ (?:mm|%|rad)", text) == []
+    assert re.search(r"\d,\d{3} mm", text)
+
+
+def test_figures_hold_shapes_not_fonts(documents):
+    page = to_html(documents["zh"])
+    assert page.count("<svg") == 5  # arrows, histogram, maps, two variograms
+    assert not {"text", "tspan", "image"} & set(Asked(page).tags)
+
+
+def test_pages_carry_their_chinese_characters(documents):
+    say = load_locale("zh")
+    page = to_html(documents["zh"])
+    font = TTFont(io.BytesIO(base64.b64decode(re.search(r"data:font/woff;base64,([^)]+)\)", page)[1])))
+    assert {c for text in (say("report.of", robot=""), say("signatures.approved")) for c in text} <= set(
+        map(chr, font.getBestCmap())
+    )
+    assert "@font-face" not in to_html(documents["en"])
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+def test_pdf_is_whole_and_the_same_each_time(documents, locale):
+    pdf = to_pdf(documents[locale], DATE)
+    assert pdf.startswith(b"%PDF-")
+    assert pdf.rstrip().endswith(b"%%EOF")
+    assert pdf == to_pdf(documents[locale], DATE)
+    assert (b"TrueposeSans" in pdf) == (locale == "zh")
+    assert (b"Libertinus" in pdf) == (locale != "zh")
+
+
+def test_names_in_other_characters(error_map, study, sidecar, no_figures):
+    made = document(gather(error_map, study=study, sidecars=[sidecar(record(error_map.hash, program="面板.src"))]), EN)
+    assert b"TrueposeSans" in to_pdf(made, DATE)
+    assert "@font-face" in to_html(made)
+    lost = replace(made, title="\U00013000")  # a hieroglyph
+    with pytest.raises(FileError, match=r"r\.pdf: cannot be set: .*\U00013000.*; install a font that has it"):
+        to_pdf(lost, DATE, "r.pdf")
+
+
+def test_without_held_out_poses_the_report_says_so(error_map, study, no_figures):
+    made = document(gather(error_map, study=study), EN)
+    assert made.lead[1].warns
+    assert "leave-one-out" in made.lead[1].text
+    assert made.tiles[-1] == ("60", "poses, each left out once")
+
+
+def test_poses_of_the_fit_are_told(error_map, cell, study, no_figures):
+    made = document(gather(error_map, cell[1], study=study), load_locale("de"))
+    assert made.lead[1].text.startswith("60 der Prüfposen waren an der Anpassung beteiligt")
+
+
+def test_held_out_table_is_hashed(error_map, cell, study, tmp_path, no_figures):
+    table = tmp_path / "held_out.csv"
+    table.write_text("q1_deg\n")
+    held_out = replace(cell[2], source=str(table))
+    assert gather(error_map, held_out, study=study).held_out_sha256 == hashlib.sha256(b"q1_deg\n").hexdigest()
+    made = document(gather(error_map, cell[2], study=study), EN)
+    assert "not a file any more" in made.text()
+
+
+def test_corrected_programs(error_map, study, sidecar, no_figures):
+    say = load_locale("en")
+    made = document(gather(error_map, study=study, sidecars=[sidecar(record(error_map.hash))]), say)
+    programs = next(section for section in made.sections if section.title == say("programs.title"))
+    tables = [block for block in programs.blocks if isinstance(block, Table)]
+    assert tables[0].rows == [["panel.src", "2", "1", "0", "1", "0", "0.100", "0.013"]]
+    assert tables[1].rows == [["panel.src", "skipped", "too far", "1"]]
+    assert tables[2].rows == [["XP1", "7", "1.000", "−2.000", "3.000", "+0.100", "+0.000", "+0.000", "0.013"]]
+    assert not any(getattr(block, "warns", False) for block in programs.blocks)
+    assert "b" * 64 in made.text()
+
+
+def test_programs_of_another_map_and_refusals_are_told(error_map, study, sidecar, no_figures):
+    content = record("c" * 64, n=100)
+    content["summary"]["refused"] = 4
+    text = document(gather(error_map, study=study, sidecars=[sidecar(content)]), EN).text()
+    assert "panel.src was corrected by another map (cccccccccccc), not by this one." in text
+    assert "panel.src: 4 targets are refused" in text
+    assert "30 of 100 targets are shown; the record panel.corrections.json has all." in text
+
+
+def test_names_are_text_not_markup(error_map, study, sidecar, no_figures):
+    name = '<b>&"#[*_$@`</b>'
+    content = record(error_map.hash, n=2)
+    content["targets"] = [{**target, "name": name, "reason": name} for target in content["targets"]]
+    made = document(gather(error_map, study=study, sidecars=[sidecar(content)]), EN)
+    page = to_html(made)
+    assert name not in page
+    assert "&lt;b&gt;&amp;" in page
+    assert to_pdf(made, DATE).startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("no json", r"panel.json: is not the record of a corrected program \(Invalid JSON"),
+        ("[]", r"panel.json: is not the record of a corrected program \("),
+        ("{}", r"\(program: Field required\); name the .json that 'truepose correct' wrote"),
+        (json.dumps(record("a", targets=[{"name": 3}])), r"\(targets.0.name: Input should be a valid string\)"),
+    ],
+)
+def test_files_that_are_no_records(tmp_path, content, message):
+    path = tmp_path / "panel.json"
+    path.write_text(content)
+    with pytest.raises(FileError, match=message) as raised:
+        read_record(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_bad_input(error_map, study, tmp_path):
+    with pytest.raises(FileError, match=r"report.docx: ends in '.docx'; name a .html or a .pdf file"):
+        write_report(tmp_path / "report.docx", error_map, study=study)
+    with pytest.raises(FileError, match=r"ends in 'nothing'"):
+        write_report(tmp_path / "report", error_map, study=study)
+    with pytest.raises(DataError, match=r"no locale 'xx'; there are en, de, zh"):
+        write_report(tmp_path / "report.html", error_map, study=study, locale="xx")
+    with pytest.raises(FileError, match=r"gone.json: no such file"):
+        write_report(tmp_path / "report.html", error_map, study=study, sidecars=[tmp_path / "gone.json"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pdf_without_typst_names_the_remedy(error_map, study, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "typst", None)
+    with pytest.raises(FileError, match=r"report.pdf: PDF needs the package typst: pip install 'truepose\[pdf\]'; or"):
+        write_report(tmp_path / "report.pdf", error_map, study=study)
+
+
+def test_pictures_are_the_same_each_time(evidence, documents):
+    assert to_html(document(evidence, load_locale("de"))) == to_html(documents["de"])
+
+
+def test_reports_are_written_whole_or_not_at_all(error_map, cell, study, tmp_path):
+    path = tmp_path / "deep" / "report.pdf"
+    write_report(path, error_map, cell[2], study=study, locale="de", date=DATE)
+    whole = path.read_bytes()
+    assert whole.startswith(b"%PDF-")
+    with pytest.raises(DataError):
+        write_report(path, error_map, Poses(q=np.zeros((2, 5))), study=study)
+    assert path.read_bytes() == whole
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_maps_are_what_the_map_predicts(error_map):
+    found = planes(error_map)
+    assert {frozenset((plane.i, plane.j)) for plane in found} == {frozenset(pair) for pair in ((0, 1), (0, 2), (1, 2))}
+    middle = (error_map.p_cmd.min(axis=0) + error_map.p_cmd.max(axis=0)) / 2
+    for plane in found:
+        assert np.ptp(plane.u) >= np.ptp(plane.v)
+        p = middle.copy()
+        p[plane.i], p[plane.j] = plane.u[5], plane.v[20]
+        e, std = error_map.predict_errors(Poses(p_cmd=p[None]))
+        assert plane.error[20, 5] == pytest.approx(np.linalg.norm(e))
+        assert plane.std[20, 5] == pytest.approx(np.linalg.norm(std))
+        assert plane.std[16, 16] < plane.std[0, 0]  # surer in the middle than in a corner
+
+
+def test_maps_of_joint_space_are_asked_by_inverse_kinematics(cell):
+    virtual, samples, _ = cell
+    error_map = fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
+    plane = planes(error_map)[0]
+    assert np.isfinite(plane.error).mean() > 0.9
+    assert plane.error[16, 16] == pytest.approx(np.linalg.norm(error_map.e, axis=1).mean(), rel=1.0)
+
+
+def test_samples_on_a_line_have_no_maps(error_map):
+    p = np.array([[0.0, 0.0, z] for z in range(5)])
+    flat = replace(error_map)
+    vars(flat)["p_cmd"] = p
+    assert planes(flat) == []
