@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from truepose.cli import demo, iso9283, maps, planning, programs, setup, study
+from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, study
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -31,7 +31,7 @@ app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)
 app.command("iso9283")(iso9283.iso9283)
-app.command("report")(maps.report)
+app.command("report")(report.report)
 app.command("check")(programs.check)
 app.command("correct")(programs.correct)
 app.command("study")(study.study)
