@@ -1,17 +1,14 @@
-"""Commands about error maps: similarity, fit, predict, validate, report."""
+"""Commands about error maps: similarity, fit, predict, validate."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from truepose.cli.output import Json, accuracy_table, emit_json, say, table, working
-
-if TYPE_CHECKING:
-    from truepose.error_map import ErrorMap
 
 CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
@@ -53,6 +50,9 @@ def similarity(
 
 def fit(
     cell_path: CellPath,
+    samples_path: SamplesPath,
+    predictor: Annotated[str, typer.Option("--predictor", help="auto, or a name; a wrong one lists them.")] = "auto",
+    out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
     candidates: Annotated[
         str, typer.Option(help="Of auto: quick (one of each kind), all, or names with commas between.")
     ] = "quick",
@@ -60,17 +60,14 @@ def fit(
         str, typer.Option(help="What auto leaves out: points, blocks, branches, with commas between.")
     ] = "points,blocks",
     workers: Annotated[int, typer.Option(help="Processes of auto; 0: as many as processors.", min=0)] = 0,
-    samples_path: SamplesPath,
-    predictor: Annotated[str, typer.Option("--predictor", help="auto, or a name; a wrong one lists them.")] = "auto",
-    out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
     as_json: Json = False,
 ) -> None:
     """Register, fit the tool if asked, and fit an error model; writes a map."""
     import numpy as np
-    from truepose.cli.choice import show_choice
 
     from truepose.cell import load_cell
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
+    from truepose.cli.choice import show_choice
     from truepose.error_map import fit_cell
     from truepose.samples import read_samples
     from truepose.verification import summary
@@ -99,10 +96,10 @@ def fit(
         "parameters": parameters,
         "tool_mm": None if tool is None else np.round(tool, 4),
         "hint": error_map.registration.hint,
-        "expected": error_map.expected,
         "registered": registered,
         "leave_one_out": left_out,
         "ranking": error_map.ranking,
+        "expected": error_map.expected,
         "excluded": error_map.excluded,
     }
     if calibration is not None:
@@ -172,32 +169,3 @@ def validate(
     )
     if data["seen"]:
         say(f"[yellow]Warning[/]: {data['seen']} of these poses took part in the fit; the figures flatter the map.")
-
-
-def report(
-    map_path: MapPath,
-    out: Annotated[Path, typer.Option("--out", help="The page to write.")] = Path("report.html"),
-    test: Annotated[
-        Path | None, typer.Option(help="Samples held out of the fit, for accuracy before and after.")
-    ] = None,
-    programs: Annotated[
-        list[Path] | None, typer.Option("--program", help="Sidecar (JSON) of a corrected program; may be repeated.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Write one self-contained HTML page about a map."""
-    from truepose.report import write_report
-
-    error_map, held_out = _with_test(map_path, test)
-    write_report(out, error_map, held_out, sidecars=programs or [])
-    if as_json:
-        emit_json({"report": out})
-    else:
-        say(f"Wrote {out}.")
-
-
-def _with_test(map_path: Path, test: Path | None) -> tuple[ErrorMap, Any]:
-    from truepose.error_map import load_map
-    from truepose.samples import read_samples
-
-    return load_map(map_path), None if test is None else read_samples(test)
