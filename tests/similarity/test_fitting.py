@@ -9,6 +9,7 @@ from scipy.spatial.distance import cdist
 from truepose.errors import DataError, KrigingError
 from truepose.similarity import (
     FAMILIES,
+    Direction,
     VariogramModel,
     experimental_variogram,
     fit_likelihood,
@@ -120,7 +121,7 @@ def test_likelihood_refusals(rng):
         fit_likelihood(x, np.ones(10))
     with pytest.raises(KrigingError, match="all 10 points are the same"):
         fit_likelihood(np.ones((10, 2)), x)
-    with pytest.raises(KrigingError, match="'linear' has no likelihood"):
+    with pytest.raises(KrigingError, match="'linear' cannot be fitted in this way"):
         fit_likelihood(x, x, "linear")
 
 
@@ -148,3 +149,50 @@ def test_a_value_set_by_hand_stands_beside_the_fit(bins):
     by_hand = replace(fitted, range=123.0)
     assert by_hand.overridden
     assert by_hand.fit.fitted["range"] == fitted.range
+
+
+def test_two_structures_are_recovered(bins):
+    true = VariogramModel("spherical", nugget=0.1, sill=1.0, range=120.0)
+    true = true + VariogramModel("gaussian", sill=2.0, range=500.0)
+    fitted = fit_variogram(replace(bins, vector=true.semivariance(bins.lag)), "spherical+gaussian")
+    for found, part in zip(fitted.structures, true.structures, strict=True):
+        assert found.family == part.family
+        np.testing.assert_allclose([found.sill, found.range], [part.sill, part.range], rtol=1e-3)
+    assert fitted.nugget == pytest.approx(0.1, abs=1e-3)
+    assert fitted.fit.bounds_hit == {}
+    assert set(fitted.fit.standard_error) == {"nugget", "sill", "range", "sill_of_2", "range_of_2"}
+    assert fitted.fit.fitted == fitted.to_dict()
+
+
+def test_a_structure_that_is_not_needed_is_told(bins):
+    true = VariogramModel("spherical", nugget=0.1, sill=1.0, range=300.0)
+    fitted = fit_variogram(replace(bins, vector=true.semivariance(bins.lag)), "spherical+spherical")
+    np.testing.assert_allclose(fitted.semivariance(bins.lag), true.semivariance(bins.lag), rtol=1e-4)
+
+
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.5), (0.3, -0.2, 0.6), None])
+def test_ranges_along_axes_are_recovered(rng, rotation):
+    """From the semivariance along 13 directions; turned axes may come in any order."""
+    d = 2 if rotation == (0.0, 0.0, 0.5) else 3
+    true = VariogramModel("matern32", nugget=0.2, sill=1.5, range=(300.0, 150.0, 80.0)[:d], rotation=rotation)
+    x = rng.random((150, d)) * 1000
+    lines = [v for v in np.ndindex(*(3,) * d) if tuple(np.subtract(v, 1)) > (0,) * d]
+    evs = [
+        experimental_variogram(x, x[:, :1], 8, 500.0, direction=Direction(np.subtract(v, 1), np.pi / 6)) for v in lines
+    ]
+    exact = [replace(ev, vector=true.semivariance(np.nan_to_num(ev.lag), ev.axis)) for ev in evs]
+    fitted = fit_variogram(exact, "matern32", ranges="each" if rotation is None else "rotated")
+    for ev in exact:
+        used = ev.pairs > 0
+        np.testing.assert_allclose(fitted.semivariance(ev.lag[used], ev.axis), ev.vector[used], rtol=1e-4)
+    np.testing.assert_allclose(sorted(fitted.range, reverse=True), true.range, rtol=1e-3)
+    assert all(fitted.fit.standard_error[f"range_{k + 1}"] < 1 for k in range(d))
+
+
+def test_refusals_of_axes(bins):
+    with pytest.raises(DataError, match="ranges='each' needs semivariograms along directions"):
+        fit_variogram(bins, "spherical", ranges="each")
+    with pytest.raises(DataError, match="no semivariogram came"):
+        fit_variogram([], "spherical")
+    with pytest.raises(KrigingError, match=r"family \['sphere'\] is not known"):
+        fit_variogram(bins, "sphere+gaussian")

@@ -11,16 +11,18 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 from truepose.errors import DataError, KrigingError
 from truepose.similarity import VariogramModel, fit_likelihood
 from truepose.similarity.likelihood import _Problem
+from truepose.similarity.structures import Structures
 from truepose.similarity.trend import polynomial
 
 FAMILIES = {"spherical": None, "exponential": None, "gaussian": None, "matern32": None, "cubic": None, "hole": None}
 FAMILIES |= {"matern52": None, "stable": None, "rational": None, "matern": None}
+FAMILIES |= {"exponential+gaussian": None, "matern32+stable+exponential": None}
 
 
-def problem(rng, family="matern52", method="reml", each=True, n=25, d=3, common=False, drift="linear"):
+def problem(rng, family="matern52", method="reml", ranges="each", n=25, d=3, common=False, drift="linear"):
     x, e = rng.random((n, d)), rng.standard_normal((n, 2)) * [1.0, 3.0]
     F = np.empty((n, 0)) if drift == "none" else polynomial(x, drift)
-    return _Problem(family, None, method, each, common, x, e, F)
+    return _Problem(Structures.of(family, ranges, d), method, common, x, e, F)
 
 
 @settings(max_examples=40, deadline=None)
@@ -29,15 +31,15 @@ def problem(rng, family="matern52", method="reml", each=True, n=25, d=3, common=
     d=st.sampled_from([1, 2, 3, 6]),
     family=st.sampled_from(list(FAMILIES)),
     method=st.sampled_from(["reml", "ml", "loo"]),
-    each=st.booleans(),
+    ranges=st.sampled_from(["one", "each", "rotated"]),
     common=st.booleans(),
 )
-def test_gradient(seed, d, family, method, each, common):
-    """Against differences of sixth order in every parameter: ranges, shape where it has one, nugget ratio."""
+def test_gradient(seed, d, family, method, ranges, common):
+    """Against differences of sixth order in every parameter: ranges, turns, shapes, sills, nugget ratio."""
     rng = np.random.default_rng(seed)
-    if d == 6 and family in ("spherical", "cubic", "hole"):
+    if (d == 6 and family in ("spherical", "cubic", "hole")) or (d not in (2, 3) and ranges == "rotated"):
         return
-    p = problem(rng, family, method, each, d=d, common=common, drift=str(rng.choice(["none", "constant", "linear"])))
+    p = problem(rng, family, method, ranges, d=d, common=common, drift=str(rng.choice(["none", "constant", "linear"])))
     kinked = family in ("spherical", "cubic")  # at r = 1: all pairs are kept nearer
     theta = p.start(4.0 if kinked else 0.5, 0.2) + rng.uniform(-0.2, 0.2, len(p.bounds))
     gradient, step = p.loss(theta)[1], 3e-3
@@ -48,9 +50,8 @@ def test_gradient(seed, d, family, method, each, common):
 
 
 def covariance(p, theta):
-    ranges, _, ratio = p.unpacked(theta)
-    model = VariogramModel(p.family, nugget=ratio, sill=1.0, range=tuple(np.broadcast_to(ranges, p.points.shape[1])))
-    return model.covariance_between(p.points, p.points) + ratio * np.eye(len(p.points))
+    model = p.structures.model(theta[:-1], nugget=np.exp(theta[-1]), sill=1.0)
+    return model.covariance_between(p.points, p.points) + model.nugget * np.eye(len(p.points))
 
 
 @pytest.mark.parametrize("common", [False, True])
@@ -122,6 +123,36 @@ def test_finds_a_range_for_each_coordinate(drawn, method):
         assert np.isnan(found.fit.standard_error["sill"]) == (method == "loo")
 
 
+def test_finds_turned_axes():
+    """Two coordinates, 30 degrees off, ranges 5 to 1; the axes may come in either order."""
+    rng = np.random.default_rng(5)
+    x = rng.random((250, 2))
+    true = VariogramModel("exponential", nugget=0.05, sill=1.0, range=(0.5, 0.1), rotation=(0, 0, np.pi / 6))
+    e = np.linalg.cholesky(true.covariance_between(x, x) + 0.05 * np.eye(250)) @ rng.standard_normal((250, 3))
+    found = fit_likelihood(x, e, "exponential", ranges="rotated")
+    longest = found._axes()[:, np.argmax(found.range)]
+    assert abs(longest @ [np.cos(np.pi / 6), np.sin(np.pi / 6)]) > np.cos(np.radians(6))
+    np.testing.assert_allclose(sorted(found.range), [0.1, 0.5], rtol=0.35)
+    assert 0 < found.fit.standard_error["rotation_z"] < 0.1
+    straight = fit_likelihood(x, e, "exponential", ranges="each")
+    assert found.fit.log_likelihood > straight.fit.log_likelihood + 10
+
+
+def test_finds_two_structures(rng):
+    x = rng.random((300, 1)) * 100
+    true = VariogramModel("exponential", nugget=0.02, sill=0.5, range=1.0) + VariogramModel(
+        "gaussian", sill=2.0, range=20.0
+    )
+    e = np.linalg.cholesky(true.covariance_between(x, x) + 0.02 * np.eye(300)) @ rng.standard_normal((300, 8))
+    found = fit_likelihood(x, e, "exponential+gaussian")
+    assert [part.family for part in found.structures] == ["exponential", "gaussian"]
+    np.testing.assert_allclose([part.range for part in found.structures], [1.0, 20.0], rtol=0.35)
+    for part, name, sill in zip(found.structures, ("sill", "sill_of_2"), (0.5, 2.0), strict=True):
+        assert abs(part.sill - sill) < 3 * found.fit.standard_error[name] < 1.5 * sill
+    one = fit_likelihood(x, e, "exponential")
+    assert found.fit.log_likelihood > one.fit.log_likelihood + 10
+
+
 def test_standard_errors_are_the_spread_of_fits():
     """Over 60 drawn data sets; the standard error is asymptotic, so within a third."""
     rng = np.random.default_rng(8)
@@ -160,11 +191,11 @@ def test_drift_is_taken_off(drawn):
 
 def test_refusals(rng):
     x, e = rng.random((20, 3)), rng.random((20, 3))
-    with pytest.raises(DataError, match="expected a method of reml, ml, loo"):
+    with pytest.raises(DataError, match="method is 'bayes'; expected one of reml, ml, loo"):
         fit_likelihood(x, e, method="bayes")
     with pytest.raises(KrigingError, match="coordinate 1 of x is the same for all points"):
         fit_likelihood(x * [1, 0, 1], e, ranges="each")
-    with pytest.raises(KrigingError, match="'nugget' has no likelihood"):
+    with pytest.raises(KrigingError, match="'nugget' cannot be fitted in this way"):
         fit_likelihood(x, e, "nugget")
     with pytest.raises(KrigingError, match="valid in up to 3 coordinates, but x has 6"):
         fit_likelihood(rng.random((20, 6)), e, "spherical")

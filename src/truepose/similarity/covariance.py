@@ -121,14 +121,19 @@ def _chunks(m: int, n: int) -> list[slice]:
     return [slice(start, min(start + rows, m)) for start in range(0, m, rows)]
 
 
-def range_derivatives(family: int, u: FloatArray, weights: FloatArray, shape: float = 0.0) -> FloatArray:
-    """Return Σ_(j>i) W_ij ∂rho_ij/∂log a_k, (d,), of scaled points u (n, d) and the upper triangle of W (n, n).
+def slope_moments(
+    family: int, u: FloatArray, weights: FloatArray, shape: float = 0.0, *, full: bool = False
+) -> FloatArray:
+    """Return Σ_(j>i) W_ij (−rho'(r)/r) Δu Δuᵀ, (d, d), of scaled points u (n, d) and the upper triangle of W (n, n).
 
-    ∂rho/∂log a_k = −rho'(r)/r (u_ik − u_jk)²; the sum over k is the derivative by one common range.
+    Its diagonal is Σ W_ij ∂rho_ij/∂log a_k, since ∂rho_ij/∂log a_k = −rho'(r)/r (u_ik − u_jk)²; the trace is the
+    derivative by one common range. The rest, zero unless `full`, is what a turn of the axes needs.
     """
     samples = pack(u)
-    if not _needs_bessel(family, shape):
-        return np.asarray(kernels.range_derivatives(family, shape, u, samples, weights).sum(axis=0))
-    r = cross_correlation(DISTANCE, u, samples, len(u))
-    product = np.triu(weights, 1) * -_matern_slope(shape, r)
-    return np.array([(product * (a[:, None] - a) ** 2).sum() for a in u.T])
+    if _needs_bessel(family, shape):
+        r = cross_correlation(DISTANCE, u, samples, len(u))
+        product = np.triu(weights, 1) * -_matern_slope(shape, r)
+        gaps = u[:, None] - u[None]
+        return np.asarray(np.einsum("ij,ija,ijc->ac", product, gaps, gaps, optimize=True))
+    lower: FloatArray = kernels.slope_moments(family, shape, u, samples, weights, full).sum(axis=0)
+    return lower + np.tril(lower, -1).T

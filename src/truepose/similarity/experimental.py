@@ -61,6 +61,8 @@ class ExperimentalVariogram:
     estimator : str
     cross : (k, c, c) array [mm²]
         Cross-semivariances of the component pairs, where asked for; the diagonal is `semivariance`. Else empty.
+    axis : (d,) array
+        Unit vector of the direction of its pairs, in the coordinates that the distances are of; empty for all.
     """
 
     lag: FloatArray
@@ -73,6 +75,7 @@ class ExperimentalVariogram:
     dimensions: int
     estimator: str = "matheron"
     cross: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    axis: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def weak(self) -> NDArray[np.bool_]:
@@ -149,6 +152,7 @@ def experimental_variogram(
         dimensions=points.shape[1],
         estimator=estimator,
         cross=_cross(semivariance[1:], gamma[1:, c:], duos) if cross else np.empty((0, 0, 0)),
+        axis=cone[0],
     )
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from scipy.optimize import minimize_scalar
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.models import FAMILIES, VariogramModel
+from truepose.similarity.nested_fit import Bins, at_bounds, fit_structures
+from truepose.similarity.structures import Structures
 
 FloatArray = NDArray[np.float64]
 
@@ -65,7 +67,7 @@ class VariogramFit:
 
     objective: float
     standard_error: dict[str, float]
-    bounds_hit: dict[str, Literal["lower", "upper"]]
+    bounds_hit: dict[str, str]
     bins: int
     converged: bool
     candidates: dict[str, float]
@@ -81,28 +83,35 @@ class VariogramFit:
             ("range", "upper"): "the semivariance keeps rising without a sill: a trend; remove a drift first",
         }
         settled = () if self.converged else (f"the weights did not settle in {ITERATIONS} iterations",)
-        return tuple(meaning[item] for item in self.bounds_hit.items()) + settled
+        hit = {(name.split("_")[0], bound) for name, bound in self.bounds_hit.items()}
+        return tuple(text for item, text in meaning.items() if item in hit) + settled
 
 
 def fit_variogram(
-    ev: ExperimentalVariogram,
+    ev: ExperimentalVariogram | Sequence[ExperimentalVariogram],
     family: str | Sequence[str] = "spherical",
     *,
     component: int | None = None,
     shape: float | None = None,
+    ranges: str = "one",
 ) -> VariogramModel:
     """Return the model that fits an experimental variogram best.
 
     Parameters
     ----------
-    ev : ExperimentalVariogram
+    ev : ExperimentalVariogram or sequence of ExperimentalVariogram
+        One; or several along different directions, which ranges along axes need.
     family : str or sequence of str
         A name of `VariogramModel`; several names, or "best" for the usual ones with a sill that are valid in the
-        points' dimension, all with three parameters: the smallest `VariogramFit.objective` wins.
+        points' dimension, all with three parameters: the smallest `VariogramFit.objective` wins. A name such as
+        "spherical+exponential" has several structures, the shorter range first in the starts.
     component : int, optional
         Column of the errors; the vector (sum over the components) when not given.
     shape : float, optional
         Of a family that has one; the best of `SHAPES` when not given.
+    ranges : {"one", "each", "rotated"}
+        One range for each structure; one for each coordinate; or one for each axis of a rotation that is found as well,
+        of 2 or 3 coordinates.
 
     Returns
     -------
@@ -122,33 +131,71 @@ def fit_variogram(
     >>> vm.structural_ratio > 0.99
     True
     """
-    gamma = ev.vector if component is None else _column(ev, component)
-    used = (ev.pairs > 0) & (ev.lag > 0)
-    h, gamma, pairs = ev.lag[used], gamma[used], ev.pairs[used].astype(np.float64)
-    names = _families(family, ev.dimensions)
-    parameters = min(PARAMETERS.get(name, 3) for name in names)
-    if len(h) < parameters:
+    evs = [ev] if isinstance(ev, ExperimentalVariogram) else list(ev)
+    names = _families(family, evs)
+    bins = _bins(evs, component, ranges)
+    parameters = min(_parameters(name, ranges, evs[0].dimensions) for name in names)
+    if len(bins.h) < parameters:
         raise KrigingError(
-            f"{len(h)} bins hold pairs, but a variogram model has {parameters} parameters; "
+            f"{len(bins.h)} bins hold pairs, but a variogram model has {parameters} parameters; "
             "use more bins or a larger max_lag, or measure more points"
         )
-    if not gamma.max() > 0:
+    if not bins.gamma.max() > 0:
         raise KrigingError("the errors do not vary within the lags; use a larger max_lag, or check the column of e")
-    fits = {name: _fit_shapes(name, shape, h, gamma, pairs) for name in names}
-    candidates = {name: _objective(model, h, gamma, pairs) for name, (model, _) in fits.items()}
+    fits = {name: _fit(name, shape, ranges, bins, evs[0].dimensions) for name in names}
+    candidates = {name: _objective(model, bins) for name, (model, _, _) in fits.items()}
     best = min(candidates, key=candidates.__getitem__)
-    model, converged = fits[best]
-    hit = _bounds_hit(model, h)
+    model, converged, hit = fits[best]
     record = VariogramFit(
         objective=candidates[best],
-        standard_error=_standard_errors(model, hit, h, gamma, pairs),
+        standard_error=_standard_errors(model, hit, bins),
         bounds_hit=hit,
-        bins=len(h),
+        bins=len(bins.h),
         converged=converged,
         candidates=candidates,
         fitted=model.to_dict(),
     )
     return replace(model, fit=record)
+
+
+def _bins(evs: Sequence[ExperimentalVariogram], component: int | None, ranges: str) -> Bins:
+    """Return the bins that hold pairs, of all variograms."""
+    if not evs:
+        raise DataError("no semivariogram came; give one, or several along different directions")
+    if ranges != "one" and any(not one.axis.size for one in evs):
+        raise DataError(
+            f"ranges={ranges!r} needs semivariograms along directions; give experimental_variogram(…, direction=…) of "
+            "several"
+        )
+    used = [(one.pairs > 0) & (one.lag > 0) for one in evs]
+    along = [
+        one.lag[u, None] * (one.axis if ranges != "one" else np.empty(0)) for one, u in zip(evs, used, strict=True)
+    ]
+    gammas = [one.vector if component is None else _column(one, component) for one in evs]
+    return Bins(
+        h=np.concatenate([one.lag[u] for one, u in zip(evs, used, strict=True)]),
+        gamma=np.concatenate([gamma[u] for gamma, u in zip(gammas, used, strict=True)]),
+        pairs=np.concatenate([one.pairs[u] for one, u in zip(evs, used, strict=True)]).astype(np.float64),
+        vectors=np.concatenate(along),
+    )
+
+
+def _parameters(name: str, ranges: str, dimensions: int) -> int:
+    if ranges == "one" and "+" not in name:
+        return PARAMETERS.get(name, 3)
+    return 2 + len(Structures.of(name, ranges, dimensions).names)
+
+
+def _fit(
+    name: str, shape: float | None, ranges: str, bins: Bins, dimensions: int
+) -> tuple[VariogramModel, bool, dict[str, str]]:
+    """Return the best model of a family, or of several structures; whether it settled; the bounds hit."""
+    if ranges == "one" and "+" not in name:
+        model, settled = _fit_shapes(name, shape, bins.h, bins.gamma, bins.pairs)
+        return model, settled, _bounds_hit(model, bins.h)
+    structures = Structures.of(name, ranges, dimensions, shape)
+    model, settled = fit_structures(structures, bins)
+    return model, settled, at_bounds(structures, model, bins)
 
 
 def _column(ev: ExperimentalVariogram, component: int) -> FloatArray:
@@ -159,11 +206,11 @@ def _column(ev: ExperimentalVariogram, component: int) -> FloatArray:
     return ev.semivariance[:, component]
 
 
-def _families(family: str | Sequence[str], dimensions: int) -> list[str]:
+def _families(family: str | Sequence[str], evs: Sequence[ExperimentalVariogram]) -> list[str]:
     if family == "best":
-        return [name for name in USUAL if FAMILIES[name].dimensions >= dimensions]
+        return [name for name in USUAL if FAMILIES[name].dimensions >= max(ev.dimensions for ev in evs)]
     names = [family] if isinstance(family, str) else list(family)
-    unknown = [name for name in names if name not in FAMILIES]
+    unknown = [part for name in names for part in name.split("+") if part.strip() not in FAMILIES]
     if unknown or not names:
         raise KrigingError(f"variogram family {unknown} is not known; use one of {', '.join(FAMILIES)}, or 'best'")
     return names
@@ -186,7 +233,8 @@ def _fit_shapes(
     shapes = SHAPES.get(name, (None,)) if shape is None else (shape,)
     units = [VariogramModel(name, sill=1.0, shape=one) for one in shapes]
     fits = [_fit_family(unit, h, gamma, pairs) for unit in units]
-    return min(fits, key=lambda fit: _objective(fit[0], h, gamma, pairs))
+    bins = Bins(h, gamma, pairs, np.empty((len(h), 0)))
+    return min(fits, key=lambda fit: _objective(fit[0], bins))
 
 
 def _fit_family(
@@ -247,13 +295,13 @@ def _linear_part(
     return options[choice[0], 0, choice[1]], options[choice[0], 1, choice[1]], loss[choice]
 
 
-def _objective(model: VariogramModel, h: FloatArray, gamma: FloatArray, pairs: FloatArray) -> float:
-    fitted = np.maximum(model.semivariance(h), 1e-6 * gamma.max())
-    return float(pairs @ (gamma / fitted - 1) ** 2 / pairs.sum())
+def _objective(model: VariogramModel, bins: Bins) -> float:
+    fitted = bins.semivariance(model)
+    return float(((bins.weights(fitted) * (bins.gamma - fitted)) ** 2).sum() / bins.pairs.sum())
 
 
-def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, Literal["lower", "upper"]]:
-    hit: dict[str, Literal["lower", "upper"]] = {}
+def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, str]:
+    hit: dict[str, str] = {}
     if model.nugget <= 1e-9 * model.sill:
         hit["nugget"] = "lower"
     if model.family != "nugget" and model.sill <= 1e-9 * model.nugget:
@@ -267,25 +315,22 @@ def _bounds_hit(model: VariogramModel, h: FloatArray) -> dict[str, Literal["lowe
     return hit
 
 
-def _standard_errors(
-    model: VariogramModel,
-    hit: dict[str, Literal["lower", "upper"]],
-    h: FloatArray,
-    gamma: FloatArray,
-    pairs: FloatArray,
-) -> dict[str, float]:
+def _standard_errors(model: VariogramModel, hit: dict[str, str], bins: Bins) -> dict[str, float]:
     """Return sqrt diag s² (JᵀWJ)⁻¹ over the free parameters, s² the weighted mean square left."""
-    columns = model.derivatives(h)  # of the nugget alone where there is no sill
-    fixed = set(hit) | ({"range"} if "sill" in hit or not model.kind.bounded else set()) | {"shape"}
-    free = [name for name in columns if name not in fixed]
-    errors = dict.fromkeys(("nugget", "sill", "range"), math.nan)
-    if len(h) <= len(free):
+    columns = bins.derivatives(model)  # of the nugget alone where there is no sill
+    fixed = set(hit) | ({"range"} if "sill" in hit or not model.kind.bounded else set())
+    free = [name for name in columns if name not in fixed and not name.startswith("shape")]
+    errors = dict.fromkeys(("nugget", "sill", "range"), math.nan) | dict.fromkeys(columns, math.nan)
+    errors = {name: value for name, value in errors.items() if not name.startswith("shape")}
+    if len(bins.h) <= len(free):
         return errors
-    fitted = model.semivariance(h)
-    scale = np.sqrt(pairs) / np.maximum(fitted, 1e-6 * gamma.max())
+    fitted = bins.semivariance(model)
+    scale = bins.weights(fitted)
     jacobian = scale[:, None] * np.column_stack([columns[name] for name in free])
     size = np.linalg.norm(jacobian, axis=0)
-    s2 = float(((scale * (gamma - fitted)) ** 2).sum()) / (len(h) - len(free))
+    if not size.all():  # equal ranges do not feel a turn
+        return errors
+    s2 = float(((scale * (bins.gamma - fitted)) ** 2).sum()) / (len(bins.h) - len(free))
     _, singular, right = np.linalg.svd(jacobian / size, full_matrices=False)
     if singular[-1] > 1e-10 * singular[0]:
         variance = s2 * ((right / singular[:, None]) ** 2).sum(axis=0) / size**2

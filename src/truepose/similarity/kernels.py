@@ -383,21 +383,29 @@ def weighted_gradient(family: int, shape: float, u: FloatArray, samples: FloatAr
 
 
 @compiled(fastmath=REORDER)
-def _dot_square(
-    weight: FloatArray, offset: int, slope: FloatArray, x: float, row: FloatArray, start: int, stop: int
+def _dot_product(
+    weight: FloatArray,
+    slope: FloatArray,
+    x: float,
+    row: FloatArray,
+    y: float,
+    other: FloatArray,
+    span: tuple[int, int, int],
 ) -> float:
     total = 0.0
+    offset, start, stop = span
     for j in range(start, stop):
-        z = x - row[j]
-        total -= weight[offset + j] * slope[j] * z * z
+        total -= weight[offset + j] * slope[j] * (x - row[j]) * (y - other[j])
     return total
 
 
 @compiled(parallel=True)
-def range_derivatives(family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return Σ_(j>i) W_ij ∂rho_ij/∂log a_k for each i, (n, d)."""
+def slope_moments(
+    family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray, full: bool
+) -> FloatArray:
+    """Return Σ_(j>i) W_ij (−rho'/r) Δu Δuᵀ for each i, (n, d, d): its lower triangle if `full`, else its diagonal."""
     n, d = u.shape
-    out = np.zeros((n, d))
+    out = np.zeros((n, d, d))
     for i in prange(n):
         r = np.empty(BLOCK)
         for b in range(i // BLOCK, samples.shape[0]):
@@ -405,5 +413,8 @@ def range_derivatives(family: int, shape: float, u: FloatArray, samples: FloatAr
             squared_distances(u[i], samples[b], r)
             slope(family, shape, r)
             for a in range(d):
-                out[i, a] += _dot_square(weights[i], b * BLOCK, r, u[i, a], samples[b, a], start, stop)
+                for c in range(0 if full else a, a + 1):
+                    out[i, a, c] += _dot_product(
+                        weights[i], r, u[i, a], samples[b, a], u[i, c], samples[b, c], (b * BLOCK, start, stop)
+                    )
     return out

@@ -20,8 +20,8 @@ from scipy.optimize import minimize
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
-from truepose.similarity.families import FAMILIES, check_shape, family_named
 from truepose.similarity.models import VariogramModel
+from truepose.similarity.structures import Structures, by_parameters
 from truepose.similarity.threads import blas_threads, kernel_threads
 from truepose.similarity.trend import polynomial
 
@@ -98,12 +98,14 @@ def fit_likelihood(
     e : (n, c) or (n,) array_like [mm]
         Errors at x.
     family : str or sequence of str
-        Families with a sill; the most likely one wins.
+        Families with a sill; the most likely one wins. "spherical+exponential" has two structures, of which the first
+        starts as the shorter one.
     method : {"reml", "ml", "loo"}
         Restricted likelihood, which does not favour short ranges as likelihood does; likelihood; or the product of the
         leave-one-out densities, which suffers least where the family is wrong.
-    ranges : {"one", "each"}
-        One range, or one for each coordinate.
+    ranges : {"one", "each", "rotated"}
+        One range; one for each coordinate; or one for each axis of a rotation that is found as well, of 2 or 3
+        coordinates.
     shape : float, optional
         Shape of a family that has one; fitted when not given.
     drift : {"none", "constant", "linear", "quadratic"} or (n, p) array_like
@@ -131,7 +133,7 @@ def fit_likelihood(
     """
     points, errors = check_points(x, e)
     names = [family] if isinstance(family, str) else list(family)
-    _check(names, method, ranges, shape, points)
+    structures = _structures(names, method, ranges, shape, points)
     components = errors.shape[1]
     errors = errors[:, np.ptp(errors, axis=0) > 0]
     if errors.shape[1] == 0:
@@ -140,10 +142,7 @@ def fit_likelihood(
     if largest is not None and len(points) > largest:
         points, errors, columns = _part(largest, points, errors, columns)
     with blas_threads(len(points), LARGE), kernel_threads(len(points), LARGE):
-        problems = {
-            name: _Problem(name, shape, method, ranges == "each", common_scale, points, errors, columns)
-            for name in names
-        }
+        problems = {name: _Problem(structures[name], method, common_scale, points, errors, columns) for name in names}
         found = {name: _optimum(problem) for name, problem in problems.items()}
         best = min(found, key=lambda name: found[name][0])
         optimum = found[best][1]
@@ -165,48 +164,31 @@ def fit_likelihood(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The criterion of one family as a function of θ: logarithms of the ranges, of the shape if free, of C0/C."""
+    """The criterion as a function of θ: the structures' parameters, then the logarithm of C0/C of the first."""
 
-    family: str
-    shape: float | None
+    structures: Structures
     method: str
-    each: bool
     common: bool
     points: FloatArray
     e: FloatArray
     drift: FloatArray
 
     @property
-    def free_shape(self) -> bool:
-        return FAMILIES[self.family].shape is not None and self.shape is None
-
-    @property
     def units(self) -> FloatArray:
-        """Extent of the points, of each coordinate or of all."""
+        """Extent of the points: of all together, of each coordinate, or of all for each turned axis."""
         extent = np.ptp(self.points, axis=0)
-        return extent if self.each else np.array([np.linalg.norm(extent)])
+        if self.structures.ranges == "each":
+            return np.asarray(extent)
+        return np.full(self.structures.axes, float(np.linalg.norm(extent)))
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        practical = FAMILIES[self.family].practical_range(self.shape or 1.0)
-        ranges = [(math.log(RANGES[0] * a / practical), math.log(RANGES[1] * a / practical)) for a in self.units]
-        shapes = []
-        if self.free_shape:
-            top = FAMILIES[self.family].shape
-            assert top is not None
-            shapes = [(math.log(0.1), math.log(min(top.most, 20.0)))]
-        return [*ranges, *shapes, (math.log(RATIOS[0]), math.log(RATIOS[1]))]
+        own = self.structures.bounds(RANGES[0] * self.units, RANGES[1] * self.units)
+        return [*own, (math.log(RATIOS[0]), math.log(RATIOS[1]))]
 
     def start(self, reach: float, ratio: float) -> FloatArray:
-        practical = FAMILIES[self.family].practical_range(self.shape or 1.0)
-        shape = [math.log(1.0)] if self.free_shape else []
-        wide = math.sqrt(len(self.units))  # with a range for each coordinate their distances add up
-        return np.array([*np.log(wide * reach * self.units / practical), *shape, math.log(ratio)])
-
-    def unpacked(self, theta: FloatArray) -> tuple[FloatArray, float, float]:
-        """Return ranges, shape and ratio."""
-        shape = math.exp(theta[-2]) if self.free_shape else (self.shape or 0.0)
-        return np.exp(theta[: len(self.units)]), shape, math.exp(theta[-1])
+        wide = math.sqrt(self.structures.axes)  # with a range for each coordinate their distances add up
+        return np.append(self.structures.start(wide * reach * self.units), math.log(ratio))
 
     def loss(self, theta: FloatArray) -> tuple[float, FloatArray]:
         """Return the criterion and its gradient."""
@@ -217,36 +199,42 @@ class _Problem:
 
     def gradient(self, theta: FloatArray, judged: Judged) -> FloatArray:
         """Return the derivative of the criterion by θ."""
-        from truepose.similarity.covariance import range_derivatives
+        from truepose.similarity.covariance import slope_moments
 
-        ranges, shape, ratio = self.unpacked(theta)
-        code, u = FAMILIES[self.family].code, self.points / ranges
-        by_range = range_derivatives(code, u, judged.Q, shape)
-        gradient = list(by_range) if self.each else [by_range.sum()]
-        if self.free_shape:
-            from truepose.similarity.derivatives import correlation_by_shape
+        gradient: list[float] = []
+        half_trace = float(np.trace(judged.Q)) / 2
+        for k, part in enumerate(self.structures.parts(theta[:-1])):
+            code, shape, u = part.kind.code, part.shape or 0.0, part.coordinates(self.points)
+            moments = slope_moments(code, u, judged.Q, shape, full=part.rotation is not None)
+            own = by_parameters(part, moments)
+            if part.shape is not None and self.structures.shape is None:
+                from truepose.similarity.derivatives import correlation_by_shape
+                from truepose.similarity.kernels import DISTANCE
 
-            by_shape = correlation_by_shape(self.family, _distance(u), shape)
-            gradient.append(shape * float((np.triu(judged.Q, 1) * by_shape).sum()))
-        return np.array([*gradient, ratio * float(np.trace(judged.Q)) / 2])
+                by_shape = correlation_by_shape(part.family, _correlations(DISTANCE, u, 0.0), shape)
+                own.append(shape * float((np.triu(judged.Q, 1) * by_shape).sum()))
+            if k:
+                own.append(float((np.triu(judged.Q, 1) * _correlations(code, u, shape)).sum()) + half_trace)
+            gradient += (part.sill * np.array(own)).tolist()
+        return np.array([*gradient, math.exp(theta[-1]) * half_trace])
 
     def judged(self, theta: FloatArray) -> Judged:
         judged = self._judged(theta)
         if judged is None:
             raise KrigingError(
-                f"no {self.family} variogram has a regular covariance matrix here; use a rougher family (matern52), or "
-                "drop near points"
+                f"no {'+'.join(self.structures.families)} variogram has a regular covariance matrix here; use a "
+                "rougher family (matern52), or drop near points"
             )
         return judged
 
     def _judged(self, theta: FloatArray) -> Judged | None:
-        from truepose.similarity.compiled import pack
-        from truepose.similarity.covariance import cross_correlation
-
-        ranges, shape, ratio = self.unpacked(theta)
-        u, n = self.points / ranges, len(self.points)
-        K = cross_correlation(FAMILIES[self.family].code, u, pack(u), n, shape)
-        K.flat[:: n + 1] = 1 + ratio
+        parts, n = self.structures.parts(theta[:-1]), len(self.points)
+        K: FloatArray | None = None
+        for part in parts:
+            rho = _correlations(part.kind.code, part.coordinates(self.points), part.shape or 0.0)
+            K = rho if K is None else np.add(K, part.sill * rho, out=K)
+        assert K is not None
+        K.flat[:: n + 1] = sum(part.sill for part in parts) + math.exp(theta[-1])
         return judge(self.method, K, self.drift, self.e, self.common)
 
     def curvature(self, theta: FloatArray, judged: Judged, free: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
@@ -266,29 +254,20 @@ class _Problem:
 
     def model(self, theta: FloatArray, judged: Judged, components: int) -> VariogramModel:
         """Return the model of the mean over all components, those that do not vary included."""
-        ranges, shape, ratio = self.unpacked(theta)
         sill = float(judged.scale.sum()) / components
-        return VariogramModel(
-            self.family,
-            nugget=ratio * sill,
-            sill=sill,
-            range=tuple(ranges.tolist()) if self.each else float(ranges[0]),
-            shape=shape if FAMILIES[self.family].shape is not None else None,
-        )
+        return self.structures.model(theta[:-1], math.exp(theta[-1]) * sill, sill)
 
     def uncertainty(
         self, theta: FloatArray, judged: Judged, model: VariogramModel
     ) -> tuple[dict[str, str], dict[str, float]]:
         """Return the bounds hit, and standard errors from the curvature of the criterion, by name."""
-        m = len(self.units)
-        names = [f"range_{k + 1}" for k in range(m)] if self.each else ["range"]
-        names += (["shape"] if self.free_shape else []) + ["nugget"]
+        names = [*self.structures.names, "nugget"]
         at = np.array(self.bounds)
         low, high = theta <= at[:, 0] + 1e-3, theta >= at[:, 1] - 1e-3
         hit = {name: "lower" if low[k] else "upper" for k, name in enumerate(names) if low[k] or high[k]}
-        if hit.get("nugget") == "upper":
-            return {"sill": "lower"}, dict.fromkeys([*names, "sill"], math.nan)
         errors = dict.fromkeys([*names, "sill"], math.nan)
+        if hit.get("nugget") == "upper":
+            return {"sill": "lower"}, errors
         free = np.flatnonzero(~(low | high))
         if self.method == "loo":
             return hit, errors
@@ -299,19 +278,26 @@ class _Problem:
         own = 2 / (len(self.e) - self.drift.shape[1]) * float((scale**2).sum() / scale.sum() ** 2)
         if self.common:
             own = 2 / ((len(self.e) - self.drift.shape[1]) * len(scale))
-        size = dict(zip(names, [*np.ravel(model.range), *([model.shape] if self.free_shape else []), 0.0], strict=True))
         for row, k in enumerate(free):
-            errors[names[k]] = float(size[names[k]]) * math.sqrt(covariance[row, row])
+            name, value = names[k], math.exp(theta[k])
+            if name.startswith(("nugget", "sill")):  # a ratio to the first sill
+                with_ratio = slope + np.eye(len(free))[row]
+                errors[name] = value * model.sill * math.sqrt(own + with_ratio @ covariance @ with_ratio)
+            else:
+                unit = 1.0 if name.startswith("rotation") else value
+                errors[name] = unit * math.sqrt(covariance[row, row])
         errors["sill"] = model.sill * math.sqrt(own + slope @ covariance @ slope)
-        if free[-1] == len(theta) - 1:  # nugget = ratio · sill
-            slope = slope + np.eye(len(free))[-1]
-            errors["nugget"] = model.nugget * math.sqrt(own + slope @ covariance @ slope)
         return hit, errors
 
 
 def _optimum(problem: _Problem) -> tuple[float, FloatArray]:
     """Return the least loss over the starts, and where; many samples begin where a part of them ended."""
-    starts, n = [problem.start(*start) for start in STARTS], len(problem.points)
+    n = len(problem.points)
+    starts = [
+        np.append(turned, log_ratio)
+        for *theta, log_ratio in (problem.start(*start) for start in STARTS)
+        for turned in problem.structures.turned(np.array(theta))
+    ]
     if n < 2 * PART:
         return min((_descend(problem, start) for start in starts), key=lambda result: result[0])
     part = replace(problem, **_sub(problem, PART))
@@ -343,11 +329,11 @@ def _part(size: int, *arrays: FloatArray) -> tuple[FloatArray, ...]:
     return tuple(array[rows] for array in arrays)
 
 
-def _distance(u: FloatArray) -> FloatArray:
+def _correlations(code: int, u: FloatArray, shape: float) -> FloatArray:
     from truepose.similarity.compiled import pack
-    from truepose.similarity.covariance import DISTANCE, cross_correlation
+    from truepose.similarity.covariance import cross_correlation
 
-    return cross_correlation(DISTANCE, u, pack(u), len(u))
+    return cross_correlation(code, u, pack(u), len(u), shape)
 
 
 def _drift(points: FloatArray, drift: str | ArrayLike) -> FloatArray:
@@ -359,25 +345,14 @@ def _drift(points: FloatArray, drift: str | ArrayLike) -> FloatArray:
     return columns
 
 
-def _check(names: list[str], method: str, ranges: str, shape: float | None, points: FloatArray) -> None:
-    for name in names:
-        kind = family_named(name)
-        if not kind.bounded or kind.practical == 0:
-            usable = ", ".join(other for other, k in FAMILIES.items() if k.bounded and k.practical != 0)
-            raise KrigingError(f"variogram family {name!r} has no likelihood; use families with a sill: {usable}")
-        if shape is not None:
-            check_shape(name, shape)
-        if kind.dimensions < points.shape[1]:
-            raise KrigingError(
-                f"a {name} variogram is valid in up to {kind.dimensions} coordinates, but x has {points.shape[1]}; "
-                "use exponential, gaussian, matern32 or matern52"
-            )
+def _structures(
+    names: list[str], method: str, ranges: str, shape: float | None, points: FloatArray
+) -> dict[str, Structures]:
+    found = {name: Structures.of(name, ranges, points.shape[1], shape) for name in names}
     if not names:
         raise KrigingError("no variogram family came; give at least one")
-    if method not in METHODS or ranges not in ("one", "each"):
-        raise DataError(
-            f"method is {method!r} and ranges is {ranges!r}; expected a method of {', '.join(METHODS)}, and one or each"
-        )
+    if method not in METHODS:
+        raise DataError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
     if len(points) < LEAST:
         raise KrigingError(
             f"{len(points)} samples are too few to fit a variogram; measure at least {LEAST}, or give a variogram"
@@ -385,7 +360,8 @@ def _check(names: list[str], method: str, ranges: str, shape: float | None, poin
     extent = np.ptp(points, axis=0)
     if not extent.any():
         raise KrigingError(f"all {len(points)} points are the same; a variogram needs points that are apart")
-    if ranges == "each" and not extent.all():
+    if ranges != "one" and not extent.all():
         raise KrigingError(
             f"coordinate {int(np.argmin(extent))} of x is the same for all points; leave it out, or use ranges='one'"
         )
+    return found
