@@ -348,5 +348,5 @@ def test_external_axis_in_use_is_refused(read: Read) -> None:
 
 
 def test_a_folder_is_no_program(tmp_path: Path, make_map: Any) -> None:
-    with pytest.raises(FileError, match="is a folder; name the program's files"):
+    with pytest.raises(FileError, match="holds no robot program; known endings"):
         correct_program(tmp_path, make_map())

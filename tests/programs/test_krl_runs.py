@@ -84,7 +84,7 @@ def long_program(folder: Path, n: int, ending: str = "\n", branch: str = "") -> 
 def test_a_long_program_is_read_in_runs(tmp_path: Path, ending: str, branch: str) -> None:
     path, program = long_program(tmp_path, 10_000, ending, branch)
     runs = [piece for piece, _ in program.targets._pieces]
-    assert [type(run) for run in runs] == [Run] * 3
+    assert [type(run) for run in runs] == [Run] * 5
     target = program.targets[9_999]
     assert (target.name, target.line, target.status) == ("LIN:10003", 10_003, 2 if branch else None)
     text = path.read_bytes().splitlines()[10_002].split(b"{")[1].split(b"}")[0]
@@ -99,7 +99,7 @@ def test_a_long_program_is_corrected_like_a_short_one(tmp_path: Path, make_map: 
     shift = np.random.default_rng(2).uniform(-1, 1, (9_000, 3))
     told_: list[tuple[int, int]] = []
     corrected = correct_program(path, make_map(shift), frames=FRAMES, progress=lambda *now: told_.append(now))
-    assert told_ == [(4096, 9000), (8192, 9000), (9000, 9000)]
+    assert told_ == [(2048, 9000), (4096, 9000), (6144, 9000), (8192, 9000), (9000, 9000)]
     lines = zip(path.read_text().splitlines()[3:-1], corrected.files[path].decode().splitlines()[3:-1], strict=True)
     for k, (before, after) in enumerate(lines):
         old, new = ([float(w.split()[1]) for w in text[5:].split("}")[0].split(",")] for text in (before, after))

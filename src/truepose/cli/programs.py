@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from truepose.cell import Cell
+    from truepose.errors import FileError
     from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
 
 _LISTED = 40  # targets that a person is shown one by one
@@ -36,7 +37,10 @@ class Ambiguous(StrEnum):
     skip = "skip"
 
 
-Programs = Annotated[list[Path], typer.Argument(metavar="PROGRAM...", help="KRL: the .src or .dat of a pair.")]
+Programs = Annotated[
+    list[Path],
+    typer.Argument(metavar="PROGRAM...", help="Programs or folders of them; KRL: the .src or .dat of a pair."),
+]
 CellPath = Annotated[Path | None, typer.Option("--cell", help="Take frames and limits from this cell file.")]
 ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: take tools and bases from this file.")]
 Tool = Annotated[
@@ -84,25 +88,30 @@ def check(
 ) -> None:
     """Tell which targets of programs could be corrected and which not, and why; needs no map."""
     import numpy as np
+    from rich.markup import escape
 
     from truepose.cell import load_cell
-    from truepose.programs import read_program
+    from truepose.programs import read_programs
 
     frames = _frames(None if cell_path is None else load_cell(cell_path), config_dat, tool, base)
     options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
-    programs = [read_program(path, frames, options) for path in paths]
+    found = read_programs(paths, frames, options)
     if as_json:
         emit_json(
             {
-                "programs": [{"file": path, **p.counts()} for path, p in zip(paths, programs, strict=True)],
-                "targets": [row for program in programs for row in _rows(program)],
+                "programs": [{"file": p.path, **p.counts()} for p in found.programs],
+                "targets": [row for program in found.programs for row in _rows(program)],
+                "unreadable": [str(error) for error in found.unreadable],
             }
         )
-        return
-    for path, program in zip(paths, programs, strict=True):
-        counts = program.counts()
-        say(f"[bold]{path}[/]: {counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused")
-        _say_reasons(program.targets, np.flatnonzero(program.targets.verdicts()))
+    else:
+        for program in found.programs:
+            counts = program.counts()
+            told = f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
+            say(f"[bold]{escape(str(program.path))}[/]: {told}")
+            _say_reasons(program.targets, np.flatnonzero(program.targets.verdicts()))
+    if found.unreadable:
+        raise unread(found.unreadable)
 
 
 def correct(
@@ -120,6 +129,9 @@ def correct(
     external_axes: ExternalAxes = False,
     offsets: Offsets = False,
     angles: Angles = "",
+    orientation: Annotated[
+        bool, typer.Option("--orientation", help="Correct orientations, too; the map must know them.")
+    ] = False,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
     ] = False,
@@ -132,7 +144,7 @@ def correct(
 
     from truepose.cell import load_cell
     from truepose.error_map import load_map
-    from truepose.programs import correct_program
+    from truepose.programs import correct_program, read_programs
 
     error_map = load_map(map_path)
     cell = error_map.cell if cell_path is None else load_cell(cell_path)
@@ -140,10 +152,13 @@ def correct(
     frames = _frames(cell, config_dat, tool, base)
     options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
     # all are corrected before any is written: a refusal leaves nothing half-done
+    found = read_programs(paths, frames, options)
+    if found.unreadable:
+        raise unread(found.unreadable)
     with counting("targets") as progress:
         corrected = [
-            correct_program(path, error_map, cell, frames=frames, on_guard=policy, options=options, progress=progress)
-            for path in paths
+            correct_program(program, error_map, on_guard=policy, orientation=orientation, progress=progress)
+            for program in found.programs
         ]
     _check_names(corrected, in_place)
     written: list[Path] = []
@@ -152,13 +167,13 @@ def correct(
     if as_json:
         emit_json({"written": written, "programs": [program.sidecar() for program in corrected]})
         return
-    for path, program in zip(paths, corrected, strict=True):
+    for program in corrected:
         if dry_run:
             typer.echo(program.diff(), nl=False)
         summary = program.summary()
         say(
-            f"[bold]{path}[/]: {summary['corrected']} corrected, {summary['skipped']} skipped, "
-            f"{summary['refused']} refused; largest correction "
+            f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
+            f"{summary['skipped']} skipped, {summary['refused']} refused; largest correction "
             f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
         )
         for warning in program.warnings[:_LISTED]:
@@ -226,6 +241,16 @@ def _say_reasons(targets: Sequence[Any], rows: NDArray[np.intp]) -> None:
         say(f"  … and {len(rows) - _LISTED} more (--json lists all)")
 
 
+def unread(errors: Sequence[FileError]) -> FileError:
+    """Return one error for all programs that cannot be read."""
+    from truepose.errors import FileError
+
+    if len(errors) == 1:
+        return errors[0]
+    first, *others = map(str, errors)
+    return FileError(f"{len(errors)} programs cannot be read", "; ".join([first, *others]))
+
+
 def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
     """Refuse programs that would be written over each other."""
     from truepose.errors import RefusedError
@@ -233,9 +258,9 @@ def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
 
     taken: dict[str, Path] = {}
     for one in corrected:
-        folder = str(one.program.path.parent.resolve()) if in_place else ""
+        folder = str(one.program.folder.resolve()) if in_place else ""
         for name in names(one.program):
-            first = taken.setdefault(f"{folder}/{name.lower()}", one.program.path)
+            first = taken.setdefault(f"{folder}/{str(name).lower()}", one.program.path)
             if first is not one.program.path:
                 raise RefusedError(
                     f"{first} and {one.program.path} would both be written as {name}; correct them one by one, "

@@ -1,7 +1,8 @@
 """Robot programs: read as targets, corrected in place, byte-exact."""
 
-from truepose.programs.correct import CorrectedProgram, Corrector, correct_program, read_program
+from truepose.programs.correct import CorrectedProgram, Corrector, correct_program
 from truepose.programs.outcomes import Outcome
+from truepose.programs.reading import Reading, read_program, read_programs
 from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
 
 __all__ = [
@@ -11,7 +12,9 @@ __all__ = [
     "Outcome",
     "Program",
     "ReadOptions",
+    "Reading",
     "Target",
     "correct_program",
     "read_program",
+    "read_programs",
 ]

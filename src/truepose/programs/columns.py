@@ -20,7 +20,7 @@ from truepose.geometry import ANGLES, euler, make_transform
 from truepose.programs.target import FloatArray, Target
 
 IntArray = NDArray[np.int64]
-CHUNK: Final = 4096
+CHUNK: Final = 2048
 """Targets that are worked on at a time."""
 VERDICTS: Final = ("correct", "skip", "refuse")
 

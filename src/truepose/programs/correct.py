@@ -7,7 +7,6 @@ and added to its digits. Nothing else changes, which `truepose.programs.source.p
 from __future__ import annotations
 
 import hashlib
-import importlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.errors import DataError, FileError, RefusedError
+from truepose.errors import DataError, RefusedError
 from truepose.programs import sidecar
 from truepose.programs.columns import Columns
 from truepose.programs.configurations import changed_words
@@ -25,6 +24,7 @@ from truepose.programs.digits import moved
 from truepose.programs.orientations import turned
 from truepose.programs.outcomes import DONE, Outcomes, digit_step
 from truepose.programs.paths import StraightPaths
+from truepose.programs.reading import read_program
 from truepose.programs.source import Source, prove, unified_diff
 from truepose.programs.target import FloatArray, Verdict
 from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
@@ -35,21 +35,6 @@ if TYPE_CHECKING:
 
 Policy = Literal["refuse", "skip", "clip"]
 Progress = Callable[[int, int], Any]
-_DIALECTS: Final = {
-    **dict.fromkeys((".src", ".dat"), "krl"),
-    **dict.fromkeys((".mod", ".prg", ".sys", ".modx"), "rapid"),
-    ".ls": "fanuc",
-    ".script": "urscript",
-    ".jbi": "inform",
-    ".dtx": "val3",
-    ".csv": "table",
-    **dict.fromkeys((".apt", ".cls"), "apt"),
-    **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
-}
-_REFUSED: Final = {
-    ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
-    ".tp": "is a compiled FANUC program; export it as .ls and correct that",
-}
 _SHOWN: Final = 3  # refused targets that a message names
 
 
@@ -161,53 +146,8 @@ class CorrectedProgram:
         return sidecar.write_in_place(self)
 
 
-def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
-    r"""Read a robot program; its ending names the language.
-
-    Parameters
-    ----------
-    path : str or Path
-        KUKA: the .src, or the .dat beside it. Others: docs/programs.md.
-    frames : FrameTable, optional
-        The controller's tools and bases. Without it only number 0 is known.
-    options : ReadOptions, optional
-
-    Returns
-    -------
-    Program
-
-    Raises
-    ------
-    FileError
-        If the file is missing, broken, or of no known language; with its line.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "a.src"
-    >>> _ = path.write_text("DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
-    >>> read_program(path).positions_base()
-    array([[1., 2., 3.]])
-    """
-    path = Path(path)
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise FileError(path, "is no file but a device or a pipe; name a program")
-    if path.is_dir():
-        raise FileError(path, "is a folder; name the program's files one by one")
-    dialect = _DIALECTS.get(path.suffix.lower())
-    if dialect is None:
-        if not path.exists():
-            raise FileError(path, "no such file")
-        if why := _REFUSED.get(path.suffix.lower()):
-            raise FileError(path, why)
-        raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
-    module = importlib.import_module(f"truepose.programs.{dialect}")
-    program: Program = module.read(path, frames or FrameTable(), options or ReadOptions())
-    return program
-
-
 def correct_program(
-    path: str | Path,
+    path: str | Path | Program,
     error_map: Corrector,
     cell: Cell | None = None,
     *,
@@ -222,7 +162,8 @@ def correct_program(
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path, or Program
+        A program, or one that was read already.
     error_map : Corrector
         Such as `truepose.ErrorMap`.
     cell : Cell, optional
@@ -256,7 +197,7 @@ def correct_program(
         raise DataError(f"resolution is {resolution!r} mm, expected 0.000001 to 1")
     if frames is None and cell is not None:
         frames = FrameTable.from_cell(cell)
-    program = read_program(path, frames, options)
+    program = path if isinstance(path, Program) else read_program(path, frames, options)
     sidecar.check_not_corrected(program)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
@@ -265,7 +206,7 @@ def correct_program(
     if not counts["correct"] and not all(why.startswith("joint target") for why in _reasons(program).values()):
         raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, _reasons(program))}")
     outcomes = Outcomes.none(program, program.width if orientation else 3)
-    change = np.zeros((len(outcomes), 6 if orientation else 3))
+    change = outcomes.after[:, : 6 if orientation else 3]  # until the digits take their place
     refused: dict[int, str] = {}
     done = 0
     for rows, columns in program.correctable_columns():
@@ -283,7 +224,7 @@ def correct_program(
     for j, i in linked(program.circles, left_out).items():
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
-    warnings = _write_digits(program, outcomes, change, resolution)
+    warnings = _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = {source.path: _prove(source, outcomes, resolution) for source in program.sources}
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, tuple(warnings))
@@ -328,20 +269,22 @@ def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: 
     return change, answer.e, answer.std, code, reasons
 
 
-def _write_digits(program: Program, outcomes: Outcomes, change: FloatArray, resolution: float) -> list[str]:
-    """Find what the digits become, in place; return what a user should look at."""
+def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> list[str]:
+    """Turn changes (the first 3 or 6 columns of `after`) into what is written, in place; return the warnings."""
     warnings: list[str] = []
     path = StraightPaths()
     for rows, columns in program.correctable_columns():
+        change = outcomes.after[rows, :size]
+        outcomes.after[rows] = np.nan
         here = np.flatnonzero(outcomes.corrected[rows])
-        outcomes.after[rows[here]] = _digits(program, columns.take(here), change[rows[here]], resolution)
+        outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
         tf = columns.tf_base_frame()
         p = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
-        added = np.einsum("nij,nj->ni", tf[:, :3, :3], change[rows, :3])
-        for a, b, c, size in path.bends(columns, rows, p, added):
+        added = np.einsum("nij,nj->ni", tf[:, :3, :3], change[:, :3])
+        for a, b, c, bend in path.bends(columns, rows, p, added):
             target, before, behind = (program.targets[i] for i in (b, a, c))
             warnings.append(
-                f"{target.where}: {target.name} bends a straight path by {size:.3f} mm against its neighbours "
+                f"{target.where}: {target.name} bends a straight path by {bend:.3f} mm against its neighbours "
                 f"{before.name} and {behind.name}"
             )
     return warnings

@@ -1,24 +1,23 @@
-"""KUKA KRL: the pair of .src and .dat as targets.
+"""One module of a KRL program: its .dat and its .src, statement by statement.
 
-The .src is read statement by statement. Points gather what the program does with them, `Flow` what may be in force, and
-`Judge` gives the verdicts when everything is known.
+Points gather what the program does with them, `Flow` what may be in force; verdicts come when everything is read (see
+`truepose.programs.krl`).
 """
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Final
 
-from truepose.errors import FileError
 from truepose.programs import krl_runs
 from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.krl_frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
-from truepose.programs.krl_lexer import LEXER, Lines, Statement, pieces, shown, statements
-from truepose.programs.krl_motions import Goal, MotionReader, Settings
+from truepose.programs.krl_lexer import Lines, Statement, pieces, shown, statements
+from truepose.programs.krl_motions import MotionReader, Settings
 from truepose.programs.krl_names import Names, element
-from truepose.programs.krl_points import Judge, Numbers, Variable, at
-from truepose.programs.krl_runs import Run, find_run
+from truepose.programs.krl_points import Numbers, Variable
+from truepose.programs.krl_runs import find_run
 from truepose.programs.krl_words import (
     DECLARE,
     FRAME_CHANGE,
@@ -31,9 +30,8 @@ from truepose.programs.krl_words import (
     TYPES,
     WITHOUT_USE,
 )
-from truepose.programs.points import in_order
 from truepose.programs.source import Source
-from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
+from truepose.programs.targets import ReadOptions
 
 _ASSIGN = re.compile(rb"[ \t]*+(\[[^\]]*+\])?+[ \t]*+((?:\.[ \t]*+\w++(?:\[[^\]]*+\])?+[ \t]*+)*+)=(?!=)")
 _CALL = re.compile(rb"[ \t]*+\(")
@@ -42,62 +40,78 @@ _OPERAND = re.compile(rb"[ \t]*+\{|[ \t]++[A-Za-z_$]")
 _ROUTINE = re.compile(
     rb"[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I
 )
+_ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
+"""Those that other modules do not see, and the first."""
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
-_HOME: Final = re.compile(r"X?HOME\d*", re.I)
 _FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
-    """Read a KRL program.
+@dataclass(eq=False)
+class Shared:
+    """What the modules of a program have in common.
 
-    Parameters
+    Attributes
     ----------
-    path : Path
-        The .src, or the .dat beside it. A .src with inline targets alone needs no .dat.
-    frames : FrameTable
     options : ReadOptions
-
-    Raises
-    ------
-    FileError
-        If one of the pair is missing, or a file is broken; with its line.
+    project : bool
+        Whether the modules are all that there are: points and routines that are GLOBAL are known then.
+    flow : Flow
+    numbers : list of Numbers
+    points : dict of str to Variable
+        GLOBAL ones.
+    changed : dict of ("tool" or "base", number or None) to str
+        Where the program changes a numbered frame.
     """
-    src_path = path if path.suffix.lower() == ".src" else _partner(path, ".src")
-    if src_path is None:
-        raise FileError(path, f"is the data list of {path.stem}.src, which is not beside it; both are needed")
-    dat_path = _partner(src_path, ".dat") if src_path == path else path
-    src = Source.read(src_path)
-    return _Reader(src, None if dat_path is None else Source.read(dat_path), options).program(path, frames)
+
+    options: ReadOptions
+    project: bool = False
+    flow: Flow = field(default_factory=Flow)
+    numbers: list[Numbers] = field(default_factory=list)
+    points: dict[str, Variable] = field(default_factory=dict)
+    changed: dict[tuple[str, int | None], str] = field(default_factory=dict)
 
 
-def _partner(path: Path, suffix: str) -> Path | None:
-    """Return the other file of a pair, whatever the case of its name."""
-    exact = path.with_suffix(suffix)
-    if exact.is_file():
-        return exact
-    try:
-        beside = sorted(path.parent.iterdir())
-    except OSError:
-        return None
-    return next((p for p in beside if p.name.lower() == exact.name.lower() and p.is_file()), None)
+class Module:
+    """Reads one module; `read_dat` of all modules first, then `read_src`.
 
+    Attributes
+    ----------
+    src, dat : Source, optional
+    name : str
+    names : Names
+    motions : MotionReader, optional
+    variables : list of Variable
+        Of its routines.
+    runs : list of (Numbers, Lines)
+    """
 
-class _Reader:
-    def __init__(self, src: Source, dat: Source | None, options: ReadOptions) -> None:
-        self._src, self._dat, self._options = src, dat, options
-        self._names, self._flow = Names(), Flow()
-        self._motions = MotionReader(src, self._names, self._flow)
-        self._changed: dict[tuple[str, int | None], int] = {}
-        self._variables: list[Variable] = []
-        self._runs: list[tuple[Numbers, Lines]] = []
+    def __init__(self, src: Source | None, dat: Source | None, shared: Shared) -> None:
+        self.src, self.dat, self._shared = src, dat, shared
+        self.name = next(source.path.stem.upper() for source in (src, dat) if source is not None)
+        self._options, self._flow, self._changed = shared.options, shared.flow, shared.changed
+        self.names = self._names = Names(shared.numbers, shared.points if shared.project else None)
+        self.variables: list[Variable] = []
+        self.runs: list[tuple[Numbers, Lines]] = []
         self._routine: tuple[str, int] | None = None
         self._routines = 0
+        self._own: dict[str, str] = {}
+        if src is not None:
+            self._src = src
+            self.motions = self._motions = MotionReader(src, self.names, self._flow, named=shared.project)
 
-    def program(self, path: Path, frames: FrameTable) -> Program:
-        if self._dat is not None:
-            self._read_dat(self._dat)
+    def read_src(self) -> None:
+        """Read the statements.
+
+        Raises
+        ------
+        FileError
+            If the file is broken; with its line.
+        """
+        if self._shared.project:
+            inner = [m[1].decode().upper() for m in _ROUTINES.finditer(self._src.data)][1:]
+            self._own = {name: f"{self.name}.{name}" for name in inner}
         line = 1
         try:
             for piece in pieces(self._src, find_run, krl_runs.FEWEST):
@@ -105,7 +119,7 @@ class _Reader:
                 if isinstance(piece, Statement):
                     self._statement(piece)
                 else:
-                    self._runs.append((self._motions.first_of(piece), piece))
+                    self.runs.append((self._motions.first_of(piece), piece))
             if self._routine is None and not self._routines:
                 self._flow.end_routine()
         except Structure as error:
@@ -113,12 +127,18 @@ class _Reader:
         if self._routine is not None:
             name, line = self._routine
             raise self._src.error(line, f"{name} has no END: the file is truncated")
-        self._check_pair()
-        ambient = self._flow.solve()
-        judge = Judge(frames, self._options, self._flow.states, ambient, self._names.fdats, self._changed)
-        return self._collect(path, judge)
 
-    def _read_dat(self, dat: Source) -> None:
+    def read_dat(self) -> None:
+        """Read the data list.
+
+        Raises
+        ------
+        FileError
+            If the file is broken; with its line.
+        """
+        if self.dat is None:
+            return
+        dat = self.dat
         opened: int | None = None
         for word, line, start, rest, end in statements(dat):
             if word == "DEFDAT":
@@ -162,7 +182,7 @@ class _Reader:
                 return
             before = set(self._names.local)
             self._names.declare(self._src, start, end, line, "src")
-            self._variables += [self._names.local[name] for name in self._names.local.keys() - before]
+            self.variables += [self._names.local[name] for name in self._names.local.keys() - before]
         elif word in WITHOUT_USE:
             pass
         elif not self._control(statement):
@@ -254,7 +274,8 @@ class _Reader:
         elif word in _FRAME_TABLES:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
-            self._changed.setdefault((_FRAME_TABLES[word], key), line)
+            where = f"{self._src.path.name}, line {line}" if self._shared.project else f"line {line}"
+            self._changed.setdefault((_FRAME_TABLES[word], key), where)
         elif (variable := self._names.find(word)) is not None:
             index = element(variable, m[1])
             if m[2]:
@@ -269,13 +290,15 @@ class _Reader:
         if b"INTERRUPT" not in code.upper():
             return False
         if (m := _HANDLER.search(code)) and m[1].decode().upper() not in KEEPS_FRAMES:
-            self._flow.handlers.append(m[1].decode().upper())
+            handler = m[1].decode().upper()
+            self._flow.handlers.append(self._own.get(handler, handler))
         return True
 
     def _call(self, names: list[str]) -> None:
+        where = "project" if self._shared.project else "file"
         for name in names:
-            text = "" if self._options.calls_keep_frames else f"{name}() was called, which is not in this file"
-            self._flow.call(name, text)
+            text = "" if self._options.calls_keep_frames else f"{name}() was called, which is not in this {where}"
+            self._flow.call(self._own.get(name, name), text)
 
     def _begin_routine(self, statement: Statement) -> None:
         word, line, start, _, end = statement
@@ -287,7 +310,9 @@ class _Reader:
         name = m[1].decode()
         self._routine = (name, line)
         self._names.local = {}
-        self._flow.begin_routine(name.upper(), outside=not self._routines or word == "GLOBAL")
+        outside = not self._shared.project and (not self._routines or word == "GLOBAL")
+        key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
+        self._flow.begin_routine(key, outside=outside)
         self._routines += 1
 
     def _end_routine(self) -> None:
@@ -299,64 +324,6 @@ class _Reader:
         self._motions.block = Settings()
         self._names.local = {}
 
-    def _check_pair(self) -> None:
-        """Require the .dat if the program moves to points that only it can declare."""
-        if self._dat is not None:
-            return
-        for variable in self._names.elsewhere.values():
-            if variable.moves and not _HOME.fullmatch(variable.name):
-                dat = self._src.path.with_suffix(".dat").name
-                raise self._src.error(
-                    variable.line,
-                    f"moves to {variable.name}, which no file at hand declares; put {dat} beside it",
-                )
-
-    def _collect(self, path: Path, judge: Judge) -> Program:
-        targets: list[Target | Run] = []
-        place: dict[int, int] = {}
-        for i, numbers in enumerate(self._names.numbers):
-            target = judge.target(numbers)
-            if target is not None:
-                place[i] = len(targets)
-                targets.append(target)
-        first_other = len(targets)
-        targets += self._motions.others
-        for first, lines in self._runs:
-            like = judge.target(first)
-            assert like is not None  # it is moved to
-            targets.append(Run(self._src, lines.start, lines.end, lines.line, lines.lines, like))
-        unknown: dict[int, int] = {}
-        for variable in [*self._names.module.values(), *self._variables, *self._names.elsewhere.values()]:
-            if variable.moves and not variable.literals:
-                unknown[id(variable)] = len(targets)
-                targets.append(_without_numbers(variable, self._src))
-
-        def places(goal: Goal) -> list[int]:
-            if goal.numbers is not None:
-                return [place[goal.numbers]]
-            if goal.other is not None:
-                return [first_other + goal.other]
-            assert goal.variable is not None
-            if id(goal.variable) in unknown:
-                return [unknown[id(goal.variable)]]
-            literals = at(goal.variable.literals, element(goal.variable, goal.brackets))
-            return [place[i] for i in literals if i in place]
-
-        circles = [[i for goal in goals for i in places(goal)] for goals in self._motions.circles]
-        sources = (self._src,) if self._dat is None else (self._src, self._dat)
-        return Program(path, sources, *in_order(targets, circles, sources), LEXER)
-
 
 def _declares(word: str, data: bytes, rest: int, end: int) -> bool:
     return word in DECLARE or (word in TYPES and _OPERAND.match(data, rest, end) is not None)
-
-
-def _without_numbers(variable: Variable, src: Source) -> Target:
-    moves = [use for uses in variable.moves.values() for use in uses]
-    if _HOME.fullmatch(variable.name) and variable.origin == "nowhere":
-        reason = "joint target of $config.dat"
-    elif variable.origin in ("nowhere", "import"):
-        reason = "declared in another module"
-    else:
-        reason = "its value is known at run time only"
-    return Target(variable.name, src.path, moves[0].line, tuple(use.word for use in moves), "skip", reason)

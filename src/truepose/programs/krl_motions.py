@@ -58,8 +58,9 @@ class MotionReader:
         Of the spline block that is open.
     """
 
-    def __init__(self, source: Source, names: Names, flow: Flow) -> None:
+    def __init__(self, source: Source, names: Names, flow: Flow, *, named: bool = False) -> None:
         self._source, self._names, self._flow = source, names, flow
+        self._file = source.path.name if named else ""
         self.others: list[Target] = []
         self.circles: list[list[Goal]] = []
         self.block = Settings()
@@ -74,7 +75,7 @@ class MotionReader:
         word, line, _, start, end = statement
         data = self._source.data
         if word not in CIRCLES and (m := _SIMPLE.fullmatch(data, start, end)):
-            use = Use(word, line, self._flow.node, *self.block)
+            use = Use(word, line, self._flow.node, *self.block, self._file)
             if m[1]:
                 self._literal(*m.span(1), f"{word}:{line}", use)
                 return []
@@ -88,7 +89,7 @@ class MotionReader:
         m = _FIRST.match(self._source.data, lines.start)
         assert m is not None
         word = m[1].decode().upper()
-        use = Use(word, lines.line, self._flow.node, *self.block)
+        use = Use(word, lines.line, self._flow.node, *self.block, self._file)
         aggregate = parse_point(self._source, *m.span(2), lines.line)
         return Numbers(f"{word}:{lines.line}", self._source, lines.line, aggregate, use=use)
 
@@ -129,7 +130,7 @@ class MotionReader:
         if len(spans) != expected or any(a == b for a, b in spans):
             self.other(word, line, "refuse", f"a motion that is not understood: {word}{shown(data, start, end)}")
             return []
-        use = Use(word, line, self._flow.node, *settings)
+        use = Use(word, line, self._flow.node, *settings, self._file)
         names = [f"{word}:{line}"] if expected == 1 else [f"{word}:{line} auxiliary", f"{word}:{line} end"]
         calls: list[str] = []
         goals = [self._goal(a, b, name, use, calls) for (a, b), name in zip(spans, names, strict=True)]

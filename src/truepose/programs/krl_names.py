@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final, Literal
 
 from truepose.programs.flow import Frames, InForce
@@ -22,6 +23,7 @@ from truepose.programs.source import Source
 _DECLARATION = re.compile(rb"((?:(?:DECL|GLOBAL|CONST|PUBLIC|IMPORT)\b\s*+)*+)([A-Za-z_]\w*+)\s*+", re.I)
 _DECLARATOR = re.compile(rb"([A-Za-z_$][\w$]*+)\s*+(\[[^\]]*\])?\s*+(=)?\s*+")
 _IS_PATH = re.compile(rb"\bIS\b", re.I)
+_IMPORTED = re.compile(rb"/R\d/(?:\w+/)*([\w$]+)\.\.([\w$]+)(?:\[\])?", re.I)
 _POINT_TYPES: Final = frozenset([*POSES, *JOINTS])
 
 
@@ -35,16 +37,25 @@ class Names:
     fdats : dict of str to Frames
     """
 
-    def __init__(self) -> None:
+    def __init__(self, numbers: list[Numbers], everywhere: dict[str, Variable] | None = None) -> None:
         self.module: dict[str, Variable] = {}
         self.local: dict[str, Variable] = {}
         self.elsewhere: dict[str, Variable] = {}
-        self.numbers: list[Numbers] = []
+        self.everywhere = everywhere
+        self.numbers = numbers
         self.fdats: dict[str, Frames] = {}
+        self._imports: list[tuple[str, str, str]] = []
 
     def find(self, name: str) -> Variable | None:
         """Return the point of a name in upper case; None if it is anything else."""
-        return self.local.get(name) or self.module.get(name) or self.elsewhere.get(name)
+        found = self.local.get(name) or self.module.get(name)
+        return found or (self.everywhere or {}).get(name) or self.elsewhere.get(name)
+
+    def take_imports(self, modules: Mapping[str, Names]) -> None:
+        """Let imported names stand for the points of other modules, where those are known."""
+        for name, module, original in self._imports:
+            if module in modules and (variable := modules[module].module.get(original)) is not None:
+                self.module[name] = variable
 
     def declare(self, source: Source, start: int, end: int, line: int, origin: Literal["dat", "src"]) -> None:
         """Read a declaration, with initial values if there are any.
@@ -61,6 +72,9 @@ class Names:
         kind, words = m[2].decode().upper(), m[1].upper()
         imported = b"IMPORT" in words
         if imported and (path := _IS_PATH.search(data, m.end(), end)):
+            if known := _IMPORTED.fullmatch(data[path.end() : end].strip()):
+                alias = data[m.end() : path.start()].strip(b" \t[]").decode("latin-1").upper()
+                self._imports.append((alias, known[1].decode().upper(), known[2].decode().upper()))
             end = path.start()
         if kind not in _POINT_TYPES and kind != "FDAT":
             return
@@ -77,9 +91,14 @@ class Names:
             table = self.module if origin == "dat" else self.local
             if name in table:
                 raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
+            is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
             variable = table[name] = Variable(
-                d[1].decode(), kind, line, "import" if imported else origin, b"GLOBAL" in words, array=d[2] is not None
+                d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
             )
+            variable.fdats = self.fdats if origin == "dat" else None
+            shared = self.everywhere if is_global and self.everywhere is not None else {}
+            if (old := shared.setdefault(name, variable)) is not variable:
+                raise source.error(line, f"{name} is GLOBAL here and in line {old.line} of another file; keep one")
             if d[3]:
                 self.assign(source, variable, (), d.end(), b, line)
 

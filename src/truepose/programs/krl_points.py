@@ -36,13 +36,20 @@ class Use(NamedTuple):
     tool: InForce | None = None
     base: InForce | None = None
     ipo: str | None = None
+    file: str = ""
+
+    @property
+    def where(self) -> str:
+        """File, where there are several, and line."""
+        return f"{self.file}, line {self.line}" if self.file else f"line {self.line}"
 
 
 @dataclass(slots=True, eq=False)
 class Variable:
     """A point or an array of points, and what the program does with each element.
 
-    `reads` and `writes` hold lines with words; `literals` the numbers that are assigned to it.
+    `reads` and `writes` hold lines with words; `literals` the numbers that are assigned to it;
+    `fdats` are those of its file.
     """
 
     name: str
@@ -51,6 +58,7 @@ class Variable:
     origin: Literal["dat", "src", "import", "nowhere"]
     is_global: bool = False
     array: bool = False
+    fdats: Mapping[str, Frames] | None = None
     moves: defaultdict[Index, list[Use]] = field(default_factory=lambda: defaultdict(list))
     reads: defaultdict[Index, list[tuple[int, str]]] = field(default_factory=lambda: defaultdict(list))
     writes: defaultdict[Index, list[tuple[int, str]]] = field(default_factory=lambda: defaultdict(list))
@@ -95,9 +103,10 @@ class Judge:
         What may be in force at each node of the program.
     ambient : State
         What interrupts may set anywhere.
-    fdats : mapping of str to Frames
-    changed : mapping of ("tool" or "base", number or None) to int
-        Lines where the program changes a numbered frame; None: some number.
+    changed : mapping of ("tool" or "base", number or None) to str
+        Where the program changes a numbered frame; None: some number.
+    project : bool
+        Every module that there is was read.
     """
 
     def __init__(
@@ -106,12 +115,13 @@ class Judge:
         options: ReadOptions,
         states: Sequence[State],
         ambient: State,
-        fdats: Mapping[str, Frames],
-        changed: Mapping[tuple[str, int | None], int],
+        changed: Mapping[tuple[str, int | None], str],
+        *,
+        project: bool = False,
     ) -> None:
         self._frames, self._options = frames, options
         self._states, self._ambient = states, ambient
-        self._fdats, self._changed = fdats, changed
+        self._changed, self._project = changed, project
         self._known: dict[object, tuple[InForce, InForce] | _Verdict] = {}
         self._tf: dict[tuple[str, InForce], FloatArray] = {}
 
@@ -174,20 +184,20 @@ class Judge:
         if reads:
             line, how = reads[0]
             if uses:
-                raise _Verdict(self._options.ambiguous, f"both moved to (line {uses[0].line}) and {how} (line {line})")
+                raise _Verdict(self._options.ambiguous, f"both moved to ({uses[0].where}) and {how} (line {line})")
             raise _Verdict("skip", f"{how} (line {line})")
         if writes:
             raise _Verdict("skip", f"{writes[0][1]} at run time (line {writes[0][0]})")
-        if variable.is_global:
+        if variable.is_global and not self._project:
             raise _Verdict("refuse", "GLOBAL: other modules may use it under other frames; give the whole project")
         if not uses:
             raise _Verdict("skip", "no motion of this program goes to it")
 
     def _fdat(self, variable: Variable | None) -> Frames | None:
         """Return the FDAT of the same name: FP7 of XP7."""
-        if variable is None or variable.origin != "dat" or not variable.name.upper().startswith("X"):
+        if variable is None or variable.fdats is None or not variable.name.upper().startswith("X"):
             return None
-        return self._fdats.get("F" + variable.name[1:].upper())
+        return variable.fdats.get("F" + variable.name[1:].upper())
 
     def _check_machine(self, aggregate: Aggregate) -> None:
         for key in ("S", "T"):
@@ -217,7 +227,7 @@ class Judge:
             which = 0 if first[0] != second[0] else 1
             raise _Verdict(
                 self._options.ambiguous,
-                f"moved to under {first[which].text} (line {a.line}) and {second[which].text} (line {b.line}): "
+                f"moved to under {first[which].text} ({a.where}) and {second[which].text} ({b.where}): "
                 "teach two points",
             )
         return next(iter(found))
@@ -286,9 +296,9 @@ class Judge:
                 f"{which} {number} is not known; give it in [frames] of the cell file, or a $config.dat with "
                 f"{data}[{number}]",
             )
-        line = self._changed.get((which, number)) or self._changed.get((which, None)) if number else None
-        if line:
-            raise _Verdict("refuse", f"{value.text} is changed by the program (line {line})")
+        where = self._changed.get((which, number)) or self._changed.get((which, None)) if number else None
+        if where:
+            raise _Verdict("refuse", f"{value.text} is changed by the program ({where})")
         return value
 
     def _transform(self, which: Literal["tool", "base"], value: InForce) -> FloatArray:

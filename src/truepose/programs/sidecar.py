@@ -154,10 +154,13 @@ def _cell(text: str) -> str:
     return text
 
 
-def names(program: Program) -> list[str]:
-    """Return the names of all files that a correction of this program writes to a folder."""
-    stem = program.path.stem
-    return [*(source.path.name for source in program.sources), f"{stem}{_SUFFIX}", f"{stem}.corrections.csv"]
+def names(program: Program) -> list[Path]:
+    """Return all files that a correction of this program writes, as seen from the output folder."""
+    *sources, last = (*program.names(), program.path)
+    # the record of a project is named after its folder, that of a program lies beside it
+    here = Path(last.resolve().name) if last.is_dir() else last.relative_to(program.folder).with_suffix("")
+    records = [here.with_name(f"{here.name}{ending}") for ending in (_SUFFIX, ".corrections.csv")]
+    return [*sources, *records]
 
 
 def write_in_place(corrected: CorrectedProgram) -> list[Path]:
@@ -173,7 +176,7 @@ def write_in_place(corrected: CorrectedProgram) -> list[Path]:
     for backup in backups:
         if backup.exists():
             raise FileError(backup, "is there already, and would be lost; move it away")
-    folder, (*_, json_name, csv_name) = corrected.program.path.parent, names(corrected.program)
+    folder, (*_, json_name, csv_name) = corrected.program.folder, names(corrected.program)
     records = [folder / json_name, folder / csv_name]
     # copies and record first: a program that is corrected is never without them
     with files.writing(*backups, *records, *(source.path for source in changed)) as opened:
@@ -215,7 +218,7 @@ def check_not_corrected(program: Program) -> None:
         If a record cannot be read: nobody knows then.
     """
     hashes = {source.sha256: source.path for source in program.sources}
-    for folder in {source.path.parent for source in program.sources}:
+    for folder in {program.folder, *(source.path.parent for source in program.sources)}:
         for path in sorted(folder.glob(f"*{_SUFFIX}")):
             for before, after in _hashes(path):
                 if before != after and after in hashes:

@@ -143,6 +143,8 @@ class Program:
         Of the dialect, for the proof.
     finest : float [mm]
         The controller keeps no smaller step.
+    root : Path, optional
+        The folder that was named; without it, that of the file.
     """
 
     path: Path
@@ -151,6 +153,16 @@ class Program:
     circles: tuple[tuple[int, ...], ...]
     lexer: re.Pattern[bytes]
     finest: float = 0.0
+    root: Path | None = None
+
+    @property
+    def folder(self) -> Path:
+        """The folder that its files lie under."""
+        return self.path.parent if self.root is None else self.root
+
+    def names(self) -> list[Path]:
+        """Return its files as seen from `folder`."""
+        return [source.path.relative_to(self.folder) for source in self.sources]
 
     def correctable(self) -> NDArray[np.intp]:
         """Return the indices of the targets whose verdict is ``correct``."""

@@ -1,0 +1,179 @@
+"""Reading programs: a file by its ending, a folder as everything in it."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from truepose.errors import FileError
+from truepose.programs.targets import FrameTable, Program, ReadOptions
+
+_KRL: Final = (".src", ".dat")
+_DIALECTS: Final = {
+    **dict.fromkeys(_KRL, "krl"),
+    **dict.fromkeys((".mod", ".prg", ".sys", ".modx"), "rapid"),
+    ".ls": "fanuc",
+    ".script": "urscript",
+    ".jbi": "inform",
+    ".dtx": "val3",
+    ".csv": "table",
+    **dict.fromkeys((".apt", ".cls"), "apt"),
+    **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
+}
+_REFUSED: Final = {
+    ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
+    ".tp": "is a compiled FANUC program; export it as .ls and correct that",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What reading several programs gave.
+
+    Attributes
+    ----------
+    programs : list of Program
+    unreadable : list of FileError
+        Of the others.
+    """
+
+    programs: list[Program]
+    unreadable: list[FileError]
+
+
+def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
+    r"""Read a robot program; its ending names the language.
+
+    Parameters
+    ----------
+    path : str or Path
+        KUKA: the .src, or the .dat beside it, or the folder of a project. Others: docs/programs.md.
+    frames : FrameTable, optional
+        The controller's tools and bases. Without it only number 0 is known.
+    options : ReadOptions, optional
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    FileError
+        If the file is missing, broken, or of no known language; with its line.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.src"
+    >>> _ = path.write_text("DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
+    >>> read_program(path).positions_base()
+    array([[1., 2., 3.]])
+    """
+    path = Path(path)
+    if path.is_dir():
+        found = read_programs([path], frames, options)
+        if found.unreadable:
+            raise found.unreadable[0]
+        if len(found.programs) > 1:
+            raise FileError(path, f"holds {len(found.programs)} programs; name one of them")
+        return found.programs[0]
+    if path.exists() and not path.is_file():
+        raise FileError(path, "is no file but a device or a pipe; name a program")
+    dialect = _DIALECTS.get(path.suffix.lower())
+    if dialect is None:
+        if not path.exists():
+            raise FileError(path, "no such file")
+        if why := _REFUSED.get(path.suffix.lower()):
+            raise FileError(path, why)
+        raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
+    module = importlib.import_module(f"truepose.programs.{dialect}")
+    program: Program = module.read(path, frames or FrameTable(), options or ReadOptions())
+    return program
+
+
+def read_programs(
+    paths: Iterable[str | Path], frames: FrameTable | None = None, options: ReadOptions | None = None
+) -> Reading:
+    """Read programs and folders of programs; one that cannot be read does not keep the others from it.
+
+    All KRL modules of a folder are one program. Links in a folder are left alone; its CSV files are taken only where
+    there is nothing else, because most tables are no targets.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+    frames, options
+        As in `read_program`.
+
+    Raises
+    ------
+    FileError
+        If a folder holds no program.
+    """
+    programs: list[Program] = []
+    unreadable: list[FileError] = []
+
+    def take(path: Path, root: Path | None = None) -> None:
+        try:
+            program = read_program(path, frames, options)
+            programs.append(program if root is None else replace(program, root=root))
+        except FileError as error:
+            unreadable.append(error)
+
+    for path in map(Path, paths):
+        if not path.is_dir():
+            take(path)
+            continue
+        krl, others = _members(path)
+        try:
+            if krl:
+                programs.append(_project(path, krl, frames or FrameTable(), options or ReadOptions()))
+        except FileError as error:
+            unreadable.append(error)
+        for file in others:
+            take(file, path)
+    return Reading(programs, unreadable)
+
+
+def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> Program:
+    from truepose.programs.krl import read_project
+
+    return read_project(folder, files, frames, options)
+
+
+def _members(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Return the KRL files of a folder, and its other programs."""
+    found: list[Path] = []
+
+    def fail(error: OSError) -> None:
+        raise FileError(error.filename or folder, f"cannot be read: {error.strerror or error}")
+
+    for place, folders, names in os.walk(folder, onerror=fail):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        files = [Path(place) / name for name in sorted(names) if not name.startswith(".")]
+        found += [file for file in files if file.is_file() and not file.is_symlink()]
+    endings = {file: file.suffix.lower() for file in found}
+    sources = {file.stem.lower() for file in found if endings[file] == ".src"}
+    krl = [
+        file
+        for file in found
+        if endings[file] in _KRL and (file.stem.lower() in sources or endings[file] == ".src" or _is_data_list(file))
+    ]
+    others = [f for f in found if endings[f] in _DIALECTS and endings[f] not in (*_KRL, ".csv")]
+    others = others or [f for f in found if endings[f] == ".csv" and not krl and ".corrections." not in f.name]
+    if not krl and not others:
+        raise FileError(folder, f"holds no robot program; known endings: {', '.join(_DIALECTS)}")
+    return krl, others
+
+
+def _is_data_list(file: Path) -> bool:
+    """Return whether a .dat is one of KRL: many other programs write files of that ending."""
+    try:
+        with file.open("rb") as head:
+            return b"DEFDAT" in head.read(1 << 16).upper()
+    except OSError:
+        return True  # reading it says why
