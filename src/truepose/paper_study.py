@@ -63,9 +63,9 @@ class Method:
 
 
 METHODS: Final = (
-    Method("the paper's: ordinary Kriging, one step (15)", one_step=True),
-    Method("the same, solved (16)"),
-    Method("ordinary Kriging, variogram by REML (16)", "ordinary-kriging"),
+    Method("the paper's (15)", one_step=True),
+    Method("the paper's, solved (16)"),
+    Method("ordinary Kriging, REML (16)", "ordinary-kriging"),
     Method("calibration (16)", "calibration"),
     Method("kinematic Kriging (16)", "kinematic-kriging"),
     Method("auto (16)", "auto"),
@@ -192,7 +192,7 @@ def _fit(cell: Cell, samples: Samples, method: Method) -> ErrorMap:
     with (7) in terms of semivariograms, γ(0) = 0, the prediction passes through the samples.
     """
     if method.predictor:
-        return fit_cell(cell, samples, method.predictor)
+        return fit_cell(cell, samples, method.predictor, splits=["blocks"])
     registered = fit_cell(cell, samples, "registration")
     kriging = OrdinaryKriging("spherical", exact=True).fit(registered.p_cmd, registered.e)
     return replace(registered, predictor_name="ordinary-kriging", predictor=kriging)
