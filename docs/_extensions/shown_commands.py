@@ -1,0 +1,59 @@
+"""The directive ``run``: commands that are run while the page is built, and shown with what they print.
+
+All commands of a page run in one folder that is new for each build, so that a page is a session from its first line to
+its last. A command that fails where it should not is a warning, and so an error of ``make docs``. A line that starts
+with ``!`` is meant to fail; one that starts with ``#`` is a comment.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
+
+LOGGER = logging.getLogger(__name__)
+COLUMNS = "104"
+FOLDERS: dict[str, tempfile.TemporaryDirectory[str]] = {}
+
+
+class Run(SphinxDirective):
+    """Run each line as a command; show it with its output."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        folder = FOLDERS.setdefault(self.env.docname, tempfile.TemporaryDirectory(prefix="truepose-docs-"))
+        text = "\n".join(self._shown(line, Path(folder.name)) for line in self.content if line)
+        block = nodes.literal_block(text, text, language="console", classes=["shown"])
+        self.set_source_info(block)
+        return [block]
+
+    def _shown(self, line: str, folder: Path) -> str:
+        if line.startswith("#"):
+            return line
+        fails, command = line.startswith("!"), line.lstrip("! ")
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        environment = os.environ | {"PATH": path, "COLUMNS": COLUMNS, "NO_COLOR": "1", "TERM": "dumb"}
+        done = subprocess.run(
+            command,
+            shell=True,
+            cwd=folder,
+            env=environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        if (done.returncode != 0) != fails:
+            LOGGER.warning("%s: exit code %d\n%s", command, done.returncode, done.stdout, location=self.get_location())
+        return "\n".join([f"$ {command}", *(row.rstrip() for row in done.stdout.strip("\n").splitlines())])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directive."""
+    app.add_directive("run", Run)
+    return {"parallel_read_safe": False}
