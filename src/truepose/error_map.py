@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,7 +27,8 @@ from truepose.predictors import PREDICTORS, Predictor, choose
 from truepose.registering import check_limits, reading_noise
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
-from truepose.verification import accuracy, coverage
+from truepose.verification import RP_PER_STD, usual_groups
+from truepose.verification import held_out as verify
 
 if TYPE_CHECKING:
     from truepose.updating import Recheck
@@ -195,18 +196,23 @@ class ErrorMap:
         Returns
         -------
         dict
-            As `truepose.verification.Accuracy.to_dict`, with ``coverage`` (intervals hold prediction and noise) and
-            ``seen``: how many of the samples are in the map.
+            As `truepose.verification.HeldOut.to_dict` (intervals hold prediction and noise), with ``seen``: how many of
+            the samples are in the map.
         """
         e = self.errors(held_out)
         expected, std = self.predict_reading(held_out)
-        residual = e - expected
+        groups = usual_groups(self.commanded_positions(held_out), q=held_out.q, robot=self.robot, time=held_out.time)
+        figures = verify(e, e - expected, std, noise=self._noise(held_out), groups=groups)
         known = {row.tobytes() for row in self.samples.p_meas}
-        return {
-            **accuracy(e, residual).to_dict(),
-            "coverage": asdict(coverage(residual, std)),
-            "seen": sum(row.tobytes() in known for row in held_out.p_meas),
-        }
+        return {**figures.to_dict(), "seen": sum(row.tobytes() in known for row in held_out.p_meas)}
+
+    def _noise(self, samples: Samples) -> FloatArray | None:
+        """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known."""
+        reading = reading_noise(self.cell, samples, self.registration)
+        repeatability = self.cell.robot.repeatability_mm
+        if reading is None or repeatability is None:
+            return None
+        return np.asarray(np.sqrt(reading**2 + (repeatability / RP_PER_STD) ** 2))
 
     def predict_pose_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors of position and orientation at commanded configurations, and their std.

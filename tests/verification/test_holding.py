@@ -35,6 +35,19 @@ def test_both_forms_of_the_covariance_agree(rng):
     assert (a.ratio, a.p_chi_square, a.p_white) == pytest.approx((b.ratio, b.p_chi_square, b.p_white))
 
 
+def test_what_predictions_share_is_allowed_for(rng):
+    """Where only variances are known, an error that all predictions have in common is no reason to doubt."""
+    covariance = np.tile(2 * STD**2 * np.eye(3), (15, 1, 1))
+    shared = np.full((15, 3), STD**2)
+    found = [
+        holding(rng.normal(scale=STD, size=(15, 3)) + rng.normal(scale=STD, size=3), covariance, shared)
+        for _ in range(300)
+    ]
+    assert np.mean([h.p_chi_square < 0.05 for h in found]) < 0.09
+    assert np.mean([h.p_chi_square < 0.01 for h in found]) < 0.03
+    assert holding(rng.normal(scale=4 * STD, size=(15, 3)), covariance, shared).verdict == "does not hold"
+
+
 def test_one_gross_reading_is_named(rng):
     residual = rng.normal(scale=STD, size=(20, 3))
     residual[7] += [0.0, 0.4, 0.0]

@@ -15,9 +15,13 @@ Fit = Literal["none", "position", "pose"]
 
 
 class RobotSection(Section):
-    """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file."""
+    """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file.
+
+    ``repeatability_mm`` is RP of ISO 9283, as makers state it.
+    """
 
     model: str
+    repeatability_mm: Positive | None = None
 
 
 class Tool(Pose):

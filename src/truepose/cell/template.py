@@ -13,6 +13,7 @@ _TEMPLATE: Final = """\
 
 [robot]
 model = "{model}"        # `truepose robots` lists the library; or a path to a .toml or .urdf file
+# repeatability_mm = 0.06  # RP of ISO 9283; with the noise of a reading it says how good any map can be
 
 [tool]                   # from the flange to the measured point (the reflector)
 x_mm = 0.0

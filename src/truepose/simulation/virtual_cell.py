@@ -20,7 +20,7 @@ from truepose.simulation.presets import EFFECTS, PRESETS, Preset
 from truepose.simulation.tracker import pose_covariance, reflector_ring
 from truepose.simulation.truth import Conditions, Truth, draw_joints
 from truepose.trackers.reflectors import fit_rigid
-from truepose.verification import mean_noise
+from truepose.verification import RP_PER_STD, mean_noise
 
 FloatArray = NDArray[np.float64]
 _REFERENCE_POSES: Final = 512
@@ -89,9 +89,11 @@ class VirtualCell:
             angles = abc if controller is None else np.round(euler(controller, euler("kuka", abc)), 9).tolist()
             return dict(zip((*lengths, *ANGLE_KEYS[controller or "kuka"]), (*p, *angles), strict=True))
 
+        # as a maker would state it: RP to the micrometre
+        stated = {"repeatability_mm": round(RP_PER_STD * self._repeatability, 3)} if self._repeatability else {}
         return Cell.model_validate(
             {
-                "robot": {"model": self.robot.name},
+                "robot": {"model": self.robot.name, **stated},
                 "tool": pose(preset.tool_mm, preset.tool_abc_deg),
                 "tracker": {"fit": "pose"},
                 "payload": {"mass_kg": preset.payload_kg, **dict(zip(lengths, preset.payload_mm, strict=True))},

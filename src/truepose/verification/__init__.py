@@ -1,16 +1,21 @@
 """Verification on poses that took no part in the fit or the choice (method.md §5)."""
 
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
+from truepose.verification.held_out import RP_PER_STD, HeldOut, held_out, usual_groups
 from truepose.verification.iso9283 import Attained, Iso9283, PoseFigures
 
 __all__ = [
+    "RP_PER_STD",
     "Accuracy",
     "Attained",
     "Coverage",
+    "HeldOut",
     "Iso9283",
     "PoseFigures",
     "accuracy",
     "coverage",
+    "held_out",
     "mean_noise",
     "summary",
+    "usual_groups",
 ]

@@ -145,11 +145,14 @@ class Coverage:
         Share of components inside ±0.994 and ±1.960 standard deviations; 0.68 and 0.95 are right.
     standardised_rms : float
         RMS of residual / std; 1 is right, above 1 the predictor is too sure.
+    standardised_mean : tuple of 3 float
+        Mean of residual / std in each direction; 0 is right, otherwise all errors go one way.
     """
 
     within_68: float
     within_95: float
     standardised_rms: float
+    standardised_mean: tuple[float, ...] = ()
 
 
 def coverage(residual: ArrayLike, std: ArrayLike) -> Coverage:
@@ -159,12 +162,24 @@ def coverage(residual: ArrayLike, std: ArrayLike) -> Coverage:
     ----------
     residual, std : (n, 3) arrays [mm]
         Held-out residuals and the standard deviation predicted for them, measurement noise included.
+
+    Raises
+    ------
+    DataError
+        If the shapes differ, or a standard deviation is not positive.
     """
-    standardised = np.abs(np.asarray(residual, float)) / np.asarray(std, float)
+    left, predicted = np.asarray(residual, float), np.asarray(std, float)
+    if left.shape != predicted.shape or left.ndim != 2:
+        raise DataError(f"residuals have shape {left.shape}, their std {predicted.shape}; both must be (n, 3)")
+    bad = np.flatnonzero(~(predicted > 0.0).all(axis=1))
+    if len(bad):
+        raise DataError(f"std of pose {bad[0]} is {predicted[bad[0]]}; expected positive numbers, noise included")
+    z = left / predicted
     return Coverage(
-        within_68=float(np.mean(standardised < 0.99446)),
-        within_95=float(np.mean(standardised < 1.95996)),
-        standardised_rms=float(np.sqrt(np.mean(standardised**2))),
+        within_68=float(np.mean(np.abs(z) < 0.99446)),
+        within_95=float(np.mean(np.abs(z) < 1.95996)),
+        standardised_rms=float(np.sqrt(np.mean(z**2))),
+        standardised_mean=tuple(z.mean(axis=0).tolist()),
     )
 
 

@@ -1,8 +1,8 @@
 """Does a model still hold? New readings against what it predicted, with the covariance that it gave them.
 
-With residuals r and their covariance S, the whitened z = L⁻¹ r, S = L Lᵀ, are standard normal where it holds:
-zᵀz is χ² and successive z are uncorrelated. Where it does not hold, columns H that stand for a cause (a moved station, a
-joint that is off) explain it as far as generalised least squares of r on H lowers rᵀS⁻¹r.
+With residuals r and their covariance S, the whitened z = L⁻¹ r, S = L Lᵀ, are standard normal where it holds: zᵀz is
+χ² and successive z are uncorrelated. Where it does not hold, columns H that stand for a cause (a moved station, a joint
+that is off) explain it as far as generalised least squares of r on H lowers rᵀS⁻¹r.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Holding:
     p_chi_square : float
         Chance of residuals as large as these or larger, if the model holds.
     p_white : float
-        Chance of successive residuals as much alike as these, if the model holds; 1 for a single reading.
+        Chance of successive residuals as much alike as these, if the model holds; 1 where that cannot be told.
     far : list of int
         Readings whose own standardised length is beyond three times what chance gives in the mean.
     """
@@ -90,7 +90,7 @@ class Explanation:
     evidence: float
 
 
-def holding(residual: FloatArray, covariance: FloatArray) -> Holding:
+def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None) -> Holding:
     """Test whether a model holds.
 
     Parameters
@@ -98,7 +98,10 @@ def holding(residual: FloatArray, covariance: FloatArray) -> Holding:
     residual : (n, 3) array [mm]
         Reading minus prediction, in the order of time.
     covariance : (3n, 3n) or (n, 3, 3) array [mm²]
-        Of prediction and reading together; the second form where nothing is known of what the readings share.
+        Of prediction and reading together; the second form where what the readings share is not known.
+    shared : (n, 3) array [mm²], optional
+        With the second form, the variance of the prediction in it: neighbours may have that error in common. The test
+        allows for all of it being one (Satterthwaite 1946), and looks for no likeness of successive residuals.
 
     Raises
     ------
@@ -116,14 +119,15 @@ def holding(residual: FloatArray, covariance: FloatArray) -> Holding:
     """
     n = len(residual)
     z = _whitened(residual, covariance)(residual.reshape(-1, 1))[:, 0]
-    alike = float(z[3:] @ z[:-3]) / np.sqrt(max(3 * (n - 1), 1))
+    alike = float(z[3:] @ z[:-3]) / np.sqrt(max(3 * (n - 1), 1)) if shared is None else 0.0
+    wider, dof = (1.0, float(len(z))) if shared is None else _common(covariance, shared)
     blocks = _blocks(covariance, n)
     own = np.einsum("na,na->n", residual, np.linalg.solve(blocks, residual[..., None])[..., 0])
     return Holding(
         n=n,
         ratio=float(np.sqrt(z @ z / len(z))),
-        p_chi_square=float(stats.chi2.sf(z @ z, len(z))),
-        p_white=float(2.0 * stats.norm.sf(abs(alike))) if n > 1 else 1.0,
+        p_chi_square=float(stats.chi2.sf(z @ z / wider, dof)),
+        p_white=float(2.0 * stats.norm.sf(abs(alike))),
         far=np.flatnonzero(own > _NOTABLE**2 * 3.0).tolist(),
     )
 
@@ -204,6 +208,13 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
     spread = max(1.0, left / (3 * n - 6))
     chance = stats.f.sf((without - left) / 3.0 / spread, 3, 3 * n - 6)
     return Drift(estimate[3:] / quantity.std(), np.sqrt(spread) * std[3:] / quantity.std(), float(chance))
+
+
+def _common(covariance: FloatArray, shared: FloatArray) -> tuple[float, float]:
+    """Return factor and degrees of freedom of χ² where the shared variances are one error in each component."""
+    share = np.sqrt(shared / np.einsum("naa->na", covariance))
+    squares = sum(float(((np.outer(one, one) + np.diag(1.0 - one**2)) ** 2).sum()) for one in share.T)
+    return squares / share.size, share.size**2 / squares
 
 
 def _least_squares(columns: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, float]:

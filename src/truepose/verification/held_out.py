@@ -1,0 +1,172 @@
+"""How good a predictor is on poses that it has not seen: all figures of method.md §5 by one function.
+
+Poses near each other, on one branch or of one hour resemble each other, so an interval that resamples single poses is
+too narrow where they come in such groups: for each way to group them whole groups are resampled as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truepose.errors import DataError, TrueposeError
+from truepose.predictors.folds import block_folds, branch_folds
+from truepose.robots import Robot
+from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
+
+FloatArray = NDArray[np.float64]
+
+RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi)
+"""RP of ISO 9283 of normal scatter with one standard deviation in each direction: mean and 3 std of its length."""
+
+_BOOTSTRAPS: Final = 2000
+_BLOCKS: Final = 5
+_PER_BLOCK: Final = 6
+_TIMES: Final = 4
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Held-out accuracy; see `held_out`.
+
+    Attributes
+    ----------
+    accuracy : Accuracy
+    coverage : Coverage, optional
+        Where standard deviations were predicted.
+    noise_floor : dict
+        ``mean_mm``, the mean length of the noise, which no predictor can go below; ``ratio`` of the mean after to it,
+        and ``ratio_interval_95``. Empty where the noise is not known.
+    groups : dict
+        By the name of a grouping: ``interval_95_mean_mm`` of the mean after when whole groups are resampled, and
+        ``parts``, each with ``name``, ``before`` and ``after``.
+    """
+
+    accuracy: Accuracy
+    coverage: Coverage | None
+    noise_floor: dict[str, Any]
+    groups: dict[str, dict[str, Any]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values, for JSON."""
+        return {
+            **self.accuracy.to_dict(),
+            **({} if self.coverage is None else {"coverage": asdict(self.coverage)}),
+            **({"noise_floor": self.noise_floor} if self.noise_floor else {}),
+            "groups": self.groups,
+        }
+
+
+def held_out(
+    before: ArrayLike,
+    after: ArrayLike,
+    std: ArrayLike | None = None,
+    *,
+    noise: ArrayLike | None = None,
+    groups: Mapping[str, ArrayLike] | None = None,
+    rng: np.random.Generator | int = 0,
+) -> HeldOut:
+    """Return the accuracy on held-out poses, with intervals, and what limits it.
+
+    Parameters
+    ----------
+    before, after : (n, 3) arrays [mm]
+        Errors without the predictor, and what it leaves.
+    std : (n, 3) array [mm], optional
+        Predicted for `after`, noise included.
+    noise : (n, 3, 3) or (n, 3) array [mm²] or [mm], optional
+        Covariance of repeatability and reading together; or their standard deviation in each direction.
+    groups : mapping of str to (n,) labels, optional
+        Ways to group the poses: see `usual_groups`.
+    rng : Generator or int
+        For the bootstrap.
+
+    Raises
+    ------
+    DataError
+        If shapes differ or values are not finite.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> e = rng.normal(size=(100, 3))
+    >>> figures = held_out(10 * e, e, np.ones((100, 3)), noise=np.ones((100, 3)))
+    >>> round(figures.accuracy.reduction_mean_percent), 0.9 < figures.noise_floor["ratio"] < 1.1
+    (90, True)
+    """
+    figures = accuracy(before, after, rng=rng)
+    e, left = np.asarray(before, float), np.asarray(after, float)
+    length = np.linalg.norm(left, axis=1)
+    known: dict[str, Any] = {}
+    if noise is not None:
+        floor = float(mean_noise(_covariance(noise, left.shape)).mean())
+        if floor > 0.0:
+            ends = [end / floor for end in figures.intervals["after_mean_mm"]]
+            known = {"mean_mm": floor, "ratio": float(length.mean()) / floor, "ratio_interval_95": ends}
+    return HeldOut(
+        accuracy=figures,
+        coverage=None if std is None else coverage(left, std),
+        noise_floor=known,
+        groups={name: _grouped(e, left, np.asarray(labels), rng) for name, labels in (groups or {}).items()},
+    )
+
+
+def usual_groups(
+    p_cmd: FloatArray, *, q: FloatArray | None = None, robot: Robot | None = None, time: FloatArray | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the groupings that poses allow: blocks of space, branches of the arm where there are two, parts of time.
+
+    Parameters
+    ----------
+    p_cmd : (n, 3) array [mm], base frame
+    q : (n, dof) array [rad], optional
+    robot : Robot, optional
+    time : (n,) array [s], optional
+
+    Returns
+    -------
+    dict of str to (n,) array
+    """
+    groups: dict[str, NDArray[Any]] = {}
+    blocks = min(_BLOCKS, len(p_cmd) // _PER_BLOCK)
+    if blocks > 1:
+        groups["blocks"] = block_folds(p_cmd, blocks)
+    if q is not None and robot is not None:
+        with contextlib.suppress(TrueposeError):  # all on one branch, or a robot whose branches are not known
+            groups["branches"] = branch_folds(robot, q)
+    if time is not None and blocks > 1 and np.ptp(time) > 0.0:
+        rank = np.argsort(np.argsort(time, kind="stable"))
+        groups["time"] = rank * _TIMES // len(time)
+    return groups
+
+
+def _covariance(noise: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    given = np.asarray(noise, float)
+    if given.shape not in (shape, (*shape, 3)):
+        raise DataError(
+            f"noise has shape {given.shape}; expected {shape} standard deviations or {(*shape, 3)} covariances"
+        )
+    return given if given.ndim == 3 else given[..., None] ** 2 * np.eye(3)
+
+
+def _grouped(
+    before: FloatArray, after: FloatArray, labels: NDArray[Any], rng: np.random.Generator | int
+) -> dict[str, Any]:
+    """Return the figures of each group, and the interval of the mean when whole groups are drawn."""
+    if labels.shape != after.shape[:1]:
+        raise DataError(f"labels have shape {labels.shape}, expected ({len(after)},), one for each pose")
+    names, group = np.unique(labels, return_inverse=True)
+    length = np.linalg.norm(after, axis=1)
+    total, count = np.bincount(group, length), np.bincount(group)
+    drawn = np.random.default_rng(rng).integers(0, len(names), size=(_BOOTSTRAPS, len(names)))
+    means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
+    parts = [
+        {"name": str(name), "before": summary(before[rows]), "after": summary(after[rows])}
+        for name, rows in ((name, group == k) for k, name in enumerate(names))
+    ]
+    return {"interval_95_mean_mm": np.percentile(means, [2.5, 97.5]).tolist(), "parts": parts}
