@@ -31,6 +31,8 @@ STATION: Final = "the station moved (tracker or robot base)"
 TOOL: Final = "the tool point moved"
 GROWTH: Final = "the arm grew"
 _LEAST_TIMED: Final = 6  # readings from which a drift is looked for
+_MOST_TOGETHER: Final = 1000  # readings whose covariance with each other is asked for
+_ALIKE: Final = 0.02  # difference in what two causes explain, below which the readings do not tell them apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +58,13 @@ class Recheck:
     def words(self) -> list[str]:
         """What a user should know, in sentences."""
         found = self.holding
-        said = [
-            f"The map {found.verdict if found.verdict != 'doubtful' else 'may no longer hold'}: residuals are "
-            f"{found.ratio:.2f} times what it predicts (p = {found.p_value:.2g}, {found.n} readings)."
-        ]
+        verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
+        size = f"residuals are {found.ratio:.2f} times what it predicts"
+        said = [f"The map {verdict}: {size} (p = {found.p_value:.2g}, {found.n} readings)."]
         said += [_sentence(cause) for cause in self.causes[:1]]
         for other in self.causes[1:3]:
-            said.append(f"Less likely: {other.cause}.")
+            alike = self.causes[0].explained - other.explained < _ALIKE
+            said.append(f"{'It may as well be that' if alike else 'Less likely:'} {other.cause}.")
         for name, unit, one in (("time", "h", self.time), ("temperature", "K", self.temperature)):
             if one is not None:
                 size, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
@@ -91,9 +93,9 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
     DataError
         If the samples lack what the map needs.
     """
-    residual, covariance = _surprise(error_map, samples)
+    residual, covariance, shared = _surprise(error_map, samples)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
-    found = holding(residual[order], _permuted(covariance, order))
+    found = holding(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
     found = replace(found, far=np.sort(order[found.far]).tolist())
     why = explanations(residual, covariance, _causes(error_map, samples)) if found.verdict != "holds" else []
 
@@ -199,16 +201,17 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
     return replace(error_map, tf_flange_tool=tf_flange_tool, p_flange_sampled=sampled)
 
 
-def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray]:
-    """Return residuals (n, 3) of samples against the map, and their covariance."""
+def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return residuals (n, 3) of samples against the map, their covariance, and what of it they may share."""
     e, noisy = error_map.predict_reading(samples)
     residual = error_map.errors(samples) - e
     together: Callable[..., Any] | None = getattr(error_map.predictor, "predict_together", None)
-    if together is None or error_map.p_flange_sampled is not None:
-        return residual, noisy[:, :, None] ** 2 * np.eye(3)
+    if together is None or error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER:
+        _, std = error_map.predict_errors(samples)
+        return residual, noisy[:, :, None] ** 2 * np.eye(3), std**2
     _, covariance = together(error_map.coordinates(samples))
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
-    return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1))
+    return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
 
 
 def _causes(error_map: ErrorMap, samples: Samples) -> dict[str, FloatArray]:
@@ -252,7 +255,8 @@ def _permuted(covariance: FloatArray, order: NDArray[np.intp]) -> FloatArray:
     if covariance.ndim == 3:
         return np.asarray(covariance[order], np.float64)
     index = (3 * order[:, None] + np.arange(3)).reshape(-1)
-    return covariance[np.ix_(index, index)]
+    permuted: FloatArray = covariance[np.ix_(index, index)]
+    return permuted
 
 
 def _concatenated(old: Samples, new: Samples) -> Samples:

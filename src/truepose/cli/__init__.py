@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, study
+from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, study, updating
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command("similarity")(maps.similarity)
 app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)
+app.command("update")(updating.update)
 app.command("iso9283")(iso9283.iso9283)
 app.command("report")(report.report)
 app.command("check")(programs.check)

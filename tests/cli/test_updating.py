@@ -1,0 +1,60 @@
+"""`truepose update`: the test of a map, what joins it, and what is found again."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truepose.samples import write_samples
+
+
+@pytest.fixture
+def readings(cell_files):
+    return cell_files.virtual.measure(cell_files.virtual.design(12, seed=9), seed=9)
+
+
+def test_samples_join_a_map_that_holds(run, cell_files, readings, tmp_path):
+    write_samples(tmp_path / "new.csv", readings)
+    tested = run("update", cell_files.map, tmp_path / "new.csv", "--json").json
+    assert tested["holding"]["verdict"] == "holds"
+    assert tested["out"] is None
+    done = run("update", cell_files.map, tmp_path / "new.csv", "--out", tmp_path / "joined.truepose")
+    assert "The map holds: residuals are" in done.out
+    assert "joined.truepose: 92 samples." in done.out.replace("\n", " ")
+    again = run("validate", tmp_path / "joined.truepose", tmp_path / "new.csv", "--json").json
+    assert again["seen"] == 12
+
+
+def test_a_moved_tracker_is_refused_and_found_again(run, cell_files, readings, tmp_path):
+    write_samples(tmp_path / "moved.csv", replace(readings, p_meas=readings.p_meas + np.array([0.0, 0.8, 0.3])))
+    refused = run("update", cell_files.map, tmp_path / "moved.csv", "--out", tmp_path / "never.truepose").failed()
+    assert "does not hold" in refused
+    assert "by 0.8" in refused  # at one orientation a tool that moved looks the same
+    assert "It may as well be that the station moved (tracker or robot base)." in refused
+    assert not (tmp_path / "never.truepose").exists()
+    done = run("update", cell_files.map, tmp_path / "moved.csv", "--refit", "station", "--out", tmp_path / "m.truepose")
+    assert "station from 12 samples" in done.out
+    before, after = (
+        run("validate", path, tmp_path / "moved.csv", "--json").json["after"]["mean_mm"]
+        for path in (cell_files.map, tmp_path / "m.truepose")
+    )
+    assert after < 0.2 * before
+    anyway = run("update", cell_files.map, tmp_path / "moved.csv", "--anyway", "--out", tmp_path / "a.truepose")
+    assert anyway.code == 0
+
+
+def test_a_gross_reading_is_named(run, cell_files, readings, tmp_path):
+    p = readings.p_meas.copy()
+    p[4] += [0.0, 0.0, 2.0]
+    write_samples(tmp_path / "gross.csv", replace(readings, p_meas=p))
+    done = run("update", cell_files.map, tmp_path / "gross.csv")
+    assert re.search("Far from what the map says: row [456]", done.out)
+
+
+def test_tools_need_a_map_that_knows_the_arm(run, cell_files, readings, tmp_path):
+    write_samples(tmp_path / "new.csv", readings)
+    assert (
+        "knows errors of position only"
+        in run("update", cell_files.map, tmp_path / "new.csv", "--refit", "tool").failed()
+    )
