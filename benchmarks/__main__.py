@@ -20,11 +20,13 @@ WITH_THREADS = ("kriging", "similarity")
 
 def main() -> int:
     """Parse the command line, run, print; write the tables when asked."""
-    topics = sorted({module.name for module in pkgutil.iter_modules([str(FOLDER)])} - {"harness", "__main__"})
+    topics = sorted(
+        {module.name for module in pkgutil.iter_modules([str(FOLDER)])} - {"harness", "held_out", "__main__"}
+    )
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"of {', '.join(topics)}; all when not given")
     parser.add_argument("--quick", action="store_true", help="small sizes: does it run?")
-    parser.add_argument("--write", action="store_true", help=f"also write {RESULTS.name}/benchmarks-TOPIC.md")
+    parser.add_argument("--write", action="store_true", help=f"also write pages to {RESULTS.name}")
     parser.add_argument("--threads", type=int, help="of BLAS, OpenMP and numba (1; all in kriging and similarity)")
     arguments = parser.parse_args()
     unknown = set(arguments.topics) - set(topics)
@@ -45,13 +47,17 @@ def _run(name: str, quick: bool, write: bool) -> None:
     """Run one topic; every row is printed, and the table written anew, as soon as its job is done."""
     harness = importlib.import_module("benchmarks.harness")
     topic = importlib.import_module(f"benchmarks.{name}")
+    if write:
+        RESULTS.mkdir(parents=True, exist_ok=True)
+    if hasattr(topic, "report"):  # a study of accuracy: nothing is timed against others
+        topic.report(RESULTS / f"{topic.PAGE}.md" if write else None, quick=quick)
+        return
     results: list[tuple[Any, Any]] = []
     print(harness.table(topic.TITLE, topic.PACKAGES, []), end="", flush=True)
     for job in topic.jobs(quick=quick):
         results.append((job, harness.measure(job)))
         print(*harness.rows(*results[-1]), sep="\n", flush=True)
         if write:
-            RESULTS.mkdir(parents=True, exist_ok=True)
             (RESULTS / f"benchmarks-{name}.md").write_text(harness.table(topic.TITLE, topic.PACKAGES, results), "utf-8")
 
 

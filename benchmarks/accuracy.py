@@ -1,0 +1,86 @@
+"""Held-out accuracy on a measured UR10 (the folder `shared` beside the repository, where it is there)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.held_out import Figures, Page, held_out, mean
+from truepose import Cell, Samples, read_samples
+
+DATA = Path(__file__).parents[2] / "shared" / "data" / "ur10_isocubes" / "samples.csv"
+PAGE = "accuracy"
+CELL = {"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}}
+CANDIDATES = (
+    "registration",
+    "idw",
+    "ordinary-kriging",
+    "ordinary-kriging-joint",
+    "calibration",
+    "calibration-harmonics",
+    "calibration-network",
+    "kinematic-kriging",
+    "kinematic-kriging-no-rest",
+    "kinematic-kriging-no-joints",
+)
+PER_CUBE = 9  # its centre and its corners
+
+
+def report(path: Path | None, *, quick: bool = False) -> None:
+    """Run the study."""
+    page = Page("Accuracy on a measured UR10", path)
+    if not DATA.exists():
+        page.say(f"No measurements: {DATA.parent.name} is not there.")
+        return
+        page.say(
+            "632 poses on the corners and centres of cubes, laser tracker, base and tool fitted (data: Fraunhofer IPA, "
+            "Series_D of ipa-robot-accuracy, MIT). Fitted to some, predicted at others; mm. Means over random splits (the "
+            "spread of the mean between them after ±). Coverage and standard deviation of the standardised residuals are of "
+            "components, a reading's noise included."
+        )
+    samples, splits = read_samples(DATA), 1 if quick else 5
+    page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised", "fit [s]"])
+    for title, divide in (("316 / 316 at random", halves), ("150 / 316 at random", few), ("half of the cubes", cubes)):
+        parts = list(divide(samples, splits))
+        for name in CANDIDATES[:5] if quick else CANDIDATES:
+            found = [held_out(Cell.model_validate(CELL), fit, test, name) for fit, test in parts]
+            page.row(title, name, *cells(found))
+
+
+def cells(found: list[Figures | str]) -> list[str]:
+    """Return the cells of a row."""
+    good = [one for one in found if isinstance(one, Figures)]
+    if len(good) < len(found):
+        return [next(one for one in found if isinstance(one, str)), *[""] * 5]
+    spread = np.std([one.mean for one in good])
+    return [
+        f"{mean(good, 'mean'):.3f} ± {spread:.3f}",
+        f"{mean(good, 'p95'):.3f}",
+        f"{100 * mean(good, 'within_68'):.0f} %",
+        f"{100 * mean(good, 'within_95'):.0f} %",
+        f"{mean(good, 'standardised'):.2f}",
+        f"{mean(good, 'seconds'):.1f}",
+    ]
+
+
+def halves(samples: Samples, splits: int) -> Iterator[tuple[Samples, Samples]]:
+    """Yield random halves."""
+    for seed in range(splits):
+        order = np.random.default_rng(seed).permutation(len(samples))
+        yield samples[order[:316]], samples[order[316:]]
+
+
+def few(samples: Samples, splits: int) -> Iterator[tuple[Samples, Samples]]:
+    """Yield 150 of each random half, and the other half."""
+    for fit, test in halves(samples, splits):
+        yield fit[:150], test
+
+
+def cubes(samples: Samples, splits: int) -> Iterator[tuple[Samples, Samples]]:
+    """Yield random halves of the cubes: no cube is in both."""
+    cube = np.arange(len(samples)) // PER_CUBE
+    for seed in range(splits):
+        known = np.random.default_rng(seed).permutation(cube[-1] + 1)[: (cube[-1] + 1) // 2]
+        yield samples[np.isin(cube, known)], samples[~np.isin(cube, known)]

@@ -1,0 +1,71 @@
+"""What auto leaves on held-out poses, against the best of its candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks import accuracy
+from benchmarks.accuracy_virtual import TEST, measured
+from benchmarks.held_out import Figures, Page, held_out
+from truepose import Cell, Samples, VirtualCell, read_samples
+from truepose.predictors.choose import QUICK
+
+PAGE = "accuracy-auto"
+
+
+def report(path: Path | None, *, quick: bool = False) -> None:
+    """Run the study."""
+    page = Page("What auto leaves", path)
+    page.say(
+        "Mean of held-out residuals [mm] of the predictor that auto takes, of the best of its candidates, and their "
+        "ratio; and what auto itself expects to leave (the mean over random points and blocks, the latter harder than "
+        "held-out poses at random)."
+    )
+    page.head(["set", "taken", "auto", "best", "best [mm]", "ratio", "expected: points", "blocks", "auto's time [s]"])
+    ratios = []
+    for title, cell, samples, test in sets(quick):
+        every = {name: held_out(cell, samples, test, name) for name in QUICK}
+        means = {name: one.mean for name, one in every.items() if isinstance(one, Figures)}
+        auto = held_out(cell, samples, test, "auto")
+        if isinstance(auto, str):
+            page.row(title, auto)
+            continue
+        best = min(means, key=lambda name: means[name])
+        ratios.append(auto.mean / means[best])
+        expected = auto.error_map.expected["splits"]
+        page.row(
+            title,
+            auto.error_map.predictor_name,
+            f"{auto.mean:.4f}",
+            best,
+            f"{means[best]:.4f}",
+            ratios[-1],
+            *(expected[split]["mean_mm"] for split in ("points", "blocks")),
+            f"{auto.seconds:.0f}",
+        )
+    page.say(f"Largest ratio: {max(ratios):.3f}.")
+
+
+def sets(quick: bool) -> Iterator[tuple[str, Cell, Samples, Samples]]:
+    """Yield title, cell, samples to fit and samples to test."""
+    for preset, n, seeds in (
+        ("hard", 30, 10),
+        ("paper", 30, 5),
+        ("hard", 100, 3),
+        ("paper", 100, 3),
+        ("hard", 200, 2),
+    ):
+        for seed in range(1 if quick else seeds):
+            cell = VirtualCell(preset, seed=seed)
+            title = f"{preset}, {n} samples, seed {seed}"
+            yield title, cell.cell, measured(cell, n, seed), measured(cell, TEST, seed + 10_000)
+    if not accuracy.DATA.exists():
+        return
+    cell, samples = Cell.model_validate(accuracy.CELL), read_samples(accuracy.DATA)
+    for seed, (fit, test) in enumerate(accuracy.halves(samples, 1 if quick else 2)):
+        for n in (100,) if quick else (30, 100, 150):
+            yield f"UR10, {n} at random, split {seed}", cell, fit[:n], test
+    for seed, (fit, test) in enumerate(accuracy.cubes(samples, 1)):
+        if not quick:
+            yield f"UR10, half of the cubes, split {seed}", cell, fit, test
