@@ -14,6 +14,8 @@ CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
 MapPath = Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")]
 
+_WHEN = ("before", "after")
+
 
 def similarity(
     cell_path: CellPath,
@@ -167,5 +169,22 @@ def validate(
         f"Within the predicted 68 % intervals: {100 * cover['within_68']:.0f} %; "
         f"within the 95 % intervals: {100 * cover['within_95']:.0f} %.",
     )
+    if floor := data.get("noise_floor"):
+        low, high = floor["ratio_interval_95"]
+        say(
+            f"Noise alone, of robot and tracker: {floor['mean_mm']:.3f} mm in the mean; the mean after is "
+            f"{floor['ratio']:.2f} times that (95 %: {low:.2f} … {high:.2f})."
+        )
+    rows = [
+        (name, part["name"], part["before"]["n"], *(part[when][key] for key in ("mean_mm", "max_mm") for when in _WHEN))
+        for name, group in data["groups"].items()
+        for part in group["parts"]
+    ]
+    if rows:
+        columns = ["by", "part", "poses", "mean before", "mean after", "max before", "max after"]
+        say(table("By parts [mm]", columns, rows))
+    for name, group in data["groups"].items():
+        low, high = group["interval_95_mean_mm"]
+        say(f"95 % interval of the mean after, other {name} drawn: {low:.3f} … {high:.3f} mm.")
     if data["seen"]:
         say(f"[yellow]Warning[/]: {data['seen']} of these poses took part in the fit; the figures flatter the map.")
