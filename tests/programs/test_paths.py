@@ -53,7 +53,7 @@ def test_pipes_folders_and_links(tmp_path: Path, make_map: Any) -> None:
     with pytest.raises(FileError, match="is no file but a device or a pipe"):
         read_program(tmp_path / "a.nc")
     (tmp_path / "b.ls").mkdir()
-    with pytest.raises(FileError, match="is a folder"):
+    with pytest.raises(FileError, match="holds no robot program"):
         read_program(tmp_path / "b.ls")
     result = corrected(tmp_path, make_map, np.array([0.5, 0.0, 0.0]))
     (tmp_path / "link.src").symlink_to(tmp_path / "a.src")

@@ -202,6 +202,7 @@ def _options(
     external_axes: bool,
     offsets: bool,
     angles: str,
+    orientation: bool = False,
 ) -> ReadOptions:
     from truepose.programs import ReadOptions
 
@@ -212,6 +213,7 @@ def _options(
         external_axes=external_axes,
         offsets=offsets,
         angles=angles,
+        orientation=orientation,
     )
 
 

@@ -11,14 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from truepose.errors import FileError
-from truepose.geometry import euler
-from truepose.programs.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held, numbers_at
 from truepose.programs.source import PLAIN_LEXER, Source
-from truepose.programs.targets import FloatArray, FrameTable, Program, ReadOptions
+from truepose.programs.targets import FrameTable, Program, ReadOptions
 
 _STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
 _GOTO: Final = ("GOTO", "FROM")
@@ -39,7 +35,7 @@ _ARCS: Final = (
 _CHANGES: Final = ("TRANS", "ORIGIN", "ROTABL", "ROTHED", "COPY", "TRACUT", "REFSYS", "CUTCOM", "MCS")
 _KEYS: Final = ("x", "y", "z", "i", "j", "k")
 _MM: Final = {"MM": 1.0, "MILLIMETER": 1.0, "MILLIMETERS": 1.0, "CM": 10.0, "INCH": 25.4, "INCHES": 25.4, "IN": 25.4}
-_RULES: Final = {"z": 1.0, "-z": -1.0}
+_RULES: Final = ("z", "-z")
 
 
 class _Statement(NamedTuple):
@@ -83,10 +79,8 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
                 problem = Problem("refuse", "say how the tool axis lies on the tool (--angles z or -z)")
             elif changed:
                 problem = Problem("refuse", f"{changed} changes the coordinates before it")
-            angles = tuple(_angles(np.array(axis) * _RULES.get(options.angles, 1.0)).tolist())
-            # three digits of a position; those of the axis are not numbers of a controller
-            padded = (spans + spans[:1] * 3)[:6]
-            point = Point(name, source, line, values[:3] + angles, padded, problem, uses=[Use(word, line)])
+            padded = (*spans, NOT_HERE, NOT_HERE, NOT_HERE)[:6]
+            point = Point(name, source, line, (*values[:3], *axis), padded, problem, uses=[Use(word, line)])
             points.append(point)
         elif word == "GODLTA":
             problem = Problem("skip", "relative: it starts from a target that is corrected already")
@@ -98,7 +92,10 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
             changed = f"{word} (line {line})"
     if not points:
         raise FileError(path, "has no GOTO: it is no APT or CL data")
-    judge = Judge(frames, options, "kuka", unit=unit, tool_default=Frame(AS_MEASURED))
+    if options.orientation:
+        leave_held(points)
+    rule = options.angles if options.angles in _RULES else "z"
+    judge = Judge(frames, options, f"apt {rule}", unit=unit, tool_default=Frame(AS_MEASURED))
     targets, circles = judge.program_targets(points, [])
     return Program(path, (source,), targets, circles, PLAIN_LEXER)
 
@@ -134,12 +131,3 @@ def _statements(source: Source) -> Iterator[_Statement]:
             open_ = None
     if open_ is not None:
         raise source.error(open_.line, "a statement goes on after $ but the file ends: it is truncated")
-
-
-def _angles(z: FloatArray) -> FloatArray:
-    """Return KUKA's A, B, C [deg] of a tool whose z is given and whose x is as near to (1, 0, 0) as it can be."""
-    z = z / np.linalg.norm(z)
-    near = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
-    x = near - z * (z @ near)
-    x /= np.linalg.norm(x)
-    return euler("kuka", Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z])))

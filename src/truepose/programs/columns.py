@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.geometry import ANGLES, euler, make_transform
+from truepose.geometry import make_transform
+from truepose.programs import orientations
 from truepose.programs.target import FloatArray, Target
 
 IntArray = NDArray[np.int64]
@@ -71,7 +72,7 @@ class Columns:
     def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> Columns:
         """Pack targets; what they share is added to `alike`, `known` holds where it is."""
         kinds = np.empty(len(targets), np.int64)
-        width = 3 + len(ANGLES[targets[0].controller].names)
+        width = 3 + orientations.count(targets[0].controller)
         values = np.full((len(targets), width), np.nan)
         spans = np.full((len(targets), width, 2), -1, np.int64)
         for i, target in enumerate(targets):
@@ -169,7 +170,7 @@ class Columns:
 
     def rotation(self) -> Rotation:
         """Return their orientations in their own frames; all must have one."""
-        return euler(self.controller, self.values[:, 3:])
+        return orientations.rotation(self.controller, self.values[:, 3:])
 
     def poses_base(self) -> FloatArray:
         """Return their poses, base to tool, (n, 4, 4) [mm]; all must have one."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
@@ -197,7 +197,9 @@ def correct_program(
         raise DataError(f"resolution is {resolution!r} mm, expected 0.000001 to 1")
     if frames is None and cell is not None:
         frames = FrameTable.from_cell(cell)
-    program = path if isinstance(path, Program) else read_program(path, frames, options)
+    if not isinstance(path, Program):
+        path = read_program(path, frames, replace(options or ReadOptions(), orientation=orientation))
+    program = path
     sidecar.check_not_corrected(program)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
@@ -220,7 +222,8 @@ def correct_program(
     if on_guard == "refuse":
         _refuse(program, refused)
     members = {i for circle in program.circles for i in circle}
-    left_out = [i for i in sorted(members) if not outcomes.corrected[i]]
+    corrected = outcomes.corrected
+    left_out = [i for i in sorted(members) if not corrected[i]]
     for j, i in linked(program.circles, left_out).items():
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
@@ -250,6 +253,8 @@ def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: 
     after[:, :3, 3] = answer.p_command
     change = answer.p_command - answer.p_target
     if orientation:
+        if getattr(answer, "rotation", None) is None:
+            raise DataError("the map gives no orientations; correct positions alone")
         assert answer.rotation is not None
         after[:, :3, :3] = Rotation.from_rotvec(answer.rotation).as_matrix() @ poses[:, :3, :3]
         change = np.concatenate([change, answer.rotation], axis=1)
@@ -272,11 +277,11 @@ def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: 
 def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> list[str]:
     """Turn changes (the first 3 or 6 columns of `after`) into what is written, in place; return the warnings."""
     warnings: list[str] = []
-    path = StraightPaths()
+    path, corrected = StraightPaths(), outcomes.corrected
     for rows, columns in program.correctable_columns():
         change = outcomes.after[rows, :size]
         outcomes.after[rows] = np.nan
-        here = np.flatnonzero(outcomes.corrected[rows])
+        here = np.flatnonzero(corrected[rows])
         outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
         tf = columns.tf_base_frame()
         p = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.points import AS_MEASURED, Frame, Judge, Point, Problem, Use
+from truepose.programs.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
 from truepose.programs.source import Source, Span, is_broken, parse_number
 from truepose.programs.targets import FrameTable, Program, ReadOptions, frame_key
 
@@ -72,6 +72,8 @@ class _Reader:
             unit=self._unit or 1.0,
             tool_default=Frame(AS_MEASURED),
         )
+        if self._options.orientation:
+            leave_held(self._points)
         for point in self._points:
             point.uses = [self._in_frame(use) for use in point.uses]
         targets, circles = judge.program_targets(self._points, self._circles)
@@ -107,9 +109,8 @@ class _Reader:
         problem = self._judge(line, gs, axes, loose)
         point = self._add(line, problem)
         if all(key in axes for key in "XYZ") and all(key in self._angles for key in "ABC"):
-            first = spans["X"]
             point.values = tuple(axes[key] for key in "XYZ") + tuple(self._angles[key] for key in "ABC")
-            point.spans = (first, spans["Y"], spans["Z"], *(spans.get(key, first) for key in "ABC"))
+            point.spans = tuple([spans.get(key, NOT_HERE) for key in _AXES])
 
     def _judge(self, line: int, gs: list[str], axes: dict[str, float], loose: list[str]) -> Problem | None:
         unknown = [g for g in gs if g not in _KNOWN and g not in _CHANGES]

@@ -9,15 +9,39 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.geometry import ANGLES, euler
-from truepose.programs.target import FloatArray
 
-STEPS: Final = {"abb": 1e-7, "ur": 1e-6, "fanuc": 1e-3}
+FloatArray = NDArray[np.float64]
+AXES: Final = {"apt z": 1.0, "apt -z": -1.0}
+"""A tool axis i, j, k in place of angles: the tool's z lies along it, or against it."""
+STEPS: Final = {"abb": 1e-7, "ur": 1e-6, "fanuc": 1e-3, **dict.fromkeys(AXES, 1e-7)}
 """Steps of written orientation numbers, unless a number is finer already; degrees elsewhere."""
 DEGREES: Final = 1e-4
 _LOCKED: Final = 1e-6  # [deg] from ±90: only the sum or difference of the outer angles is determined
+
+
+def count(controller: str) -> int:
+    """Return how many numbers an orientation has."""
+    return 3 if controller in AXES else len(ANGLES[controller].names)
+
+
+def rotation(controller: str, numbers: FloatArray) -> Rotation:
+    """Return the orientations that numbers (k,) or (n, k) mean.
+
+    A tool axis leaves the turn about itself open: the tool's x is taken as near to the frame's x as it can be.
+    """
+    if controller not in AXES:
+        return euler(controller, numbers)
+    z = AXES[controller] * np.atleast_2d(numbers) / np.linalg.norm(np.atleast_2d(numbers), axis=1)[:, None]
+    along = np.abs(z[:, :1]) >= 1.0 - 1e-9
+    near = np.where(along, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    x = near - z * np.einsum("ij,ij->i", near, z)[:, None]
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    found = Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2))
+    return found if numbers.ndim > 1 else found[0]
 
 
 def turned(controller: str, before: FloatArray, turn: Rotation) -> FloatArray:
@@ -26,7 +50,7 @@ def turned(controller: str, before: FloatArray, turn: Rotation) -> FloatArray:
     Parameters
     ----------
     controller : str
-        See `truepose.geometry.euler`.
+        See `truepose.geometry.euler`; or of `AXES`.
     before : (n, k) array
         The controller's numbers.
     turn : Rotation of length n
@@ -37,13 +61,14 @@ def turned(controller: str, before: FloatArray, turn: Rotation) -> FloatArray:
     >>> turned("kuka", np.array([[190.0, 0.0, 0.0]]), Rotation.from_euler("Z", [1.0], degrees=True)).round(9)
     array([[191.,   0.,   0.]])
     """
-    rotation = turn * euler(controller, before)
-    if ANGLES[controller].axes is not None:
-        after = _angles(controller, before, rotation)
+    if controller in AXES:
+        after = turn.apply(before / np.linalg.norm(before, axis=1)[:, None])
+    elif ANGLES[controller].axes is not None:
+        after = _angles(controller, before, turn * euler(controller, before))
     elif controller == "ur":
-        after = _rotation_vector(before, rotation)
+        after = _rotation_vector(before, turn * euler(controller, before))
     else:
-        after = euler(controller, rotation)
+        after = euler(controller, turn * euler(controller, before))
         after *= np.where(np.einsum("ij,ij->i", after, before) < 0.0, -1.0, 1.0)[:, None]
     return np.where((np.atleast_1d(turn.magnitude()) > 0.0)[:, None], after, before)
 

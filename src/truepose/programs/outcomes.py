@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truepose.programs.columns import Columns, IntArray
 from truepose.programs.digits import written
-from truepose.programs.orientations import DEGREES, STEPS
+from truepose.programs.orientations import DEGREES, STEPS, count
 from truepose.programs.source import Source, Span, apply_patches
 from truepose.programs.target import FloatArray, Target
 from truepose.programs.targets import Program
@@ -119,7 +119,7 @@ class Outcomes(Sequence[Outcome]):
             yield self._outcome(i, target)
 
     def _outcome(self, i: int, target: Target) -> Outcome:
-        angles = np.full(4 if target.controller == "abb" else 3, np.nan)
+        angles = np.full(count(target.controller), np.nan)
         before = np.concatenate([target.p, angles if target.angles is None else target.angles])
         after = np.where(np.isnan(row := self.after[i]), before[: len(row)], row)
         after = np.concatenate([after, before[len(row) :]])

@@ -12,7 +12,7 @@ from functools import lru_cache
 from itertools import accumulate
 from typing import Final, NamedTuple
 
-from truepose.geometry import ANGLES
+from truepose.programs import orientations
 from truepose.programs.columns import Stretch, Targets
 from truepose.programs.source import Source, Span, parse_number
 from truepose.programs.target import FloatArray, Target, Verdict
@@ -99,6 +99,24 @@ class _Stop(Exception):  # noqa: N818 - ends the questions about one target
         super().__init__(reason)
 
 
+NOT_HERE: Final = (-1, -1)
+"""Span of a number that a point takes over from the one before it."""
+HELD: Final = Problem(
+    "skip", "its orientation holds over several lines; write it in each of them, or correct positions"
+)
+
+
+def leave_held(points: Sequence[Point]) -> None:
+    """Leave out points whose orientation another line gives, and those whose orientation others take over."""
+    for k, point in enumerate(points):
+        if NOT_HERE in point.spans:
+            point.problem = point.problem or HELD
+            for before in reversed(points[:k]):
+                if before.spans:
+                    before.problem = before.problem or HELD
+                    break
+
+
 class Judge:
     """Gives points their frame, tool and verdict.
 
@@ -142,7 +160,7 @@ class Judge:
             tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
         except _Stop as stop:
             problem = stop.problem
-        known = len(point.values) == 3 + len(ANGLES[self._controller].names)
+        known = len(point.values) == 3 + orientations.count(self._controller)
         return Target(
             name=point.name,
             path=point.source.path,

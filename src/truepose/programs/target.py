@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose.geometry import euler
+from truepose.programs import orientations
 from truepose.programs.source import Span
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Target:
     angles : tuple of float, optional
         Orientation in its own frame, in the controller's numbers.
     controller : str
-        Whose angles they are, for `truepose.geometry.euler`.
+        Whose angles they are, for `truepose.programs.orientations.rotation`.
     tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
         No tool: that of the measurements.
     status, turn : int, optional
@@ -84,7 +84,7 @@ class Target:
     @property
     def rotation(self) -> Rotation | None:
         """Orientation in its own frame."""
-        return None if self.angles is None else euler(self.controller, np.array(self.angles))
+        return None if self.angles is None else orientations.rotation(self.controller, np.array(self.angles))
 
     @property
     def uses(self) -> dict[str, int]:

@@ -58,6 +58,8 @@ class ReadOptions:
     angles : str
         Whose angles A, B, C are in G-code ("kuka", "fanuc", "staubli", "yaskawa"); how the tool axis i, j, k of APT
         lies: "z" along the tool's z, "-z" against it.
+    orientation : bool
+        Orientations are to be corrected, too: targets whose orientation stands in another line are left out.
     """
 
     ambiguous: Literal["refuse", "skip"] = "refuse"
@@ -66,6 +68,7 @@ class ReadOptions:
     external_axes: bool = False
     offsets: bool = False
     angles: str = ""
+    orientation: bool = False
 
 
 @dataclass(frozen=True, eq=False)
