@@ -248,6 +248,31 @@ def test_corrected_programs(error_map, study, sidecar, no_figures):
     assert "b" * 64 in made.text()
 
 
+def test_ranking_of_the_choice(error_map, study, no_figures):
+    figures_of = {"mean_mm": 0.04, "mean_interval_mm": [0.035, 0.045], "p95_mm": 0.07, "within_95": 0.94}
+    splits = {"points": {"mean_mm": 0.03}, "blocks": {"mean_mm": 0.05}}
+    taken = {"predictor": "ordinary-kriging", **figures_of, "splits": splits, "worse_by_mm": 0.0, "level": True}
+    ranking = [
+        taken,
+        {**taken, "predictor": "idw", "worse_by_mm": 0.001},
+        {"predictor": "grid-cell", "note": "failed: few"},
+    ]
+    chosen = replace(
+        error_map,
+        ranking=ranking,
+        expected={"mean_mm": 0.041, "mean_interval_mm": [0.036, 0.046], "chosen": {"idw": 9}},
+    )
+    made = document(gather(chosen, study=study), EN)
+    model = next(section for section in made.sections if section.title == EN("model.title"))
+    table = [block for block in model.blocks if isinstance(block, Table)][-1]
+    figures_shown = ["0.040", "0.035 … 0.045", "0.030", "0.050", "0.070", "94 %"]
+    assert table.rows[0] == ["ordinary-kriging", *figures_shown, ""]
+    assert table.rows[1] == ["idw", *figures_shown, "may be chance"]
+    assert table.rows[2] == ["grid-cell", *["–"] * 6, "failed: few"]
+    assert table.words == [True, *[False] * 6, True]
+    assert "0.041 mm (95 % interval 0.036 … 0.046 mm); taken without them: idw 9." in made.text()
+
+
 def test_programs_of_another_map_and_refusals_are_told(error_map, study, sidecar, no_figures):
     content = record("c" * 64, n=100)
     content["summary"]["refused"] = 4

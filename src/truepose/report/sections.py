@@ -235,21 +235,37 @@ def _model(evidence: Evidence, say: Locale) -> Section:
     blocks: list[Block] = [_facts("model", rows, say), *tables]
     if not error_map.ranking:
         return Section(say("model.title"), [*blocks, Text(say("model.named"))])
-    keys = ("predictor", "mean", "interval", "p95", "note")
-    ranked = [
-        [
-            row["predictor"],
-            say.number(row.get("mean_mm"), ".3f"),
-            _interval(row.get("mean_interval_mm"), say),
-            say.number(row.get("p95_mm"), ".3f"),
-            row.get("note", ""),
-        ]
-        for row in error_map.ranking
+    splits = list(error_map.ranking[0].get("splits", {}))
+    columns = ["predictor", "mean", "interval", *(f"{name}_mean" for name in splits), "p95", "inside", "note"]
+    ranked = [_ranked(row, splits, say) for row in error_map.ranking]
+    shown = [k for k in range(len(columns)) if any(row[k] not in ("", MISSING) for row in ranked)]
+    heads = [say(f"model.column_{columns[k]}") for k in shown]
+    told = len(columns) - 1 in shown
+    table = Table(heads, [[row[k] for k in shown] for row in ranked], last_left=int(told))
+    return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table, *_expected(evidence, say)])
+
+
+def _ranked(row: Mapping[str, Any], splits: list[str], say: Locale) -> list[str]:
+    """Return a row of the ranking; a candidate that failed has no figures, but a note."""
+    return [
+        row["predictor"],
+        say.number(row.get("mean_mm"), ".3f"),
+        _interval(row.get("mean_interval_mm"), say),
+        *(say.number(row.get("splits", {}).get(name, {}).get("mean_mm"), ".3f") for name in splits),
+        say.number(row.get("p95_mm"), ".3f"),
+        f"{say.number(100 * row['within_95'], '.0f')} %" if "within_95" in row else MISSING,
+        row.get("note", "") or (say("model.level") if row.get("level") and row.get("worse_by_mm") else ""),
     ]
-    shown = [k for k in range(len(keys)) if any(row[k] not in ("", MISSING) for row in ranked)]
-    columns = [say(f"model.column_{keys[k]}") for k in shown]
-    table = Table(columns, [[row[k] for k in shown] for row in ranked], last_left=int(4 in shown))
-    return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table])
+
+
+def _expected(evidence: Evidence, say: Locale) -> list[Block]:
+    """Return what the choice itself leaves, where the map knows it."""
+    found = evidence.error_map.expected
+    if not found:
+        return []
+    low, high = found["mean_interval_mm"]
+    chosen = say("finding.list").join(f"{name} {count}" for name, count in found["chosen"].items())
+    return [Text(say("model.expected", mean=found["mean_mm"], low=low, high=high, chosen=chosen))]
 
 
 def _interval(ends: Any, say: Locale) -> str:
@@ -279,7 +295,7 @@ def _value(value: Any, say: Locale) -> str:
         return str(value)
     if isinstance(value, float):
         return say.number(value, ".4g")
-    if isinstance(value, list) and len(value) <= _FEW and all(isinstance(v, float | int | str) for v in value):
+    if isinstance(value, list) and 0 < len(value) <= _FEW and all(isinstance(v, float | int | str) for v in value):
         return "(" + "; ".join(_value(v, say) for v in value) + ")"
     return MISSING
 
