@@ -336,3 +336,15 @@ def test_noise_of_the_readings_reaches_the_predictor_and_survives_the_file(virtu
     stated = virtual.cell.model_copy(update={"tracker": virtual.cell.tracker.model_copy(update={"std_mm": 0.3})})
     silent = Samples(test.p_meas, q=test.q)
     assert (tp.fit_cell(stated, silent, "calibration").predict_reading(silent)[1] > 0.3).all()
+
+
+def test_gross_readings_widen_no_intervals(virtual, samples):
+    """They are named, and what is taken for noise is the noise of the others."""
+    p_meas = samples.p_meas.copy()
+    p_meas[[10, 60]] += [[3.0, 0.0, 0.0], [0.0, -1.5, 0.0]]
+    noise = {}
+    for name, p in (("clean", samples.p_meas), ("spoiled", p_meas)):
+        fitted = tp.fit_cell(virtual.cell, Samples(p, q=samples.q, p_std=samples.p_std), "kinematic-kriging")
+        noise[name] = fitted.predictor.hyper_.noise
+    assert [row["row"] for row in fitted.excluded] == [10, 60]
+    assert noise["spoiled"] == pytest.approx(noise["clean"], rel=0.2)

@@ -277,7 +277,7 @@ class KinematicKriging(Predictor):
                 return
 
     def _first_weights(self, design: Design) -> FloatArray:
-        """Return 0.01 for readings far from what drift alone explains, 1 for the others: a start for the search."""
+        """Return 0.0001 for readings far from what drift alone explains, 1 for the others: a start for the search."""
         phi = design.drift.reshape(len(self._e) * 3, -1)
         weight = np.ones(len(self._e))
         for _ in range(10):
@@ -286,7 +286,7 @@ class KinematicKriging(Predictor):
             estimate = np.linalg.solve(matrix, (phi * root[:, None]).T @ (self._e.reshape(-1) * root) / 0.2**2)
             size = np.linalg.norm((self._e.reshape(-1) - phi @ estimate).reshape(-1, 3), axis=1)
             scale = np.median(size) / 1.538  # the median length of a standard normal vector in 3-D
-            weight = np.where(size > 6.0 * scale, 0.01, 1.0)
+            weight = np.where(size > 6.0 * scale, 1e-4, 1.0)
         return weight
 
     def _weights(self) -> FloatArray:
