@@ -34,12 +34,12 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     if not DATA.exists():
         page.say(f"No measurements: {DATA.parent.name} is not there.")
         return
-        page.say(
-            "632 poses on the corners and centres of cubes, laser tracker, base and tool fitted (data: Fraunhofer IPA, "
-            "Series_D of ipa-robot-accuracy, MIT). Fitted to some, predicted at others; mm. Means over random splits (the "
-            "spread of the mean between them after ±). Coverage and standard deviation of the standardised residuals are of "
-            "components, a reading's noise included."
-        )
+    page.say(
+        "632 poses on the corners and centres of cubes, laser tracker, base and tool fitted (data: Fraunhofer IPA, "
+        "Series_D of ipa-robot-accuracy, MIT). Fitted to some, predicted at others; mm. Means over random splits "
+        "(the spread of the mean between them after ±). Coverage and standard deviation of the standardised residuals "
+        "are of components, a reading's noise included."
+    )
     samples, splits = read_samples(DATA), 1 if quick else 5
     page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised", "fit [s]"])
     for title, divide in (("316 / 316 at random", halves), ("150 / 316 at random", few), ("half of the cubes", cubes)):

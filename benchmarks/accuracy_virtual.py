@@ -45,8 +45,9 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         len(set(gross_rows(seed)) & {row["row"] for row in one.error_map.excluded}) for seed, one in enumerate(kriging)
     ]
     page.say(
-        f"2 % gross readings (1 … 5 mm) change the held-out mean of kinematic Kriging by "
-        f"{100 * np.mean(change):+.1f} % in the mean, {100 * max(change):+.1f} % at most; {sum(named)} of {4 * len(named)} are named."
+        "2 % gross readings (1 … 5 mm) change the held-out mean of kinematic Kriging by "
+        f"{100 * np.mean(change):+.1f} % in the mean, {100 * max(change):+.1f} % at most; "
+        f"{sum(named)} of {4 * len(named)} are named."
     )
     reference = mean(whole["kinematic-kriging"], "mean")
     for other in ("calibration", "ordinary-kriging"):
