@@ -110,7 +110,7 @@ class Preset:
     harmonic: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
     transmission: Range = (1.0 * _ARCSEC, 20.0 * _ARCSEC)
     transmission_length: Range = (0.15, 0.6)
-    ripple: Range = (1.0 * _ARCSEC, 2.0 * _ARCSEC)
+    ripple: Range = (1.0 * _ARCSEC, 1.5 * _ARCSEC)
     gear_ratio: Range = (80.0, 250.0)
     backlash: Range = (0.0, 0.3e-3)
     expansion: Range = (8e-6, 14e-6)
