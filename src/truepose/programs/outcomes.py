@@ -133,19 +133,21 @@ class Outcomes(Sequence[Outcome]):
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
-        skipped, correct, clipped, refused = np.bincount(self.code, minlength=len(DONE)).tolist()
-        largest = 0.0
-        for first, columns in self.program.targets.chunks():
-            moved = self.after[first : first + len(columns), :3] - columns.values[:, :3]
-            largest = max(largest, _longest(moved[np.isfinite(moved).all(axis=1)]))
+        skipped, correct, clipped, refused = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
+        correction = std = 0.0
+        for first, columns in self.program.targets.chunks():  # a million rows are not copied
+            here = slice(first, first + len(columns))
+            moved = self.after[here, :3] - columns.values[:, :3]
+            correction = max(correction, _longest(moved[np.isfinite(moved).all(axis=1)]))
+            std = max(std, _longest(self.std[here][np.isin(self.code[here], _CORRECTED)]))
         return {
             "targets": len(self),
             "corrected": correct + clipped,
             "clipped": clipped,
             "skipped": skipped,
             "refused": refused,
-            "largest_correction_mm": largest,
-            "largest_std_mm": _longest(self.std[self.corrected]),
+            "largest_correction_mm": correction,
+            "largest_std_mm": std,
         }
 
     def pieces(self, source: Source, resolution: float) -> Iterator[tuple[int, int, bytes, list[Span]]]:

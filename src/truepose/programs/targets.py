@@ -178,7 +178,8 @@ class Program:
 
     def counts(self) -> dict[Verdict, int]:
         """Return how many targets have each verdict."""
-        correct, skip, refuse = np.bincount(self.targets.verdicts(), minlength=3).tolist()
+        verdicts = self.targets.verdicts()
+        correct, skip, refuse = (int(np.count_nonzero(verdicts == k)) for k in range(3))
         return {"correct": correct, "skip": skip, "refuse": refuse}
 
     def correctable_columns(self) -> Iterator[tuple[NDArray[np.intp], Columns]]:
