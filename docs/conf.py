@@ -21,7 +21,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "shown_commands",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "validation/*/table.md"]
+exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "validation/*/table.md", "**sg_execution_times.rst"]
 default_role = "py:obj"
 language = "en"
 

@@ -21,7 +21,7 @@ error_map = tp.fit_cell(cell.cell, samples, "registration")  # errors are what r
 x, e = error_map.p_cmd, error_map.e
 
 experimental = tp.experimental_variogram(x, e, bins=15)
-model = tp.fit_variogram(experimental, family="spherical")
+model = tp.fit_variogram(experimental, family="best")
 envelope = tp.permutation_envelope(x, e, bins=15, rng=0)
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 draw_variogram(axes, experimental, model, envelope)
