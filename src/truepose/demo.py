@@ -24,13 +24,14 @@ from truepose.report.study import similarity_study
 from truepose.robots import status_turn
 from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
 from truepose.simulation import VirtualCell
-from truepose.trackers import import_readings
+from truepose.trackers import import_readings, write_readings
 from truepose.verification import accuracy
 
 FloatArray = NDArray[np.float64]
 
 N_SAMPLES: Final = 160
 N_HELD_OUT: Final = 100
+_PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; where orientations vary, the arm's model is needed
 _TOOL, _BASE = 3, 1
 _PANEL_ROWS, _PANEL_COLUMNS = 4, 6
 
@@ -60,7 +61,7 @@ def run_demo(
     held_out = _measure(virtual, directory, "held_out", N_HELD_OUT, seed + 1_000_003)
 
     progress("Fitting")
-    error_map = fit_cell(cell, samples, "ordinary-kriging")
+    error_map = fit_cell(cell, samples, _PREDICTOR.get(preset, "kinematic-kriging"))
     error_map.save(directory / "map.truepose")
     progress("Looking for similarity")
     study = similarity_study(error_map)
@@ -83,12 +84,13 @@ def run_demo(
         "preset": preset,
         "seed": seed,
         "robot": virtual.robot.name,
+        "predictor": error_map.predictor_name,
         "n_samples": len(samples),
         "registration": "rigid registration of tracker to base",
         "similarity": study.parts[0].verdict,
         **{
             key: held_out_figures[key]
-            for key in ("before", "after", "reduction_mean_percent", "reduction_max_percent", "coverage")
+            for key in ("before", "after", "reduction_mean_percent", "reduction_max_percent", "coverage", "groups")
         },
         "noise_floor_mm": virtual.noise_floor,
         "remeasured": remeasured,
@@ -103,20 +105,12 @@ def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int
     plan_path, readings_path, samples_path = (
         directory / f"{name}_{kind}" for kind in ("plan.csv", "readings.txt", "samples.csv")
     )
-    write_samples(plan_path, Poses(q=measured.q, p_cmd=measured.p_cmd, rotation_cmd=measured.rotation_cmd))
-    write_atomic(readings_path, _spatial_analyzer(measured.p_meas))
+    commanded = ("q", "p_cmd", "rotation_cmd", "approach", "load", "temperature")
+    write_samples(plan_path, Poses(**{name: getattr(measured, name) for name in commanded}))
+    write_readings(readings_path, measured, "spatial-analyzer")
     samples, _ = import_readings(readings_path, read_poses(plan_path))
     write_samples(samples_path, samples)
     return read_samples(samples_path)
-
-
-def _spatial_analyzer(p_meas: FloatArray) -> str:
-    """Return readings as SpatialAnalyzer's ASCII export writes them (layout 1)."""
-    header = "// Points Relative to Coordinate Frame 'A::WORLD'\n// AXES = CARTESIAN: X, Y, Z (mm)\n"
-    rows = (
-        f"Station1, Main, {i}, {x:.4f}, {y:.4f}, {z:.4f}, 03/07/25 09:15:02\n" for i, (x, y, z) in enumerate(p_meas, 1)
-    )
-    return header + "".join(rows)
 
 
 def _write_program(virtual: VirtualCell, directory: Path) -> Path:

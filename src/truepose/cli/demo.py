@@ -27,8 +27,8 @@ def demo(
     with working() as progress:
         result = run_demo(directory, preset=preset, seed=seed, progress=progress)
     say(
-        f"A virtual {result['robot']}: {result['n_samples']} poses to fit, {result['before']['n']} held out; "
-        f"errors after {result['registration']}.",
+        f"A virtual {result['robot']}: {result['n_samples']} poses to fit by {result['predictor']}, "
+        f"{result['before']['n']} held out; errors after {result['registration']}.",
         result["similarity"],
         accuracy_table("Held-out poses, before and after", result),
         f"No predictor can do better than the noise: {result['noise_floor_mm']:.3f} mm in the mean.",
