@@ -537,4 +537,7 @@ def load_map(path: str | Path) -> ErrorMap:
     """
     from truepose.map_file import from_bytes
 
-    return from_bytes(files.read_bytes(path), path)
+    data = files.read_bytes(path)
+    error_map = from_bytes(data, path)
+    vars(error_map)["hash"] = hashlib.sha256(data).hexdigest()  # of this file, whichever version wrote it
+    return error_map

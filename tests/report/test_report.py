@@ -9,6 +9,7 @@ import json
 import re
 import sys
 import warnings
+import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime
 from html.parser import HTMLParser
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 from fontTools.ttLib import TTFont
 
-from truepose.error_map import fit_cell
+from truepose.error_map import fit_cell, load_map
 from truepose.errors import DataError, FileError
 from truepose.report import figures, write_report
 from truepose.report.document import Document, Table
@@ -246,6 +247,16 @@ def test_corrected_programs(error_map, study, sidecar, no_figures):
     assert tables[2].rows == [["XP1", "7", "1.000", "−2.000", "3.000", "+0.100", "+0.000", "+0.000", "0.013"]]
     assert not any(getattr(block, "warns", False) for block in programs.blocks)
     assert "b" * 64 in made.text()
+
+
+def test_the_hash_is_that_of_the_file(error_map, tmp_path):
+    mine, other = tmp_path / "mine.truepose", tmp_path / "other.truepose"
+    error_map.save(mine)
+    assert load_map(mine).hash == error_map.hash == hashlib.sha256(mine.read_bytes()).hexdigest()
+    with zipfile.ZipFile(mine) as source, zipfile.ZipFile(other, "w", zipfile.ZIP_STORED) as target:
+        for name in source.namelist():
+            target.writestr(name, source.read(name))
+    assert load_map(other).hash == hashlib.sha256(other.read_bytes()).hexdigest() != error_map.hash
 
 
 def test_ranking_of_the_choice(error_map, study, no_figures):

@@ -67,7 +67,7 @@ class Record(_Part):
     """What was done to one program; see `read_record`."""
 
     program: str
-    map_sha256: str
+    map_sha256: str | None
     on_guard: str
     summary: Summary
     files: list[ChangedFile]
@@ -159,7 +159,7 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
 def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
     found = []
     if record.map_sha256 != map_hash:
-        found.append(say("programs.other_map", program=record.name, hash=record.map_sha256[:12]))
+        found.append(say("programs.other_map", program=record.name, hash=(record.map_sha256 or MISSING)[:12]))
     if record.summary.refused:
         n, policy = record.summary.refused, record.on_guard
         found.append(say("programs.refused", program=record.name, n=n, policy=policy))
