@@ -1,18 +1,14 @@
 """Every dialect but KRL (which has its own grammar): zero correction, nothing but digits changes, injured files.
 
 A dialect's grammar is made of pieces of text with marks: ``<x>``, ``<y>``, ``<z>`` are numbers that are to be corrected,
-``<n>`` numbers that are not, ``<i>`` the number of the piece. So the check knows nothing of the reader. As a program
-(``python tests/programs/test_dialects.py --seconds 3600``) this file injures programs for as long as one likes.
+``<n>`` numbers that are not, ``<i>`` the number of the piece. So the check knows nothing of the reader. `tests/programs/fuzz.py`
+injures these programs and others for as long as one likes.
 """
 
 # ruff: noqa: E501
 from __future__ import annotations
 
-import argparse
 import re
-import sys
-import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -335,73 +331,6 @@ def whole(dialect: Dialect) -> bytes:
     return MARK.sub(lambda _: f"{rng.normal() * 500:.3f}", "".join(parts)).encode("latin-1")
 
 
-NASTY = [
-    *(bytes([c]) for c in b"{}[](\"';\\\r\n=,:.-E\x00\xff#&<>/!$%"),
-    *(b"9" * 400, b"1.2.3", b"--5", b"1e999", b"nan", b"inf", b"********", b"\xef\xbb\xbf", b"\r"),
-    *(
-        b" LIN ",
-        b"MoveL ",
-        b"P[1]",
-        b"p[",
-        b"END\n",
-        b"ENDIF",
-        b"IF a THEN\n",
-        b"GOTO/",
-        b"C00001=",
-        b"<Value ",
-        b"G2 ",
-    ),
-    *(b"[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]", b"set_tcp(p[0,0,1,0,0,0])", b"X1 Y2 Z3", b"/POS\n"),
-]
-
-
-def mutate(rng: np.random.Generator, data: bytes) -> bytes:
-    """Return the bytes with one to three injuries."""
-    for _ in range(rng.integers(1, 4)):
-        a, b = sorted(rng.integers(0, len(data) + 1, 2).tolist())
-        b = min(b, a + 40)
-        middle = [
-            b"",
-            bytes(rng.integers(0, 256, 3).tolist()),
-            data[a:b] * 2,
-            data[a:b] + NASTY[rng.integers(len(NASTY))],
-            NASTY[rng.integers(len(NASTY))],
-            data[a:b].swapcase(),
-        ][rng.integers(6)]
-        data = data[:a] + middle + data[b:]
-        if rng.random() < 0.05:
-            data = data[: rng.integers(0, len(data) + 1)]
-    return data
-
-
-def injure(rng: np.random.Generator, folder: Path, dialect: Dialect, make_map: Any) -> bool:
-    """Try one injured program; return whether it was corrected."""
-    path = folder / f"a{dialect.ending}"
-    original = mutate(rng, whole(dialect))
-    path.write_bytes(original)
-    for stale in folder.glob("*.pgx"):
-        stale.unlink()
-    policy = ["refuse", "skip", "clip"][rng.integers(3)]
-    zero = attempt(path, make_map(), on_guard=policy, options=dialect.options)
-    moved = attempt(path, make_map([0.5, -0.25, 0.125]), on_guard=policy, options=dialect.options)
-    if isinstance(zero, str) or isinstance(moved, str):
-        assert zero == moved, (original, zero, moved)
-        assert "\n" not in str(zero), original
-        return False
-    blank = re.compile(rb"[0-9.+\-eE ]")
-    assert zero.files[path] == original
-    assert blank.sub(b"", moved.files[path]) == blank.sub(b"", original), original
-    return True
-
-
-@pytest.mark.parametrize("name", DIALECTS)
-def test_injured_programs_give_our_errors_and_keep_everything_but_digits(
-    tmp_path: Path, make_map: Any, name: str
-) -> None:
-    rng = np.random.default_rng(list(DIALECTS).index(name))
-    assert sum(injure(rng, tmp_path, DIALECTS[name], make_map) for _ in range(80)) > 2
-
-
 @pytest.mark.parametrize("name", DIALECTS)
 @ANY_FOLDER
 @given(
@@ -431,27 +360,3 @@ def test_numbers_of_thousands_of_digits(tmp_path: Path, make_map: Any, name: str
     for m in list(re.finditer(rb"\d+", data))[::3]:
         path.write_bytes(data[: m.start()] + b"7" * 5000 + data[m.end() :])
         attempt(path, make_map(), options=dialect.options)  # an error of ours, or none
-
-
-def main() -> None:
-    """Injure programs of all dialects for a time."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--seconds", type=float, default=3600.0)
-    parser.add_argument("--seed", type=int, default=int(time.time()))
-    arguments = parser.parse_args()
-    sys.path.insert(0, str(Path(__file__).parent))
-    from conftest import FakeMap
-
-    rng = np.random.default_rng(arguments.seed)
-    end = time.monotonic() + arguments.seconds
-    tried = corrected = 0
-    with tempfile.TemporaryDirectory() as folder:
-        while time.monotonic() < end:
-            name = list(DIALECTS)[rng.integers(len(DIALECTS))]
-            corrected += injure(rng, Path(folder), DIALECTS[name], FakeMap)
-            tried += 1
-    sys.stdout.write(f"seed {arguments.seed}: {tried} programs, {corrected} corrected, no crash, no stray change\n")
-
-
-if __name__ == "__main__":
-    main()

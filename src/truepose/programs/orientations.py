@@ -84,7 +84,7 @@ def _angles(controller: str, before: FloatArray, rotation: Rotation) -> FloatArr
     first = rotation.as_euler(axes, degrees=True, suppress_warnings=True)
     locked = np.abs(np.abs(first[:, 1]) - 90.0) < _LOCKED
     if locked.any():  # keep the last angle, the first takes the whole turn
-        last = Rotation.from_euler(axes[2], near[locked, 2], degrees=True)
+        last = Rotation.from_euler(axes[2], near[locked, 2:], degrees=True)
         first[locked] = (rotation[locked] * last.inv()).as_euler(axes, degrees=True, suppress_warnings=True)
         first[locked, 2] += near[locked, 2]
     second = np.column_stack([first[:, 0] + 180.0, 180.0 - first[:, 1], first[:, 2] + 180.0])

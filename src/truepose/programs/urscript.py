@@ -29,6 +29,7 @@ _BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
 _WORD = re.compile(rb"\s*(\w+)")
 _ASSIGN = re.compile(rb"\s*(?:(?:global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
 _NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
+_KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
 _MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
 _STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
 _AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "speedl", "speedj"])
@@ -166,7 +167,8 @@ class _Reader:
         if (m := _STRANGE.search(code)) and not _MOTION.match(code, m.start()):
             reason = f"looks like a motion that is not known: {_shown(code)}"
             self._other(m[1].decode(), line, Problem("refuse", reason))
-        for m in _NAME.finditer(bytes(masked)):
+        # the v of movel(p, v=0.25) is no variable
+        for m in _NAME.finditer(_KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
             if m[2] and name in routines:
                 flow.call(name, "")
