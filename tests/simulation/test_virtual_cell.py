@@ -4,6 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, register
+from truepose.robots import list_robots
 from truepose.simulation import EFFECTS, TrackerNoise, VirtualCell
 
 
@@ -223,3 +224,16 @@ def test_what_cannot_be_measured_is_told():
         cell.measure(q, time=np.zeros(3))
     with pytest.raises(DataError, match="approach 'random'; expected -1, 0"):
         cell.measure(q, approach="random")
+
+
+@pytest.mark.parametrize("preset", ["paper", "hard"])
+@pytest.mark.parametrize("name", list_robots())
+def test_every_robot_of_the_library_can_be_virtual(name, preset):
+    """The region, at its orientations, is reached on one branch within limits, and errors scale with the arm."""
+    cell = VirtualCell(preset, robot=name, seed=1)
+    q = cell.design(60)
+    assert cell.robot.within_limits(q).all()
+    samples = cell.measure(q)
+    largest = np.linalg.norm(registered(cell, samples), axis=1).max()
+    assert 0.2 < largest < 10.0
+    assert cell.cell.robot.model == name

@@ -16,6 +16,7 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform, register
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.samples import Samples
+from truepose.simulation.adapting import adapt
 from truepose.simulation.presets import EFFECTS, PRESETS, Preset
 from truepose.simulation.tracker import pose_covariance, reflector_ring
 from truepose.simulation.truth import Conditions, Truth, draw_joints
@@ -35,7 +36,7 @@ class VirtualCell:
         ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation. ``"hard"``:
         every effect of method.md §7, orientations within ±15°. ``"ideal"``: noise alone, and the station to be found.
     robot : str, optional
-        Library name of another robot; work region and tool then scale with its reach.
+        Library name of another robot; work region, tool and payload are then scaled with it (`adapt`).
     seed : int
         Decides the truth, and the noise of all measurements in their order.
     effects : collection of str, optional
@@ -69,11 +70,13 @@ class VirtualCell:
         if isinstance(preset, str) and preset not in PRESETS:
             raise DataError(f"no preset {preset!r}; there is: {', '.join(PRESETS)}")
         self.preset = PRESETS[preset] if isinstance(preset, str) else preset
+        self.robot = load_robot(robot or self.preset.robot)
+        if robot is not None and self.robot.name != self.preset.robot:
+            self.preset = adapt(self.preset, self.robot)
         self.effects = frozenset(self.preset.effects if effects is None else effects)
         if unknown := self.effects - set(EFFECTS):
             raise DataError(f"no effect {min(unknown)!r}; there is: {', '.join(EFFECTS)}")
         self.seed = seed
-        self.robot = load_robot(robot or self.preset.robot)
         self.tf_flange_tool = make_transform(euler("kuka", self.preset.tool_abc_deg), self.preset.tool_mm)
         truth_seed, noise_seed, joint_seed = np.random.SeedSequence(seed).spawn(3)
         self._noise = np.random.default_rng(noise_seed)
@@ -310,6 +313,8 @@ class VirtualCell:
             **{name: rng.normal(scale=preset.length_std, size=dof) for name in ("a", "d")},
             **{name: rng.normal(scale=preset.angle_std, size=dof) for name in ("alpha", "offset", "beta")},
         }
+        if self.robot.convention == "dh":  # has no beta
+            error["beta"] = np.zeros(dof)
         tool_error = rng.normal(scale=preset.tool_std, size=3)
         station = np.array([preset.centre_mm[0] + 3500.0, -1500.0, 300.0]) + rng.uniform(-500.0, 500.0, size=3)
         tf_flange_tool = self.tf_flange_tool.copy()

@@ -1,0 +1,85 @@
+"""A preset on another robot: work region, tool and payload by its reach, and the branch that reaches the region."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import RobotError
+from truepose.geometry import euler, make_transform
+from truepose.robots import Robot, load_robot, nearest_branch
+from truepose.simulation.presets import Preset
+
+FloatArray = NDArray[np.float64]
+
+_MASS_EXPONENT: Final = 2.7  # as of `truepose.robots.nongeometric.rough_masses`
+_SHRINK: Final = 0.8
+_NEARER: Final = 0.25  # the region comes nearer to the base as it shrinks
+_TRIES: Final = 8
+
+
+def adapt(preset: Preset, robot: Robot) -> Preset:
+    """Return the preset for another robot than its own.
+
+    Lengths scale with the arm's, the payload as arms' masses do. Of the branches that reach the region's centre the one
+    is taken that reaches its corners at all orientations within limits, with most room to them; a region that no branch
+    reaches is made smaller and brought nearer.
+
+    Raises
+    ------
+    RobotError
+        If no branch reaches even a small region.
+    """
+    scale = _length(robot) / _length(load_robot(preset.robot))
+    centre, tool, load, size = (
+        tuple((scale * np.array(value)).round(1).tolist())
+        for value in (preset.centre_mm, preset.tool_mm, preset.payload_mm, preset.size_mm)
+    )
+    adapted = replace(
+        preset,
+        robot=robot.name,
+        centre_mm=centre,
+        tool_mm=tool,
+        payload_mm=load,
+        payload_kg=round(preset.payload_kg * scale**_MASS_EXPONENT, 1),
+        reflector_radius_mm=scale * preset.reflector_radius_mm,
+    )
+    for smaller in _SHRINK ** np.arange(_TRIES):
+        x, y, z = adapted.centre_mm
+        tried = replace(
+            adapted,
+            size_mm=tuple((smaller * np.array(size)).round(1).tolist()),
+            centre_mm=(round(x * smaller**_NEARER, 1), y, z),
+        )
+        if (home := _home(tried, robot)) is not None:
+            return replace(tried, home_deg=tuple(np.rad2deg(home).tolist()))
+    raise RobotError(f"{robot.name}: no branch reaches a work region at {centre} mm; state a Preset of your own")
+
+
+def _length(robot: Robot) -> float:
+    return float(np.linalg.norm(robot.fixed[1:, :3, 3], axis=1).sum())
+
+
+def _home(preset: Preset, robot: Robot) -> FloatArray | None:
+    """Return joints at the region's centre on the branch that reaches all of it; None if there is none."""
+    sides = np.stack(np.meshgrid(*[[-0.5, 0.0, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    turns = np.deg2rad(preset.orientation_deg) * 2.0 * sides if preset.orientation_deg else np.zeros((1, 3))
+    rotation = euler("kuka", preset.abc_deg)
+    tilted = Rotation.concatenate([rotation * Rotation.from_rotvec(turn) for turn in turns])
+    p = np.asarray(preset.centre_mm) + np.repeat(sides, len(turns), axis=0) * preset.size_mm
+    poses = make_transform(Rotation.from_quat(np.tile(tilted.as_quat(), (len(sides), 1))), p)
+    tool = make_transform(euler("kuka", preset.tool_abc_deg), preset.tool_mm)
+    branches = robot.inverse(poses, tool=tool)
+    best, room = None, 0.0
+    for home in robot.inverse(make_transform(rotation, np.array([preset.centre_mm])), tool=tool)[0]:
+        if np.isnan(home).any():
+            continue
+        q = nearest_branch(branches, home)
+        margin = float(np.nan_to_num(np.minimum(q - robot.limits[:, 0], robot.limits[:, 1] - q), nan=-1.0).min())
+        if margin > room:
+            best, room = home, margin
+    return best
