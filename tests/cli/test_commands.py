@@ -89,7 +89,19 @@ def test_fit_and_validate(run, cell_files):
 
 
 def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
-    done = run("fit", cell_files.cell, cell_files.samples, "--out", tmp_path / "m.truepose", "--json").json
+    few = (
+        "--candidates",
+        "registration,ordinary-kriging,calibration",
+        "--workers",
+        "1",
+        "--out",
+        tmp_path / "m.truepose",
+    )
+    shown = run("fit", cell_files.cell, cell_files.samples, "--splits", "points", *few).out
+    assert "Candidates, predicted without points" in shown
+    assert "Samples that took part neither in the fit nor in the choice: mean 0.0" in shown
+    done = run("fit", cell_files.cell, cell_files.samples, *few, "--json").json
+    assert done["ranking"][0]["splits"].keys() == {"points", "blocks"}
     means = [row["mean_mm"] for row in done["ranking"][1:]]
     assert means == sorted(means)
     assert done["expected"]["mean_mm"] < 1.2 * done["ranking"][0]["mean_mm"]
