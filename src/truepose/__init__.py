@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from truepose.error_map import ErrorMap, fit_cell, load_map
     from truepose.errors import TrueposeError
     from truepose.geometry import euler, register, register_with_tool
-    from truepose.planning import plan
     from truepose.iso import iso9283, iso9283_poses
+    from truepose.planning import plan
     from truepose.predictors import (
         GridCell,
         InverseDistance,
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from truepose.samples import Samples, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
     from truepose.simulation import VirtualCell
-    from truepose.trackers import read_readings
-    from truepose.verification import accuracy
+    from truepose.trackers import import_readings, read_readings, write_readings
+    from truepose.verification import accuracy, held_out
 
 _HOME = {
     "Cell": "cell",
@@ -70,6 +70,8 @@ _HOME = {
     "experimental_variogram": "similarity",
     "fit_cell": "error_map",
     "fit_variogram": "similarity",
+    "held_out": "verification",
+    "import_readings": "trackers",
     "iso9283": "iso",
     "iso9283_poses": "iso",
     "list_robots": "robots",
@@ -83,6 +85,7 @@ _HOME = {
     "read_samples": "samples",
     "register": "geometry",
     "register_with_tool": "geometry",
+    "write_readings": "trackers",
     "write_samples": "samples",
 }
 
@@ -115,6 +118,8 @@ __all__ = [
     "experimental_variogram",
     "fit_cell",
     "fit_variogram",
+    "held_out",
+    "import_readings",
     "iso9283",
     "iso9283_poses",
     "list_robots",
@@ -128,6 +133,7 @@ __all__ = [
     "read_samples",
     "register",
     "register_with_tool",
+    "write_readings",
     "write_samples",
 ]
 
