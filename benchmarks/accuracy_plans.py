@@ -22,8 +22,8 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page, seeds = Page("Accuracy of plans", path), 1 if quick else 10
     page.say(
         f"Preset `hard`, seeds 0–{seeds - 1}. Each method's poses are measured, kinematic Kriging is fitted to them "
-        f"and tried on {_HELD_OUT} held-out poses: mean difference from their readings [mm], noise included; median and "
-        "range over the seeds. What was expected is known before any reading."
+        f"and tried on {_HELD_OUT} held-out poses: mean difference from their readings [mm], noise included; median "
+        "and range over the seeds. What was expected is known before any reading."
     )
     page.head(["method", "poses", "found", "range", "expected", "found / expected"])
     for method in METHODS:
