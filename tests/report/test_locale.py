@@ -54,6 +54,7 @@ def test_numbers_have_the_decimal_mark_and_a_true_minus():
     assert german("figure.arrows_scale", times=2.5) == "Pfeile 2,5-mal so lang wie die Fehler"
     assert ENGLISH.number(0.25, "+.2f") == "+0.25"
     assert ENGLISH.number(7968.0, ".3g") == "7970"
+    assert german.number(4.7e-5, ".2g") == "0,000047"
     assert ENGLISH.number(None, ".2f") == german.number(math.nan, ".2f") == "–"
 
 

@@ -56,9 +56,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Signatures:
-    """Fields to sign: what was done by hand of whom, with columns for name, date and signature."""
+    """Fields to sign: what the signatures stand for, and who did what, with columns for name, date and signature."""
 
     kind: ClassVar[str] = "signatures"
+    about: str
     columns: list[str]
     rows: list[str]
 

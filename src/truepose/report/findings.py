@@ -115,6 +115,7 @@ def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     """Return questions and answers about one space, in a language."""
     answers = {
         "structure": verdict(part.model, part.envelope, part.unit, words=say.words("similarity")),
+        "curve": _curve(part.model, part.unit, say),
         "reach": _reach(part, say),
         "noise": _noise(part.likelihood, say),
         "directions": _directions(part, say),
@@ -125,13 +126,25 @@ def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     return [(say(f"finding.{question}"), answer) for question, answer in answers.items()]
 
 
+def _curve(model: VariogramModel, unit: str, say: Locale) -> str:
+    parts = say("finding.list").join(
+        say("finding.curve_part", family=part.family, sill=part.sill, range=part.practical_range, unit=unit)
+        for part in model.structures
+    )
+    told = say("finding.curve_told", nugget=model.nugget, parts=parts or "0")
+    if not (model.overridden and model.fit is not None):
+        return told
+    found = model.from_dict(model.fit.fitted)
+    return told + " " + say("finding.curve_by_hand", nugget=found.nugget, sill=found.sill, range=found.practical_range)
+
+
 def _reach(part: StudyPart, say: Locale) -> str:
     model = part.likelihood
     fit = model.fit
     assert isinstance(fit, LikelihoodFit)
     if fit.bounds_hit.get("sill") == "lower":
         return say("finding.reach_nowhere")
-    if fit.bounds_hit.get("range") == "upper":
+    if fit.bounds_hit.get("range") == "upper" or model.practical_range > float(np.linalg.norm(part.extent)):
         return say("finding.reach_beyond")
     error = fit.standard_error.get("range", math.nan) * model.practical_range / float(np.max(model.range))
     reach = say.number(model.practical_range, ".3g")

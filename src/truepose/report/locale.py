@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from importlib import resources
 from typing import Final
@@ -96,6 +97,6 @@ class _Number(float):
         if self != self:
             return MISSING
         text = super().__format__(form)
-        if "e+" in text:  # as 7.97e+03, for 7970
-            text = f"{float(text):.0f}"
+        if "e" in text:  # as 7.97e+03, for 7970
+            text = f"{Decimal(text):f}"
         return text.replace(".", self._decimal).replace("-", "−")

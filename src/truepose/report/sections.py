@@ -318,8 +318,8 @@ def _provenance(evidence: Evidence, say: Locale) -> Section:
 def _signatures(evidence: Evidence, say: Locale) -> Section:
     columns = ["", *(say(f"signatures.{key}") for key in ("name", "date", "signature"))]
     rows = [say(f"signatures.{key}") for key in ("measured", "evaluated", "approved")]
-    about = Text(say("signatures.about", hash=evidence.error_map.hash, date=_date(evidence)))
-    return Section(say("signatures.title"), [about, Signatures(columns, rows)])
+    about = say("signatures.about", hash=evidence.error_map.hash, date=_date(evidence))
+    return Section(say("signatures.title"), [Signatures(about, columns, rows)])
 
 
 def _facts(section: str, rows: Mapping[str, str], say: Locale) -> Facts:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from truepose import files
 from truepose.error_map import ErrorMap
-from truepose.errors import FileError
+from truepose.errors import DataError, FileError
 from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
+from truepose.report.joint_similarity import JointSimilarity, draw_joint_similarity
 from truepose.report.locale import Locale, load_locale
 from truepose.similarity import (
     Direction,
@@ -22,6 +23,7 @@ from truepose.similarity import (
     ExperimentalVariogram,
     Trend,
     VariogramModel,
+    equal_count_bins,
     experimental_variogram,
     fit_likelihood,
     fit_variogram,
@@ -135,6 +137,10 @@ class StudyPart:
                 "range": model.range,
                 "practical_range": model.practical_range,
                 "structural_ratio": model.structural_ratio,
+                "standard_error": getattr(model.fit, "standard_error", {}),
+                "fitted": getattr(model.fit, "fitted", {}),
+                "by_hand": model.overridden,
+                **({"plus": [part.to_dict() for part in model.plus]} if model.plus else {}),
             },
             "likelihood": {
                 **self.likelihood.to_dict(),
@@ -165,13 +171,15 @@ class StudyPart:
 
 @dataclass(frozen=True)
 class SimilarityStudy:
-    """Similarity in each space that the samples have; see `similarity_study`."""
+    """Similarity in each space that the samples have, see `similarity_study`; and of each joint where asked for."""
 
     parts: list[StudyPart]
+    joints: list[JointSimilarity] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
-        return {"variograms": [part.to_dict() for part in self.parts]}
+        own = {"joints": [joint.to_dict() for joint in self.joints]} if self.joints else {}
+        return {"variograms": [part.to_dict() for part in self.parts], **own}
 
     def save_plot(self, path: Path) -> None:
         """Write the pictures beside each other; the format is that of the path's ending.
@@ -185,7 +193,7 @@ class SimilarityStudy:
 
         from truepose.similarity.plot import draw_curves, draw_variogram
 
-        columns = len(self.parts)
+        columns = len(self.parts) + bool(self.joints)
         figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
         for k, part in enumerate(self.parts, 1):
             axes = figure.add_subplot(2, columns, k)
@@ -202,6 +210,8 @@ class SimilarityStudy:
                 by_component = zip("xyz", ev.semivariance.T, strict=True)
                 draw_curves(below, {f"error in {axis}": (ev.lag, gamma) for axis, gamma in by_component}, part.unit)
                 below.set_title("By component of the error")
+        if self.joints:
+            draw_joint_similarity(figure.add_subplot(1, columns, columns), self.joints)
         buffer = io.BytesIO()
         try:
             figure.savefig(buffer, format=path.suffix.removeprefix(".") or "svg", dpi=150)
@@ -210,29 +220,69 @@ class SimilarityStudy:
         files.write_atomic(path, buffer.getvalue())
 
 
-def similarity_study(error_map: ErrorMap, *, family: str = "best", bins: int = 15, rng: int = 0) -> SimilarityStudy:
+def similarity_study(
+    error_map: ErrorMap,
+    *,
+    family: str = "best",
+    bins: int | Sequence[float] = 15,
+    equal_counts: bool = False,
+    max_lag: float | None = None,
+    estimator: str = "matheron",
+    direction: Direction | None = None,
+    space: str = "both",
+    by_hand: Mapping[str, Any] | None = None,
+    rng: int = 0,
+) -> SimilarityStudy:
     """Compute variogram, fit and permutation envelope of the errors of a map's samples.
 
     Parameters
     ----------
     error_map : ErrorMap
     family : str
-        Variogram family, or ``best``.
-    bins : int
+        Variogram family, or ``best``; "spherical+exponential" has two structures.
+    bins : int or sequence of float
+        Number of bins, or their edges.
+    equal_counts : bool
+        Let each bin hold equally many pairs, and not be equally wide.
+    max_lag : float, optional
+        Largest distance; half the largest between two samples when not given.
+    estimator : str
+        As for `experimental_variogram`.
+    direction : Direction, optional
+        Count only pairs along it.
+    space : {"both", "cartesian", "joint"}
+    by_hand : mapping of str to float, optional
+        Values of nugget, sill and range that replace the fitted ones, which stay in ``model.fit.fitted``.
     rng : int
         Of the permutations.
 
     Raises
     ------
+    DataError
+        If the space is not known or has no samples, or what belongs to one space is asked of both.
     KrigingError
         If the samples cannot bear a variogram.
     """
-    positions, q = error_map.p_cmd, error_map.samples.q
-    effect = kinematic_columns(error_map)
-    parts = [_part("cartesian", "mm", tuple("xyz"), positions, error_map.e, effect, family, bins, rng)]
+    q = error_map.samples.q
+    spaces = {"cartesian": ("mm", tuple("xyz"), error_map.p_cmd)}
     if q is not None:
-        joints = tuple(f"q{k + 1}" for k in range(q.shape[1]))
-        parts.append(_part("joint", "rad", joints, q, error_map.e, effect, family, bins, rng))
+        spaces["joint"] = ("rad", tuple(f"q{k + 1}" for k in range(q.shape[1])), q)
+    if space not in ("both", *spaces):
+        raise DataError(f"space is {space!r}; these samples have {', '.join(spaces)}")
+    if space == "both" and len(spaces) > 1 and (by_hand or direction or max_lag or not isinstance(bins, int)):
+        raise DataError("edges, largest distance, direction and values by hand belong to one space; say which (space)")
+    effect = kinematic_columns(error_map)
+    parts = []
+    for name, (unit, axes, x) in spaces.items():
+        if space not in ("both", name):
+            continue
+        edges = equal_count_bins(x, bins, max_lag, rng=rng) if equal_counts and isinstance(bins, int) else bins
+        longest = max_lag if isinstance(edges, int) else None
+        envelope = permutation_envelope(
+            x, error_map.e, edges, longest, estimator=estimator, direction=direction, rng=rng
+        )
+        model = replace(fit_variogram(envelope.variogram, family), **(by_hand or {}))
+        parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
     return SimilarityStudy(parts)
 
 
@@ -243,17 +293,15 @@ def _part(
     x: FloatArray,
     e: FloatArray,
     effect: FloatArray | None,
-    family: str,
-    bins: int,
-    rng: int,
+    envelope: Envelope,
+    model: VariogramModel,
 ) -> StudyPart:
-    envelope = permutation_envelope(x, e, bins, rng=rng)
-    model = fit_variogram(envelope.variogram, family)
     edges = envelope.variogram.edges
+    likelihood = fit_likelihood(x, e)
     moving = np.ptp(x, axis=0) > 0
     directions = {}
     if len(axes) == 3:
-        wide = edges[:: max(1, bins // 8)]
+        wide = edges[:: max(1, (len(edges) - 1) // 8)]
         directions = {
             axis: experimental_variogram(x, e, wide, direction=Direction(np.eye(3)[k], np.pi / 6))
             for k, axis in enumerate(axes)
@@ -265,8 +313,8 @@ def _part(
         model=model,
         envelope=envelope,
         axes=axes,
-        likelihood=fit_likelihood(x, e),
-        directional=fit_likelihood(x, e, "matern32", ranges="each") if moving.all() else None,
+        likelihood=likelihood,
+        directional=fit_likelihood(x, e, likelihood.family, ranges="each") if moving.all() else None,
         trend=remove_drift(x, e),
         directions=directions,
         explained=None if effect is None else explained_by_kinematics(x, e, effect, edges, envelope.variogram),
