@@ -33,6 +33,7 @@ suppress_warnings = ["ref.python"]  # one name in two packages (Poses, Solution)
 autodoc_default_options = {  # scikit-learn adds these to every estimator
     "exclude-members": "set_fit_request, set_predict_request, set_score_request, set_partial_fit_request"
 }
+toc_object_entries_show_parents = "hide"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # types, shapes and units are in the docstrings
 napoleon_google_docstring = False
@@ -46,6 +47,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,
+    "capture_repr": (),
     "show_memory": False,
     "abort_on_example_error": False,
     "default_thumb_file": None,
