@@ -211,6 +211,10 @@ def test_a_reflector_turned_away_is_not_seen():
     away = q.copy()
     away[:, 5] += np.pi
     assert not cell.visible(away).any()
+    half = np.where(np.arange(200)[:, None] < 100, q, away)
+    seen = cell.measure(half, line_of_sight=True, seed=1)
+    np.testing.assert_array_equal(seen.row, np.flatnonzero(cell.visible(half)))
+    np.testing.assert_array_equal(seen.p_meas, cell.measure(half, seed=1).p_meas[seen.row])
 
 
 def test_what_cannot_be_measured_is_told():

@@ -151,6 +151,22 @@ def test_layout_10_metres_and_epoch_seconds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "header", ["x y z", "# x y z", "X [mm]  Y [mm]  Z [mm]", "% x_mm\ty_mm\tz_mm", "x,y,z,", '"X","Y","Z"']
+)
+def test_headers_of_scripts(tmp_path: Path, header: str) -> None:
+    delimiter = "\t" if "\t" in header else "," if "," in header else "  "
+    rows = [delimiter.join(row) for row in (("1500.5", "-20", "3e2"), ("0", "0", "0"))]
+    readings = read_readings(write(tmp_path, header, *rows))
+    np.testing.assert_array_equal(readings.p[0], [1500.5, -20.0, 300.0])
+    assert readings.missing.tolist() == [False, True]
+
+
+def test_a_header_that_does_not_fit_its_rows(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="unknown layout: 5 columns between blanks"):
+        read_readings(write(tmp_path, "x y z", "7 8 1500.5 -20 300"))
+
+
+@pytest.mark.parametrize(
     ("lines", "message"),
     [
         (["X  [mm],Y  [mm],U(95)  [mm],", "1,2,3,"], ":1: has no column z; say which with --columns"),

@@ -185,6 +185,7 @@ class VirtualCell:
         payload_kg: ArrayLike | None = None,
         time: ArrayLike | None = None,
         reflectors: int = 1,
+        line_of_sight: bool = False,
     ) -> Samples:
         """Command configurations (n, dof) [rad] and read the tracker.
 
@@ -202,6 +203,8 @@ class VirtualCell:
             Of each reading, after a cold start. When not given the arm has run for an hour before the first.
         reflectors : int
             1: positions. 3 or more, on a circle about the tool point: positions and orientations.
+        line_of_sight : bool
+            Leave out poses that turn the reflector away from the tracker (`visible`); otherwise somebody turns it.
 
         Returns
         -------
@@ -225,7 +228,7 @@ class VirtualCell:
             known["load"] = conditions.payload_kg
         if time is not None or "thermal" in self.effects:
             known |= {"time": conditions.time, "temperature": conditions.temperature}
-        return Samples(
+        samples = Samples(
             **self._pose(p, covariance),
             q=np.array(q),
             p_cmd=tf_base_tool[:, :3, 3],
@@ -233,6 +236,7 @@ class VirtualCell:
             source=f"virtual cell, seed {self.seed}",
             **known,
         )
+        return samples[self.visible(q)] if line_of_sight else samples
 
     def read_reflectors(self, q: FloatArray, reflectors: int = 3, *, seed: int | None = None) -> FloatArray:
         """Return what the tracker reads of each reflector in turn, (n, reflectors, 3) [mm], tracker frame.

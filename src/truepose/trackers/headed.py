@@ -31,9 +31,13 @@ _STEMS: Final = {
 
 
 def names_xyz(text: str) -> bool:
-    """Return whether the first line names x, y and z."""
+    """Return whether the first line names x, y and z, and between blanks as many columns as the next line has."""
     line = first_line(text)
-    return {"x", "y", "z"} <= {_STEMS.get(_stem_and_unit(name)[0]) for name in line.split(find_delimiter(line))}
+    names = _names(line)
+    if not {"x", "y", "z"} <= {_STEMS.get(_stem_and_unit(name)[0]) for name in names}:
+        return False
+    rows = [row for row in text.splitlines() if row.strip()]
+    return find_delimiter(line) != " " or len(rows) < 2 or len(rows[1].split()) == len(names)
 
 
 def header_columns(text: str, path: str | Path) -> Columns:
@@ -46,7 +50,7 @@ def header_columns(text: str, path: str | Path) -> Columns:
     """
     number, line = next(((n, ln) for n, ln in enumerate(text.splitlines(), start=1) if ln.strip()), (1, ""))
     found: dict[str, tuple[int, str]] = {}
-    for column, name in enumerate(line.split(find_delimiter(line)), start=1):
+    for column, name in enumerate(_names(line), start=1):
         stem, unit = _stem_and_unit(name)
         if (what := _STEMS.get(stem)) is None:
             continue
@@ -68,9 +72,15 @@ def header_columns(text: str, path: str | Path) -> Columns:
 
 def states_unit(text: str) -> bool:
     """Return whether the header gives x a unit."""
-    line = first_line(text)
-    named = (_stem_and_unit(name) for name in line.split(find_delimiter(line)))
+    named = (_stem_and_unit(name) for name in _names(first_line(text)))
     return any(_STEMS.get(stem) == "x" and unit for stem, unit in named)
+
+
+def _names(line: str) -> list[str]:
+    """Return the names of a header line; between blanks a unit in brackets belongs to the name before it."""
+    bare = line.lstrip("#% ")
+    delimiter = find_delimiter(bare)
+    return re.sub(r"\s+(?=[\[(])", "", bare).split() if delimiter == " " else bare.split(delimiter)
 
 
 def _rotation(found: dict[str, tuple[int, str]]) -> dict[str, Any]:
