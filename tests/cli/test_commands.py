@@ -150,6 +150,40 @@ def test_similarity(run, cell_files, tmp_path):
     )
 
 
+def test_similarity_with_choices_of_ones_own(run, cell_files):
+    only = ("similarity", cell_files.cell, cell_files.samples, "--space", "cartesian", "--json")
+    chosen = ("--bins", "0,100,200,400,800", "--estimator", "cressie", "--direction", "1,1,0", "--tolerance", "45")
+    [part] = run(*only, *chosen, "--nugget", "0.01", "--range", "150").json["variograms"]
+    assert len(part["lag"]) == 4
+    assert (part["model"]["nugget_mm2"], part["model"]["range"], part["model"]["by_hand"]) == (0.01, 150, True)
+    assert part["model"]["fitted"]["range"] != 150
+    assert "Set by hand; the fit had found" in part["findings"]["Which curve fits?"]
+    whole = run(*only, "--equal-counts", "--bins", "5", "--max-lag", "500").json["variograms"][0]
+    assert np.ptp(whole["pairs"]) <= 0.05 * np.max(whole["pairs"])
+    assert np.sum(part["pairs"]) < np.sum(whole["pairs"])
+    for wrong, message in (
+        (("--bins", "1"), "--bins is 1; give a whole number of 2 or more"),
+        (("--direction", "up"), "--direction is 'up'; give numbers with commas"),
+        (("--space", "tool"), "space is 'tool'; these samples have cartesian, joint"),
+        (("--space", "both", "--nugget", "1"), "belong to one space; say which"),
+    ):
+        assert message in run("similarity", cell_files.cell, cell_files.samples, *wrong).failed()
+
+
+def test_joint_wise_similarity(run, cell_files, tmp_path):
+    """The virtual cell's joints have errors of their own, of some tenths of a milliradian."""
+    plot = tmp_path / "joints.png"
+    command = ("similarity", cell_files.cell, cell_files.samples, "--joint-wise", "--plot", plot)
+    joints = run(*command, "--json").json["joints"]
+    assert {one["joint"] for one in joints} <= set(range(1, 7))
+    for one in joints:
+        assert 0 < one["std_mrad"] < 3
+        assert 0 < one["reach_deg"] <= 180
+        assert one["semivariance_mrad2"][0] == one["found_mrad2"][0] == 0
+        assert one["semivariance_mrad2"][-1] <= one["std_mrad"] ** 2 * (1 + 1e-9)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
 def test_report_is_one_page_that_asks_for_nothing(run, cell_files, tmp_path):
     out = tmp_path / "report.html"
     assert run("report", cell_files.map, "--test", cell_files.test, "--out", out).code == 0

@@ -5,6 +5,7 @@ import pytest
 
 from truepose.errors import DataError
 from truepose.similarity import (
+    Direction,
     VariogramModel,
     experimental_variogram,
     fit_variogram,
@@ -29,6 +30,19 @@ def test_band_is_the_quantiles_of_shuffled_variograms(rng):
     np.testing.assert_allclose(band.lower, lower)
     np.testing.assert_allclose(band.upper, upper)
     np.testing.assert_allclose(band.vector_lower, np.quantile([ev.vector for ev in shuffled], 0.025, axis=0))
+
+
+@pytest.mark.parametrize("estimator", ["matheron", "cressie", "dowd", "genton"])
+def test_band_of_a_direction_and_of_robust_estimators(estimator, rng):
+    x, e = rng.random((40, 3)), rng.standard_normal((40, 2))
+    along = Direction([1.0, 1.0, 0.0], 0.7, 0.8)
+    band = permutation_envelope(x, e, 3, permutations=39, estimator=estimator, direction=along, rng=7)
+    order = np.random.default_rng(7).permuted(np.tile(np.arange(40), (39, 1)), axis=1)
+    shuffled = [experimental_variogram(x, e[row], 3, estimator=estimator, direction=along) for row in order]
+    np.testing.assert_allclose(band.vector_upper, np.quantile([ev.vector for ev in shuffled], 0.975, axis=0))
+    np.testing.assert_allclose(band.variogram.vector, experimental_variogram(x, e, 3, None, estimator, along).vector)
+    score = [ev.pairs[0] * ev.vector[0] for ev in [band.variogram, *shuffled]]
+    assert band.p_value == pytest.approx(np.mean(np.array(score) <= score[0]))
 
 
 def test_structure_is_found(structured):

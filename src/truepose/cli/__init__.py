@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, study, updating
+from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, similarity, study, updating
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -26,7 +26,7 @@ app.command("robots")(setup.robots)
 app.command("init")(setup.init)
 app.command("plan")(planning.plan)
 app.command("import")(setup.import_readings)
-app.command("similarity")(maps.similarity)
+app.command("similarity")(similarity.similarity)
 app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)

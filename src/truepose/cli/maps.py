@@ -1,4 +1,4 @@
-"""Commands about error maps: similarity, fit, predict, validate."""
+"""Commands about error maps: fit, predict, validate."""
 
 from __future__ import annotations
 
@@ -15,39 +15,6 @@ SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table 
 MapPath = Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")]
 
 _WHEN = ("before", "after")
-
-
-def similarity(
-    cell_path: CellPath,
-    samples_path: SamplesPath,
-    family: Annotated[str, typer.Option(help="Variogram family, or best.")] = "best",
-    bins: Annotated[int, typer.Option(help="Number of distance classes.", min=2)] = 15,
-    plot: Annotated[Path | None, typer.Option(help="Write the picture here (.svg, .png, .pdf).")] = None,
-    as_json: Json = False,
-) -> None:
-    """Show how alike the errors of near configurations are: semivariograms, their fit, and whether it is chance."""
-    from truepose.cell import load_cell
-    from truepose.error_map import fit_cell
-    from truepose.report.study import similarity_study
-    from truepose.samples import read_samples
-
-    study = similarity_study(
-        fit_cell(load_cell(cell_path), read_samples(samples_path), "registration"), family=family, bins=bins
-    )
-    if plot is not None:
-        study.save_plot(plot)
-    if as_json:
-        emit_json({**study.to_dict(), "plot": plot})
-        return
-    for part in study.parts:
-        rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
-        say(
-            table(part.title, [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"], rows),
-            *(f"[bold]{question}[/] {answer}" for question, answer in part.findings),
-            "",
-        )
-    if plot is not None:
-        say(f"Wrote {plot}.")
 
 
 def fit(

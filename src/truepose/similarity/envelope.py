@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose.errors import DataError
-from truepose.similarity.experimental import ExperimentalVariogram, check_points, experimental_variogram
+from truepose.similarity.experimental import (
+    Direction,
+    ExperimentalVariogram,
+    check_points,
+    direction_cone,
+    experimental_variogram,
+)
 from truepose.similarity.models import VariogramModel
 from truepose.similarity.words import Words, english
 
@@ -69,6 +75,8 @@ def permutation_envelope(
     *,
     permutations: int = 199,
     level: float = 0.95,
+    estimator: str = "matheron",
+    direction: Direction | ArrayLike | None = None,
     weights: ArrayLike | None = None,
     rng: np.random.Generator | int = 0,
 ) -> Envelope:
@@ -79,7 +87,7 @@ def permutation_envelope(
 
     Parameters
     ----------
-    x, e, bins, max_lag, weights
+    x, e, bins, max_lag, estimator, direction, weights
         As in `experimental_variogram`.
     permutations : int
         Number of shuffles, at least 2/(1 − level) − 1.
@@ -99,7 +107,7 @@ def permutation_envelope(
     >>> bool(permutation_envelope(x, np.sin(x / 200)).structured[0])
     True
     """
-    from truepose.similarity.pairs import pair_sums
+    from truepose.similarity.robust import estimate
 
     if not 0 < level < 1:
         raise DataError(f"level is {level}; expected a share between 0 and 1")
@@ -108,19 +116,21 @@ def permutation_envelope(
             f"{permutations} permutations cannot give a band of {level:g}; use at least {round(2 / (1 - level)) - 1}"
         )
     points, errors = check_points(x, e, weights)
-    variogram = experimental_variogram(points, errors, bins, max_lag)
+    cone = direction_cone(direction, weights, points.shape[1])
+    along = None if direction is None else Direction(*cone)
+    variogram = experimental_variogram(points, errors, bins, max_lag, estimator, along)
     n, c = errors.shape
     order = np.random.default_rng(rng).permuted(np.tile(np.arange(n), (permutations, 1)), axis=1)
     shuffled = errors[order.T].reshape(n, permutations * c)
-    _, _, squares = pair_sums(points, shuffled, variogram.edges, np.empty(0), 0.0, 0.0)
-    with np.errstate(invalid="ignore"):
-        semivariance = squares[1:].reshape(-1, permutations, c) / (2 * variogram.pairs[:, None, None])
+    pairs, _, gamma = estimate(estimator, points, shuffled, variogram.edges, *cone)
+    semivariance = gamma[1:].reshape(-1, permutations, c)
     tails = [(1 - level) / 2, (1 + level) / 2]
     lower, upper = np.quantile(semivariance, tails, axis=1)
-    vector_lower, vector_upper = np.quantile(semivariance.sum(axis=2), tails, axis=1)
-    short = np.flatnonzero(variogram.pairs)[: max(1, len(variogram.pairs) // 4)] + 1
-    alike = squares[short].reshape(-1, permutations, c).sum(axis=(0, 2))
-    observed = 2 * variogram.pairs[short - 1] @ variogram.vector[short - 1]
+    vector = semivariance.sum(axis=2)
+    vector_lower, vector_upper = np.quantile(vector, tails, axis=1)
+    filled = np.flatnonzero(variogram.pairs)
+    short = filled[: max(1, len(variogram.pairs) // 4)]
+    alike, observed = pairs[1:][short] @ vector[short], pairs[1:][short] @ variogram.vector[short]
     p_value = (1 + np.count_nonzero(alike <= observed)) / (permutations + 1)
     return Envelope(variogram, lower, upper, vector_lower, vector_upper, p_value, level, permutations)
 

@@ -133,7 +133,7 @@ def experimental_variogram(
 
     points, errors = check_points(x, e, weights)
     edges = bin_edges(points, bins, max_lag)
-    cone = _cone(direction, weights, points.shape[1])
+    cone = direction_cone(direction, weights, points.shape[1])
     c = errors.shape[1]
     duos = list(combinations(range(c), 2)) if cross else []
     sides = [errors[:, a] + sign * errors[:, b] for a, b in duos for sign in (1, -1)]
@@ -195,7 +195,7 @@ def variogram_cloud(
     from truepose.similarity.robust import cloud
 
     points, errors = check_points(x, e, weights)
-    found = cloud(points, *_cone(direction, weights, points.shape[1]), np.inf if max_lag is None else max_lag)
+    found = cloud(points, *direction_cone(direction, weights, points.shape[1]), np.inf if max_lag is None else max_lag)
     semivariance = (errors[found.second] - errors[found.first]) ** 2 / 2
     return VariogramCloud(found.first, found.second, found.distance, semivariance)
 
@@ -265,9 +265,10 @@ def bin_edges(points: FloatArray, bins: int | ArrayLike, max_lag: float | None) 
     return np.linspace(0, max_lag, int(count) + 1)
 
 
-def _cone(
+def direction_cone(
     direction: Direction | ArrayLike | None, weights: ArrayLike | None, d: int
 ) -> tuple[FloatArray, float, float]:
+    """Return unit vector (empty for all directions), tolerance and bandwidth in weighted coordinates."""
     if direction is None:
         return np.empty(0), 0.0, 0.0
     cone = direction if isinstance(direction, Direction) else Direction(direction)

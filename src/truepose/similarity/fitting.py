@@ -322,7 +322,7 @@ def _standard_errors(model: VariogramModel, hit: dict[str, str], bins: Bins) -> 
     free = [name for name in columns if name not in fixed and not name.startswith("shape")]
     errors = dict.fromkeys(("nugget", "sill", "range"), math.nan) | dict.fromkeys(columns, math.nan)
     errors = {name: value for name, value in errors.items() if not name.startswith("shape")}
-    if len(bins.h) <= len(free):
+    if not free or len(bins.h) <= len(free):
         return errors
     fitted = bins.semivariance(model)
     scale = bins.weights(fitted)

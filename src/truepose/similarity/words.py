@@ -19,7 +19,7 @@ ENGLISH: Final = {
     "short": "at some short lags",
     "similar": (
         "Yes, near points have similar errors (p = {p:.2g}): {count} ({reach}), {extent}, and {structure:.0f} % of "
-        "the variance is structure, the rest nugget."
+        "the variance is structure, the rest noise (nugget)."
     ),
     "theory": "implied by kinematics",
     "trend": "the semivariance has no sill within the lags (a trend)",

@@ -1,0 +1,122 @@
+"""The command similarity: how alike the errors of near configurations are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.cli.maps import CellPath, SamplesPath
+from truepose.cli.output import Json, emit_json, say, table, working
+from truepose.errors import DataError
+
+if TYPE_CHECKING:
+    from truepose.report.joint_similarity import JointSimilarity
+    from truepose.similarity import Direction
+
+
+def similarity(
+    cell_path: CellPath,
+    samples_path: SamplesPath,
+    family: Annotated[str, typer.Option(help="Variogram family, two joined by +, or best.")] = "best",
+    bins: Annotated[str, typer.Option(help="Number of distance classes, or their edges: 0,50,100,200.")] = "15",
+    equal_counts: Annotated[bool, typer.Option("--equal-counts", help="Classes of equally many pairs.")] = False,
+    max_lag: Annotated[float | None, typer.Option(help="Largest distance [mm or rad].")] = None,
+    estimator: Annotated[str, typer.Option(help="matheron; against gross errors: cressie, dowd, genton.")] = "matheron",
+    direction: Annotated[
+        str | None, typer.Option(help="Only pairs along this axis: x, y, z, or numbers such as 1,1,0.")
+    ] = None,
+    tolerance: Annotated[float, typer.Option(help="Largest angle between a pair and the axis [deg].")] = 22.5,
+    bandwidth: Annotated[float | None, typer.Option(help="Largest distance of a pair from the axis [mm].")] = None,
+    space: Annotated[str, typer.Option(help="cartesian, joint, or both.")] = "both",
+    nugget: Annotated[float | None, typer.Option(help="Set the curve's nugget by hand [mm²].")] = None,
+    sill: Annotated[float | None, typer.Option(help="Set its partial sill by hand [mm²].")] = None,
+    range_: Annotated[float | None, typer.Option("--range", help="Set its range parameter by hand.")] = None,
+    joint_wise: Annotated[
+        bool, typer.Option("--joint-wise", help="Also each joint's own error over its own angle: takes a minute.")
+    ] = False,
+    plot: Annotated[Path | None, typer.Option(help="Write the picture here (.svg, .png, .pdf).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Show how alike the errors of near configurations are: semivariograms, their fit, and whether it is chance."""
+    from dataclasses import replace
+
+    from truepose.cell import load_cell
+    from truepose.error_map import fit_cell
+    from truepose.report.joint_similarity import joint_similarity
+    from truepose.report.study import similarity_study
+    from truepose.samples import read_samples
+
+    cell, samples = load_cell(cell_path), read_samples(samples_path)
+    by_hand = {"nugget": nugget, "sill": sill, "range": range_}
+    with working() as progress:
+        study = similarity_study(
+            fit_cell(cell, samples, "registration"),
+            family=family,
+            bins=_bins(bins),
+            equal_counts=equal_counts,
+            max_lag=max_lag,
+            estimator=estimator,
+            direction=None if direction is None else _direction(direction, tolerance, bandwidth),
+            space=space,
+            by_hand={name: value for name, value in by_hand.items() if value is not None},
+        )
+        if joint_wise:
+            progress("Finding each joint's own error")
+            study = replace(study, joints=joint_similarity(fit_cell(cell, samples, "kinematic-kriging")))
+    if plot is not None:
+        study.save_plot(plot)
+    if as_json:
+        emit_json({**study.to_dict(), "plot": plot})
+        return
+    for part in study.parts:
+        rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
+        say(
+            table(part.title, [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"], rows),
+            *(f"[bold]{question}[/] {answer}" for question, answer in part.findings),
+            "",
+        )
+    if study.joints:
+        _show_joints(study.joints)
+    if plot is not None:
+        say(f"Wrote {plot}.")
+
+
+def _bins(text: str) -> int | list[float]:
+    """Return a number of bins, or edges."""
+    numbers = _numbers(text, "--bins")
+    if len(numbers) > 1:
+        return numbers
+    if numbers[0] < 2 or not numbers[0].is_integer():
+        raise DataError(f"--bins is {text}; give a whole number of 2 or more, or edges such as 0,50,100")
+    return int(numbers[0])
+
+
+def _direction(text: str, tolerance: float, bandwidth: float | None) -> Direction:
+    """Return a direction from the name of an axis, or from numbers."""
+    import numpy as np
+
+    from truepose.similarity import Direction
+
+    axis = np.eye(3)["xyz".index(text)] if text in tuple("xyz") else np.array(_numbers(text, "--direction"))
+    return Direction(axis, np.radians(tolerance), np.inf if bandwidth is None else bandwidth)
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        return [float(word) for word in text.replace(",", " ").split()] or [float(text)]
+    except ValueError:
+        raise DataError(f"{option} is {text!r}; give numbers with commas between them") from None
+
+
+def _show_joints(joints: list[JointSimilarity]) -> None:
+    import numpy as np
+
+    rows = [(f"q{one.joint + 1}", one.std_mrad, f"{np.degrees(one.reach):.3g}") for one in joints]
+    say(
+        table("Each joint's own error, over its own angle", ["joint", "std [mrad]", "alike out to [deg]"], rows),
+        "A gear turns a little too far or too short, depending on where it stands. Two poses share that error wherever "
+        "they share the angle of the joint, however far apart they are.",
+        "",
+    )

@@ -1,0 +1,127 @@
+"""Joint-wise similarity: how alike the errors of one joint at two of its angles are (method.md §2, (10)).
+
+What a joint's own error does is not seen by itself, so it is taken from kinematic Kriging: its variance s_j² and its
+range l_j, by restricted likelihood, and the curve that the samples tell. Drawn as semivariograms in mrad² over degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.error_map import ErrorMap
+from truepose.errors import DataError
+from truepose.predictors import KinematicKriging
+from truepose.similarity import VariogramModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = NDArray[np.float64]
+
+FARTHEST: Final = np.radians(60.0)
+LAGS: Final = 61
+
+
+@dataclass(frozen=True, eq=False)
+class JointSimilarity:
+    """Semivariogram of one joint's own error; m lags.
+
+    Attributes
+    ----------
+    joint : int
+        Counted from 0.
+    model : VariogramModel
+        Of the error [mrad²] over the chord between two angles.
+    lag : (m,) array [rad]
+        Angle between two positions of the joint.
+    found : (m,) array [mrad²]
+        Semivariance of the curve that the samples tell, smoother than the error itself.
+    """
+
+    joint: int
+    model: VariogramModel
+    lag: FloatArray
+    found: FloatArray
+
+    @property
+    def semivariance(self) -> FloatArray:
+        """γ_j(Δ) [mrad²] of the model, (m,)."""
+        return self.model.semivariance(2 * np.sin(self.lag / 2))
+
+    @property
+    def std_mrad(self) -> float:
+        """Standard deviation of the joint's own error [mrad]."""
+        return float(np.sqrt(self.model.sill))
+
+    @property
+    def reach(self) -> float:
+        """Angle at which two positions have little to do with each other (95 % of the sill) [rad]."""
+        return float(2 * np.arcsin(min(self.model.practical_range / 2, 1.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values, for JSON."""
+        return {
+            "joint": self.joint + 1,
+            "std_mrad": self.std_mrad,
+            "reach_deg": np.degrees(self.reach),
+            "lag_deg": np.degrees(self.lag),
+            "semivariance_mrad2": self.semivariance,
+            "found_mrad2": self.found,
+        }
+
+
+def joint_similarity(error_map: ErrorMap) -> list[JointSimilarity]:
+    """Return the similarity of each joint that a kinematic map has an error of its own for.
+
+    Parameters
+    ----------
+    error_map : ErrorMap
+        With the predictor kinematic-kriging.
+
+    Raises
+    ------
+    DataError
+        If the map has another predictor.
+    """
+    predictor = error_map.predictor
+    if not isinstance(predictor, KinematicKriging):
+        raise DataError(
+            f"joint-wise similarity comes from kinematic-kriging, but the map has {error_map.predictor_name}; fit that"
+        )
+    hyper = predictor.hyper_
+    return [
+        JointSimilarity(
+            curve.joint,
+            VariogramModel("matern32", sill=1e6 * float(std) ** 2, range=float(length)),
+            *_of_curve(curve.angle, 1e3 * curve.error),
+        )
+        for curve, std, length in zip(predictor.joint_curves(), hyper.joint_std, hyper.joint_length, strict=True)
+    ]
+
+
+def _of_curve(angle: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lags up to 60°, or half the curve, and the semivariance of a curve at equally spaced angles."""
+    step = float(angle[1] - angle[0])
+    most = max(2, min(int(FARTHEST / step), len(angle) // 2) + 1)
+    shifts = np.unique(np.linspace(0, most - 1, min(most, LAGS)).astype(int))
+    return shifts * step, np.array([np.mean((error[k:] - error[: len(error) - k]) ** 2) / 2 for k in shifts])
+
+
+def draw_joint_similarity(axes: Axes, joints: list[JointSimilarity]) -> None:
+    """Draw the semivariograms of all joints: the model as a line, the curve found as dots."""
+    from truepose.similarity.plot import CURVES
+
+    for colour, one in zip(CURVES * len(joints), joints, strict=False):
+        degrees = np.degrees(one.lag)
+        axes.plot(degrees, one.semivariance, color=colour, lw=1.5, label=f"q{one.joint + 1}")
+        axes.plot(degrees, one.found, color=colour, lw=0, marker=".", ms=3, alpha=0.6)
+    axes.set(xlabel="angle between two positions of the joint [°]", ylabel="semivariance γ(Δ) [mrad²]")
+    axes.set_title("Each joint's own error (dots: of the curve found)")
+    axes.set_xlim(left=0)
+    axes.set_ylim(0, 1.25 * max(one.model.sill for one in joints))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
