@@ -11,7 +11,7 @@ from truepose.cli.output import Json, counting, emit_json, say, table
 
 
 def plan(
-    cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file, with its [region].")],
+    cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file, with its \\[region].")],
     n: Annotated[int, typer.Option("--n", min=1, help="How many poses.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for plan.csv and the measuring program.")],
     method: Annotated[
@@ -23,7 +23,7 @@ def plan(
     ] = "posterior",
     candidates: Annotated[
         Path | None,
-        typer.Option("--candidates", help="Choose among these configurations (q1_deg …), not in the [region]."),
+        typer.Option("--candidates", help="Choose among these configurations (q1_deg …), not in the \\[region]."),
     ] = None,
     after: Annotated[
         Path | None, typer.Option("--after", help="Map of a first series: choose what to measure next.")
