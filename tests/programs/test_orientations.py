@@ -50,7 +50,7 @@ def test_gimbal_lock(controller: str, middle: float) -> None:
 
 def test_in_gimbal_lock_one_angle_carries_the_turn() -> None:
     for middle in (90.0, -90.0):
-        kept = turned("kuka", np.array([[25.0, middle, 40.0]] * 2), Rotation.from_euler("z", [0.1] * 2, degrees=True))
+        kept = turned("kuka", np.array([[25.0, middle, 40.0]] * 2), Rotation.from_euler("z", [[0.1]] * 2, degrees=True))
         np.testing.assert_allclose(kept, [[25.1, middle, 40.0]] * 2, atol=1e-6)
 
 

@@ -101,6 +101,21 @@ def urscript(rows: list[np.ndarray], frames: list[int]) -> str:
     return "def a():\n" + "".join("  movel(p[" + ",".join(f"{v:.7f}" for v in r) + "])\n" for r in rows) + "end\n"
 
 
+def apt(rows: list[np.ndarray], frames: list[int]) -> str:
+    lines = ["GOTO/" + ",".join(f"{v:.4f}" for v in r[:3]) + "," + ",".join(f"{v:.9f}" for v in r[3:]) for r in rows]
+    return "UNITS/MM\nLOADTL/1\n" + "\n".join(lines) + "\nFINI\n"
+
+
+def with_x_near(tf: np.ndarray) -> np.ndarray:
+    """Turn poses about their z so that x is as near to the frame's x as it can be: what an axis alone says."""
+    turned = tf.copy()
+    for row, pose in zip(turned, tf, strict=True):
+        y = np.cross(pose[:3, 2], [1.0, 0.0, 0.0])
+        row[:3, 1] = y / np.linalg.norm(y)
+        row[:3, 0] = np.cross(row[:3, 1], pose[:3, 2])
+    return turned
+
+
 NUM = r"\s*(-?[\d.]+)"
 LANGUAGES = {
     "krl": Language(".src", "kuka", rf"X{NUM},Y{NUM},Z{NUM}", krl),
@@ -112,6 +127,7 @@ LANGUAGES = {
     "gcode": Language(".nc", "kuka", rf"G1 X{NUM} Y{NUM} Z{NUM}", gcode, options=ReadOptions(angles="kuka")),
     "urscript": Language(".script", "ur", rf"p\[{NUM},{NUM},{NUM}", urscript, unit=1000.0),
 }
+APT = Language(".apt", "apt", rf"GOTO/{NUM},{NUM},{NUM}", apt, options=ReadOptions(angles="z"))
 
 
 @pytest.fixture(scope="module")
@@ -121,11 +137,11 @@ def measured_cell() -> tuple[VirtualCell, ErrorMap]:
     return virtual, fit_cell(virtual.cell, samples, "ordinary-kriging")
 
 
-@pytest.mark.parametrize("name", LANGUAGES)
+@pytest.mark.parametrize("name", [*LANGUAGES, "apt"])
 def test_what_remains_is_what_the_map_leaves(
     tmp_path: Path, measured_cell: tuple[VirtualCell, ErrorMap], name: str
 ) -> None:
-    language = LANGUAGES[name]
+    language = LANGUAGES.get(name, APT)
     virtual, error_map = measured_cell
     rng = np.random.default_rng(7)
     middle = np.asarray(virtual.preset.centre_mm)
@@ -139,12 +155,20 @@ def test_what_remains_is_what_the_map_leaves(
         2: make_transform(euler("kuka", [-120.0, 20.0, 0.0]), np.subtract(middle, [0.0, 50.0, 20.0])),
     }
     number = [1 + i % 2 for i in range(N)]
+    if name == "apt":  # an axis, in one frame that the user names; its x lies as the tool's was when measured
+        number, frames[1] = [1] * N, make_transform(euler("kuka", list(virtual.preset.abc_deg)), frames[1][:3, 3])
     in_frame = (
         poses
         if name == "urscript"
         else np.array([invert_transform(frames[f]) @ tf for f, tf in zip(number, poses, strict=True)])
     )
-    angles = euler(language.controller, Rotation.from_matrix(in_frame[:, :3, :3]))
+    if name == "apt":
+        in_frame = with_x_near(in_frame)
+        poses = frames[1] @ in_frame
+        rotation = Rotation.from_matrix(poses[:, :3, :3])
+        angles = in_frame[:, :3, 2]
+    else:
+        angles = euler(language.controller, Rotation.from_matrix(in_frame[:, :3, :3]))
     rows = list(np.column_stack([in_frame[:, :3, 3] / language.unit, angles]))
     path = tmp_path / f"a{language.ending}"
     path.write_text(language.write(rows, number))
@@ -152,6 +176,7 @@ def test_what_remains_is_what_the_map_leaves(
     known = FrameTable(
         tools={1: tool, "tA": tool},
         bases={**frames, "w1": frames[1], "w2": frames[2], "G54": frames[1], "G55": frames[2]},
+        base=1 if name == "apt" else None,
     )
     corrected = correct_program(path, error_map, frames=known, options=language.options)
     assert corrected.summary()["corrected"] == N
@@ -175,3 +200,56 @@ def test_what_remains_is_what_the_map_leaves(
     angle = np.deg2rad(0.5e-3) * np.linalg.norm(tool[:3, 3])  # orientations are written with few digits
     assert np.abs(np.linalg.norm(after, axis=1) - np.linalg.norm(ideal, axis=1)).max() < digits + angle
     assert np.linalg.norm(after, axis=1).mean() < 0.5 * np.linalg.norm(before, axis=1).mean()
+
+
+@pytest.fixture(scope="module")
+def arm_map(measured_cell: tuple[VirtualCell, ErrorMap]) -> ErrorMap:
+    virtual, _ = measured_cell
+    return fit_cell(virtual.cell, virtual.measure(virtual.design(160, seed=2, orientation_deg=10.0)), "calibration")
+
+
+WHOLE = {
+    "krl": rf"X{NUM},Y{NUM},Z{NUM},A{NUM},B{NUM},C{NUM}",
+    "rapid": rf"\[\[{NUM},{NUM},{NUM}\],\[{NUM},{NUM},{NUM},{NUM}\]",
+    "urscript": rf"p\[{NUM},{NUM},{NUM},{NUM},{NUM},{NUM}\]",
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_orientations_are_what_the_map_leaves(
+    tmp_path: Path, measured_cell: tuple[VirtualCell, ErrorMap], arm_map: ErrorMap, name: str
+) -> None:
+    language, virtual = LANGUAGES[name], measured_cell[0]
+    rng = np.random.default_rng(8)
+    middle, size = np.asarray(virtual.preset.centre_mm), np.asarray(virtual.preset.size_mm)
+    turn = Rotation.from_rotvec(rng.uniform(-0.08, 0.08, (N, 3)))
+    p_base = middle + rng.uniform(-0.3, 0.3, (N, 3)) * size
+    poses = make_transform(turn * euler("kuka", list(virtual.preset.abc_deg)), p_base)
+    base = make_transform(euler("kuka", [30.0, -10.0, 5.0]), middle) if name != "urscript" else np.eye(4)
+    in_frame = invert_transform(base) @ poses
+    angles = euler(language.controller, Rotation.from_matrix(in_frame[:, :3, :3]))
+    path = tmp_path / f"a{language.ending}"
+    path.write_text(language.write(list(np.column_stack([in_frame[:, :3, 3] / language.unit, angles])), [1] * N))
+    tool = virtual.tf_flange_tool
+    known = FrameTable(tools={1: tool, "tA": tool}, bases={1: base, "w1": base})
+    corrected = correct_program(path, arm_map, frames=known, on_guard="skip", orientation=True)
+    done = np.array([outcome.verdict == "correct" for outcome in corrected.targets])
+    assert done.mean() > 0.8, corrected.targets[0].reason
+    rows = np.array(re.findall(WHOLE[name], corrected.files[path].decode()), dtype=float)
+    found = base @ make_transform(euler(language.controller, rows[:, 3:]), rows[:, :3] * language.unit)
+
+    def misses(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q = virtual.reach(command[:, :3, 3], Rotation.from_matrix(command[:, :3, :3]))
+        true = seen @ virtual.truth.forward(q, virtual._conditions(q, None, None, None))
+        error = Rotation.from_matrix(true[:, :3, :3]) * Rotation.from_matrix(poses[:, :3, :3]).inv()
+        return true[:, :3, 3] - p_base, error.as_rotvec()
+
+    # as the map's registration sees the true robot
+    seen = arm_map.registration.tf_base_tracker @ invert_transform(virtual.truth.tf_base_tracker)
+    answer = arm_map.correct(poses, tf_flange_tool=tool, on_guard="skip", orientation=True)
+    ideal = make_transform(
+        Rotation.from_rotvec(answer.rotation) * Rotation.from_matrix(poses[:, :3, :3]), answer.p_command
+    )
+    (_, before), (_, after), (_, best) = misses(poses), misses(found), misses(ideal)
+    assert np.abs(after - best)[done].max() < 2e-5
+    assert np.linalg.norm(after[done], axis=1).mean() < 0.85 * np.linalg.norm(before[done], axis=1).mean()

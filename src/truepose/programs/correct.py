@@ -282,7 +282,8 @@ def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: f
         change = outcomes.after[rows, :size]
         outcomes.after[rows] = np.nan
         here = np.flatnonzero(corrected[rows])
-        outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
+        if len(here):
+            outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
         tf = columns.tf_base_frame()
         p = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
         added = np.einsum("nij,nj->ni", tf[:, :3, :3], change[:, :3])
@@ -297,14 +298,14 @@ def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: f
 
 def _digits(program: Program, columns: Columns, change: FloatArray, resolution: float) -> FloatArray:
     """Return the numbers of targets as they are written when they change so, (n, 3 or 3 + k)."""
-    data = next(source.data for source in program.sources if source.path == columns.path) if len(columns) else b""
+    data = next(source.data for source in program.sources if source.path == columns.path)
     before, wanted = columns.values[:, :3], columns.values[:, :3] + change[:, :3]
-    if change.shape[1] > 3 and len(columns):
+    if change.shape[1] > 3:
         before = columns.values
         angles = turned(columns.controller, columns.values[:, 3:], Rotation.from_rotvec(change[:, 3:]))
         wanted = np.concatenate([wanted, angles], axis=1)
     after = before.copy()
-    for axis in range(before.shape[1] if len(columns) else 0):
+    for axis in range(before.shape[1]):
         unit, step = digit_step(columns, axis, resolution)
         old = before[:, axis] / unit
         new = moved(data, columns.spans[:, axis], old, (wanted - before)[:, axis] / unit, step)
