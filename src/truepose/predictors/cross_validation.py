@@ -121,6 +121,7 @@ class Job:
 
     samples: Registrable
     splits: Mapping[str, IntArray]
+    _registered: dict[tuple[str, int], Errors] = field(default_factory=dict)  # once for all candidates
 
     def run(self, task: Task) -> Outcome:
         """Fit, and predict what was held out; BLAS in one thread, so that the result is the same everywhere."""
@@ -134,7 +135,10 @@ class Job:
             return Outcome(task, out, nothing, nothing, note=f"failed: {error}")
 
     def _outcome(self, task: Task, out: IntArray, known: IntArray) -> Outcome:
-        errors = self.samples.registered_by(known)
+        key = task.split, task.fold
+        if key not in self._registered:
+            self._registered[key] = self.samples.registered_by(known)
+        errors = self._registered[key]
         model, gross = errors.fit(task.candidate, known)
         x = errors.coordinates[PREDICTORS[task.candidate].space]
 
