@@ -37,6 +37,8 @@ def test_columns_are_told_once_and_saved(run, folder):
     assert "wide.txt: columns as told, lengths in m." in done.out
     again = run(*args, folder / "b.csv", "--columns", saved, "--json")
     assert again.json["n"] == 30
+    summary = again.json["summary"]
+    assert (summary["readings"], summary["missing"], summary["outliers"], summary["unit"]) == (30, [], [], "m")
     np.testing.assert_allclose(read_samples(folder / "b.csv").p_meas, measured.p_meas, atol=1e-8)
 
 

@@ -241,3 +241,12 @@ def test_every_robot_of_the_library_can_be_virtual(name, preset):
     largest = np.linalg.norm(registered(cell, samples), axis=1).max()
     assert 0.2 < largest < 10.0
     assert cell.cell.robot.model == name
+
+
+def test_the_tool_is_turned_otherwise_than_stated():
+    cell = VirtualCell("hard", seed=2, effects=["tool"])
+    samples = cell.measure(cell.design(20), reflectors=3)
+    to_base = Rotation.from_matrix(cell.truth.tf_base_tracker[:3, :3])
+    off = samples.rotation_cmd.inv() * to_base * samples.rotation_meas
+    assert 1e-3 < off.magnitude().max() < 15e-3
+    np.testing.assert_allclose(off.as_rotvec(), np.tile(off[0].as_rotvec(), (20, 1)), atol=1e-9)

@@ -116,6 +116,8 @@ def import_readings(
     as_json: Json = False,
 ) -> None:
     """Read a tracker's file, match it to the plan, register it and name the outliers."""
+    from dataclasses import asdict
+
     import numpy as np
 
     from truepose import trackers
@@ -156,6 +158,7 @@ def import_readings(
                 "samples": out,
                 "n": len(samples),
                 "understood": understood.sentences(),
+                "summary": asdict(understood),
                 "registration": figures,
                 "outliers": outliers,
             }

@@ -54,8 +54,8 @@ class Preset:
     repeatability_std : float [mm]
         Of the TCP, in each direction; RP of ISO 9283 is about 3.6 times that.
     tracker : TrackerNoise
-    tool_std : float [mm]
-        Of the difference between the stated tool point and the real one.
+    tool_std, tool_angle_std : float [mm], [rad]
+        Of the difference between the stated tool and the real one, in each direction.
     largest_error : float [mm], optional
         Parameter errors are scaled so that the largest error over the work region, after rigid registration, is this.
     compliance : pair of ranges [rad/Nm]
@@ -100,6 +100,7 @@ class Preset:
     repeatability_std: float
     tracker: TrackerNoise = field(default_factory=TrackerNoise)
     tool_std: float = 0.0
+    tool_angle_std: float = 3e-3
     largest_error: float | None = None
     orientation_deg: float = 0.0
     effects: frozenset[str] = frozenset({"geometry", "tool", "repeatability", "tracker"})

@@ -321,15 +321,18 @@ class VirtualCell:
             error["beta"] = np.zeros(dof)
         tool_error = rng.normal(scale=preset.tool_std, size=3)
         station = np.array([preset.centre_mm[0] + 3500.0, -1500.0, 300.0]) + rng.uniform(-500.0, 500.0, size=3)
+        joints = draw_joints(preset, self.robot, self.effects, joint_rng)
+        turn = Rotation.from_rotvec(joint_rng.normal(scale=preset.tool_angle_std, size=3))
         tf_flange_tool = self.tf_flange_tool.copy()
         if "tool" in self.effects:
             tf_flange_tool[:3, 3] += tool_error
+            tf_flange_tool[:3, :3] = tf_flange_tool[:3, :3] @ turn.as_matrix()
         truth = Truth(
             robot=self._perturbed(error, 1.0),
             tf_flange_tool=tf_flange_tool,
             tf_base_tracker=make_transform(Rotation.from_euler("Z", rng.uniform(-180.0, 180.0), degrees=True), station),
             seed=self.seed,
-            **draw_joints(preset, self.robot, self.effects, joint_rng),
+            **joints,
         )
         if "geometry" not in self.effects:
             return replace(truth, robot=self.robot)
