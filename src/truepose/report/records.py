@@ -172,7 +172,7 @@ def _targets(record: Record, say: Locale) -> list[Block]:
     if not touched:
         return []
     words = [say(f"programs.column_{key}") for key in ("target", "line")]
-    columns = [*words, "x [mm]", "y [mm]", "z [mm]", "Δx", "Δy", "Δz", say("accuracy.column_std")]
+    columns = [*words, "x [mm]", "y [mm]", "z [mm]", "Δx [mm]", "Δy [mm]", "Δz [mm]", say("accuracy.column_std")]
     rows = [
         [
             target.name,
