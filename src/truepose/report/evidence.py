@@ -20,7 +20,8 @@ from truepose.report.records import Record, read_record
 from truepose.report.region import Plane, planes
 from truepose.report.study import SimilarityStudy, similarity_study
 from truepose.samples import Samples
-from truepose.verification import accuracy
+from truepose.verification import held_out as held_out_figures
+from truepose.verification import usual_groups
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class Evidence:
     before, after : (n, 3) arrays [mm], base frame
         Their errors, and what the map leaves of them.
     accuracy : dict
-        As `truepose.verification.Accuracy.to_dict`; with held-out poses also ``coverage`` and ``seen``.
+        As `truepose.verification.HeldOut.to_dict`; with held-out poses also ``seen``.
     study : SimilarityStudy
     planes : list of Plane
     records : list of Record
@@ -87,7 +88,8 @@ def gather(
     if held_out is None:
         p, before = error_map.p_cmd, error_map.e
         after, _ = error_map.leave_one_out()
-        figures = accuracy(before, after, rng=SEED).to_dict()
+        groups = usual_groups(p, q=error_map.samples.q, robot=error_map.robot, time=error_map.samples.time)
+        figures = held_out_figures(before, after, groups=groups, rng=SEED).to_dict()
     else:
         p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
         after = before - error_map.predict_errors(held_out)[0]

@@ -139,12 +139,22 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
         for key, value in values.items()
         if (ends := found["intervals_95"].get(key)) is not None
     ]
+    mean = found["after"]["mean_mm"]
+    intervals += [
+        [say(f"accuracy.group_{name}"), *(say.number(v, ".3f") for v in (mean, *group["interval_95_mean_mm"]))]
+        for name, group in found["groups"].items()
+    ]
     heads = [say(f"accuracy.column_{key}") for key in ("figure", "value", "low", "high")]
     blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
     if "coverage" in found:
         cover = found["coverage"]
         shares_told = {key: 100 * cover[key] for key in ("within_68", "within_95")}
         blocks.append(Text(say("accuracy.coverage", **shares_told, rms=cover["standardised_rms"])))
+    if floor := found.get("noise_floor"):
+        low, high = floor["ratio_interval_95"]
+        blocks.append(
+            Text(say("accuracy.noise_floor", mean=floor["mean_mm"], ratio=floor["ratio"], low=low, high=high))
+        )
     return Section(say("accuracy.title"), blocks)
 
 
