@@ -14,8 +14,9 @@ from truepose._version import __version__
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
     from truepose.choosing import choose
-    from truepose.error_map import ErrorMap, fit_cell, load_map
+    from truepose.error_map import ErrorMap, load_map
     from truepose.errors import TrueposeError
+    from truepose.fitting import fit_cell
     from truepose.geometry import euler, register, register_with_tool
     from truepose.iso import iso9283, iso9283_poses
     from truepose.planning import plan
@@ -68,7 +69,7 @@ _HOME = {
     "correct_program": "programs",
     "euler": "geometry",
     "experimental_variogram": "similarity",
-    "fit_cell": "error_map",
+    "fit_cell": "fitting",
     "fit_variogram": "similarity",
     "held_out": "verification",
     "import_readings": "trackers",

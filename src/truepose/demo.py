@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.cell import load_cell
-from truepose.error_map import ErrorMap, fit_cell
+from truepose.error_map import ErrorMap
 from truepose.files import write_atomic
+from truepose.fitting import fit_cell
 from truepose.geometry import apply_transform, euler, make_transform
 from truepose.programs import FrameTable, correct_program, read_program
 from truepose.report import write_report

@@ -1,12 +1,12 @@
 """A fitted map of a cell's errors: registration, tool and predictor in one, from samples to corrections.
 
-A map is made by `fit_cell`, asked by `ErrorMap.predict_measured` and `ErrorMap.correct`, and kept in a file.
+A map is made by `truepose.fit_cell`, asked by `ErrorMap.predict_measured` and `ErrorMap.correct`, and kept in a file.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,12 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from truepose import files
 from truepose.cell import Cell
-from truepose.choosing import CellSamples
 from truepose.compensation import Corrections, Guards, Limits, Policy, Solution, apply_policy, solve
 from truepose.errors import DataError, RobotError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
-from truepose.predictors import PREDICTORS, Predictor, choose
+from truepose.predictors import PREDICTORS, Predictor
 from truepose.registering import check_limits, reading_noise
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
@@ -372,7 +371,8 @@ class ErrorMap:
             turned = self.robot.forward(x)[:, :3, :3]
             offset = np.einsum("nij,nj->ni", turned, np.broadcast_to(away, (len(x), 3)))
         if offset is None and not orientation:
-            return self.predictor.predict(x, return_std=return_std)
+            predict: Callable[..., Any] = self.predictor.predict
+            return predict(x, return_std=return_std)
         predict_pose: Callable[..., Any] = self.predictor.predict_pose
         if not return_std:
             return predict_pose(x, offset=offset)[:, rows]
@@ -447,84 +447,6 @@ def predictor_coordinates(space: str, poses: Poses, p_cmd: FloatArray) -> FloatA
     if poses.q is None:
         raise DataError(f"{poses.source}: a predictor in joint space needs joints (q1_deg …)")
     return poses.q
-
-
-def fit_cell(
-    cell: Cell,
-    samples: Samples,
-    predictor: str = "auto",
-    *,
-    candidates: str | Sequence[str] = "quick",
-    splits: Sequence[str] = ("points", "blocks"),
-    folds: int = 5,
-    rng: int = 0,
-    workers: int = 1,
-    progress: Callable[[str], Any] = str,
-) -> ErrorMap:
-    """Register, fit the tool if the cell asks for it, and fit an error model.
-
-    Parameters
-    ----------
-    cell : Cell
-    samples : Samples
-    predictor : str
-        A name of `PREDICTORS`, or ``auto``: that which leaves least in nested cross-validation.
-    candidates, splits, folds, rng, workers
-        Of ``auto``, see `truepose.choose`.
-    progress : callable
-        Takes a line about what is being done.
-
-    Returns
-    -------
-    ErrorMap
-
-    Raises
-    ------
-    DataError, IdentifiabilityError, RobotError, KrigingError
-        If the samples cannot bear what is asked of them.
-    """
-    measured = CellSamples(cell, cell.load_robot(), samples)
-    registration, tf_flange_tool = measured.register()
-    ranking: list[dict[str, Any]] = []
-    expected: dict[str, Any] = {}
-    if predictor == "auto":
-        choice = choose(measured, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress)
-        ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
-        model, gross = choice.predictor, choice.gross
-    else:
-        progress(f"Fitting {predictor}")
-        model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
-    weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
-    return ErrorMap(
-        cell=cell,
-        robot=measured.robot,
-        samples=samples[gross == 0],
-        registration=registration,
-        tf_flange_tool=tf_flange_tool,
-        predictor_name=predictor,
-        predictor=model,
-        ranking=ranking,
-        expected=expected,
-        excluded=_excluded(samples, registration, gross, weighed_down),
-    )
-
-
-def _excluded(
-    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: NDArray[np.int64]
-) -> list[dict[str, Any]]:
-    """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
-    assert samples.row is not None
-    size = np.linalg.norm(registration.residuals, axis=1)
-    return [
-        {
-            "row": int(samples.row[i]),
-            "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
-        }
-        for i in np.flatnonzero(gross)
-    ] + [
-        {"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, contradicted by the others"}
-        for i in weighed_down
-    ]
 
 
 def load_map(path: str | Path) -> ErrorMap:

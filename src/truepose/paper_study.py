@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
-from truepose.error_map import ErrorMap, fit_cell
+from truepose.error_map import ErrorMap
 from truepose.files import write_atomic
+from truepose.fitting import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
 from truepose.predictors import OrdinaryKriging
 from truepose.samples import Samples

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truepose.error_map import ErrorMap, fit_cell
+from truepose.error_map import ErrorMap
+from truepose.fitting import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
 from truepose.programs import FrameTable, ReadOptions, correct_program
 from truepose.simulation import VirtualCell

@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 from fontTools.ttLib import TTFont
 
-from truepose.error_map import fit_cell, load_map
+from truepose.error_map import load_map
 from truepose.errors import DataError, FileError
+from truepose.fitting import fit_cell
 from truepose.report import figures, write_report
 from truepose.report.document import Document, Table
 from truepose.report.evidence import Evidence, gather

@@ -37,7 +37,7 @@ def fit(
     from truepose.cell import load_cell
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
     from truepose.cli.choice import show_choice
-    from truepose.error_map import fit_cell
+    from truepose.fitting import fit_cell
     from truepose.samples import read_samples
     from truepose.verification import summary
 

@@ -43,7 +43,7 @@ def similarity(
     from dataclasses import replace
 
     from truepose.cell import load_cell
-    from truepose.error_map import fit_cell
+    from truepose.fitting import fit_cell
     from truepose.report.joint_similarity import joint_similarity
     from truepose.report.study import similarity_study
     from truepose.samples import read_samples

@@ -1,0 +1,96 @@
+"""From samples to a map of errors: register, fit a predictor or choose one, name what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.cell import Cell
+from truepose.choosing import CellSamples
+from truepose.error_map import ErrorMap
+from truepose.geometry import Registration
+from truepose.predictors import choose
+from truepose.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+
+def fit_cell(
+    cell: Cell,
+    samples: Samples,
+    predictor: str = "auto",
+    *,
+    candidates: str | Sequence[str] = "quick",
+    splits: Sequence[str] = ("points", "blocks"),
+    folds: int = 5,
+    rng: int = 0,
+    workers: int = 1,
+    progress: Callable[[str], Any] = str,
+) -> ErrorMap:
+    """Register, fit the tool if the cell asks for it, and fit an error model.
+
+    Parameters
+    ----------
+    cell : Cell
+    samples : Samples
+    predictor : str
+        A name of `PREDICTORS`, or ``auto``: that which leaves least in nested cross-validation.
+    candidates, splits, folds, rng, workers
+        Of ``auto``, see `truepose.choose`.
+    progress : callable
+        Takes a line about what is being done.
+
+    Returns
+    -------
+    ErrorMap
+
+    Raises
+    ------
+    DataError, IdentifiabilityError, RobotError, KrigingError
+        If the samples cannot bear what is asked of them.
+    """
+    measured = CellSamples(cell, cell.load_robot(), samples)
+    registration, tf_flange_tool = measured.register()
+    ranking: list[dict[str, Any]] = []
+    expected: dict[str, Any] = {}
+    if predictor == "auto":
+        choice = choose(measured, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress)
+        ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
+        model, gross = choice.predictor, choice.gross
+    else:
+        progress(f"Fitting {predictor}")
+        model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
+    weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
+    return ErrorMap(
+        cell=cell,
+        robot=measured.robot,
+        samples=samples[gross == 0],
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        predictor_name=predictor,
+        predictor=model,
+        ranking=ranking,
+        expected=expected,
+        excluded=_excluded(samples, registration, gross, weighed_down),
+    )
+
+
+def _excluded(
+    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: NDArray[np.int64]
+) -> list[dict[str, Any]]:
+    """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
+    assert samples.row is not None
+    size = np.linalg.norm(registration.residuals, axis=1)
+    return [
+        {
+            "row": int(samples.row[i]),
+            "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
+        }
+        for i in np.flatnonzero(gross)
+    ] + [
+        {"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, contradicted by the others"}
+        for i in weighed_down
+    ]
