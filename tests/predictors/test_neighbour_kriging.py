@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from truepose.errors import KrigingError
 from truepose.predictors import LocalKriging, OrdinaryKriging, UniversalKriging, VecchiaKriging
 from truepose.predictors.vecchia import predecessors
-from truepose.similarity import VariogramModel
+from truepose.similarity import VariogramModel, fit_likelihood
 
 MODEL = VariogramModel("matern32", nugget=0.05, sill=1.0, range=0.4)
 BOTH = [LocalKriging, VecchiaKriging]
@@ -135,3 +135,23 @@ def test_refusals(kriging, arguments, message, rng):
     x = rng.random((60, 3))
     with pytest.raises(KrigingError, match=message):
         kriging(**{"variogram": MODEL} | arguments).fit(x, x).predict(x + 0.01)
+
+
+def test_refined_variogram_is_the_most_likely(field):
+    """With all neighbours it is maximum likelihood."""
+    x, e = field[0][:150], field[1][:150]
+    refined = VecchiaKriging(150, "matern32", refine=True).fit(x, e).variogram_
+    exact = fit_likelihood(x, e, "matern32", method="ml", largest=None)
+    assert refined.range == pytest.approx(exact.range, rel=1e-2)
+    assert refined.nugget / refined.sill == pytest.approx(exact.nugget / exact.sill, rel=2e-2)
+    x, e = field[0][:400], field[1][:400]
+    likely = [VecchiaKriging(16, "matern32", refine=refine).fit(x, e).log_likelihood_.sum() for refine in (False, True)]
+    assert likely[1] > likely[0]
+
+
+@pytest.mark.parametrize("noise", [0.1, None])
+def test_refined_with_the_noise_of_readings(field, noise):
+    x, e = field[0][:200], field[1][:200]
+    plain, refined = (VecchiaKriging(20, "matern32", refine=refine).fit(x, e, noise) for refine in (False, True))
+    assert refined.log_likelihood_.sum() > plain.log_likelihood_.sum() - 1e-6
+    assert refined.variogram_.sill == pytest.approx(1.0, rel=0.6)

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import KrigingError
-from truepose.predictors.drift import DriftLike
-from truepose.predictors.kriging import VariogramLike
 from truepose.predictors.neighbour_kriging import SCALING, Group, NeighbourKriging
 
 FloatArray = NDArray[np.float64]
@@ -47,18 +45,6 @@ class LocalKriging(NeighbourKriging):
     >>> model.predict([[25.5]]).round(3)
     array([[0.558]])
     """
-
-    def __init__(
-        self,
-        neighbours: int = 32,
-        variogram: VariogramLike = None,
-        exact: bool = False,
-        drift: DriftLike = "constant",
-    ) -> None:
-        self.neighbours = neighbours
-        self.variogram = variogram
-        self.exact = exact
-        self.drift = drift
 
     def _scale(self, group: Group) -> FloatArray:
         u = len(self._points.x)

@@ -17,6 +17,7 @@ from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.correlation import Correlation, check_models, given_models, mean_model
 from truepose.predictors.drift import Drift, DriftLike
 from truepose.predictors.estimating import estimate_model, own_scales
+from truepose.predictors.kriging import VariogramLike
 from truepose.predictors.repeats import Points
 from truepose.similarity import VariogramModel
 
@@ -69,10 +70,17 @@ class NeighbourKriging(Predictor):
         As for `UniversalKriging`.
     """
 
-    neighbours: int
-    variogram: VariogramModel | Sequence[VariogramModel] | str | Sequence[str] | None
-    exact: bool
-    drift: DriftLike
+    def __init__(
+        self,
+        neighbours: int = 32,
+        variogram: VariogramLike = None,
+        exact: bool = False,
+        drift: DriftLike = "constant",
+    ) -> None:
+        self.neighbours = neighbours
+        self.variogram = variogram
+        self.exact = exact
+        self.drift = drift
 
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X while the neighbours stay the same, (m, k, d) or (m, d)."""
@@ -97,6 +105,10 @@ class NeighbourKriging(Predictor):
     @abstractmethod
     def _coefficients(self, group: Group, inverse: FloatArray, near: IntArray) -> FloatArray:
         """Return beta of each target, (m, p, c), given K⁻¹ of its neighbours (m, k, k)."""
+
+    def _refined(self, model: VariogramModel, noise: FloatArray) -> VariogramModel:
+        """Return a fitted variogram (k components alike), refined where a subclass can."""
+        return model
 
     def _prepare(self) -> None:
         """Prepare what is common to all targets, once the groups are there."""
@@ -131,7 +143,8 @@ class NeighbourKriging(Predictor):
             self.variogram_ = mean_model(given)
             return
         x, basis = self._drift.coordinates(X), self._drift(X)
-        self.variogram_ = estimate_model(self.variogram, x, e, basis, noise, self._points, self.exact)
+        found = estimate_model(self.variogram, x, e, basis, noise, self._points, self.exact)
+        self.variogram_ = self._refined(found, noise)
         self._set((self.variogram_,) * k, noise)
         scale = np.empty(k)
         for group in self._groups:

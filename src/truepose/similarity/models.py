@@ -280,6 +280,12 @@ class VariogramModel:
         extra = tuple(replace(part, sill=factor * part.sill) for part in self.plus)
         return replace(self, nugget=factor * self.nugget, sill=factor * self.sill, plus=extra)
 
+    def stretched(self, factor: float) -> Self:
+        """Return the model whose ranges are `factor` times as long."""
+        extra = tuple(part.stretched(factor) for part in self.plus)
+        ranges = tuple(factor * a for a in self.range) if isinstance(self.range, tuple) else factor * self.range
+        return replace(self, range=ranges, plus=extra)
+
     def with_pseudo_sill(self, points: FloatArray) -> VariogramModel:
         """Return the same γ with its structures without sill as C (1 − ρ), ρ = 1 − (h/a)^α, C large enough for points.
 
