@@ -107,6 +107,9 @@ def test_measured_ur10(shared: Path):
     ap = np.array([pose.AP_mm for pose in found.poses])
     assert 0.02 < np.median(rp) < 0.2  # the maker states 0.1 mm
     assert 0.4 < np.median(ap) < 1.2  # 0.72 mm in the mean with fitted tool and station, by its README
+    assert max(abs(angle) for pose in found.poses for angle in pose.AP_abc_deg) < 0.5
+    alone = tp.iso9283(samples)  # commanded poses are in another base frame than the robot's own: RP does not mind
+    np.testing.assert_allclose([pose.RP_mm for pose in alone.poses], rp, rtol=1e-6)
     assert found.missing[0].startswith(f"AP, RP: {len(counts)} of {len(counts)} poses have fewer than 30 cycles")
 
 
@@ -134,3 +137,28 @@ def test_by_command(tmp_path: Path, virtual):
     assert data["stated"]["load_kg"] == [120.0]
     assert len(data["poses"]) == 5
     assert data["AT_mm"] is None
+
+
+def test_points_of_a_path(virtual):
+    """Ten cycles along a line; RT is about that of poses, AT what the arm's errors leave after registration."""
+    line = np.asarray(virtual.preset.centre_mm) + np.outer(np.linspace(-1, 1, 12), [200.0, 300.0, 100.0])
+    q = np.tile(virtual.reach(line), (10, 1))
+    names = np.array([f"path{k}" for k in range(1, 13)] * 10)
+    found = tp.iso9283(replace(virtual.measure(q), name=names))
+    assert found.poses == ()
+    assert found.AP_mm is None
+    assert 0.03 < found.RT_mm < 0.15
+    assert 0.0 < found.AT_mm < 2.0
+    assert not any("AT, RT" in text for text in found.missing)
+    few = tp.iso9283(replace(virtual.measure(q[:36]), name=names[:36]))
+    assert "AT, RT: 3 cycles; the standard asks for 10" in few.missing
+
+
+def test_orientations_of_another_frame(virtual, measured):
+    turned = replace(
+        measured, rotation_cmd=measured.rotation_cmd * tp.euler("kuka", [[180.0, 0, 0]] * 5 + [[0.0] * 3] * 145)
+    )
+    said = r"rows 0, 1, 2, 3, 4: measured orientations are up to 1\d\d deg from commanded ones; give the cell"
+    with pytest.raises(DataError, match=said):
+        tp.iso9283(turned)
+    assert tp.iso9283(turned, cell=virtual.cell).poses[0].AP_abc_deg is not None

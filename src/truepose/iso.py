@@ -26,6 +26,7 @@ EDGES_MM: Final = (1600.0, 1000.0, 630.0, 400.0, 250.0)
 
 _SAME_MM: Final = 0.25
 _SAME_RAD: Final = np.deg2rad(0.1)
+_MOST_RAD: Final = np.deg2rad(5.0)  # no robot turns that far from what it was told
 _INSET: Final = 0.1  # of the diagonal, from each corner of the plane to P2 … P5
 _GRID: Final = 16
 _ORIENTATIONS: Final = (
@@ -65,13 +66,13 @@ def iso9283(measurements: Samples, *, cell: Cell | None = None, registered: bool
     >>> [pose.n for pose in figures.poses], 0.05 < figures.RP_mm < 0.1
     ([30, 30, 30, 30, 30], True)
     """
-    p_cmd, tf_base_tracker = _registered(measurements, cell, registered)
+    p_cmd, rotation_cmd, tf_base_tracker = _registered(measurements, cell, registered)
     return standard.figures(
         standard.Attained(
             pose=_pose_names(measurements, p_cmd),
             p_cmd=p_cmd,
             p=apply_transform(tf_base_tracker, measurements.p_meas),
-            turn=_turns(measurements, tf_base_tracker),
+            turn=_turns(measurements, rotation_cmd, tf_base_tracker),
             direction=_directions(measurements),
             time=measurements.time,
         )
@@ -157,16 +158,26 @@ def _cycled(q: FloatArray, p: FloatArray, rotation: Rotation, cycles: int, sourc
     )
 
 
-def _registered(measurements: Samples, cell: Cell | None, registered: bool) -> tuple[FloatArray, FloatArray]:
-    """Return the commanded positions (n, 3), and tf_base_tracker: the identity if registered already."""
+def _registered(
+    measurements: Samples, cell: Cell | None, registered: bool
+) -> tuple[FloatArray, Rotation | None, FloatArray]:
+    """Return the commanded positions (n, 3) and orientations, and tf_base_tracker: the identity if registered already.
+
+    With a cell and joints, orientations are the robot's own.
+    """
     if cell is not None:
-        registration, _, p_cmd = register_samples(cell, cell.load_robot(), measurements)
-        return p_cmd, registration.tf_base_tracker
+        robot = cell.load_robot()
+        registration, _, p_cmd = register_samples(cell, robot, measurements)
+        rotation = measurements.rotation_cmd
+        if measurements.q is not None:
+            rotation = Rotation.from_matrix(robot.forward(measurements.q)[:, :3, :3])
+        return p_cmd, rotation, registration.tf_base_tracker
     if measurements.p_cmd is None:
         raise measurements.error("has no commanded positions (x_cmd_mm …); add them, or give the cell to compute them")
-    if registered:
-        return measurements.p_cmd, np.eye(4)
-    return measurements.p_cmd, register(measurements.p_cmd, measurements.p_meas, robust=True).tf_base_tracker
+    station = np.eye(4)
+    if not registered:
+        station = register(measurements.p_cmd, measurements.p_meas, robust=True).tf_base_tracker
+    return measurements.p_cmd, measurements.rotation_cmd, station
 
 
 def _pose_names(measurements: Samples, p_cmd: FloatArray) -> NDArray[np.str_]:
@@ -186,16 +197,21 @@ def _pose_names(measurements: Samples, p_cmd: FloatArray) -> NDArray[np.str_]:
     return np.array([f"row {row}" for row in measurements.row[first]])[which]
 
 
-def _turns(measurements: Samples, tf_base_tracker: FloatArray) -> FloatArray | None:
+def _turns(measurements: Samples, rotation_cmd: Rotation | None, tf_base_tracker: FloatArray) -> FloatArray | None:
     """Return rotation vectors from commanded to attained orientations, (n, 3) [rad], base frame.
 
     How the reflector sits on the tool is not known; the mean of R_cmdᵀ R_meas is taken for it.
     """
-    if measurements.rotation_cmd is None or measurements.rotation_meas is None:
+    if rotation_cmd is None or measurements.rotation_meas is None:
         return None
     attained = Rotation.from_matrix(tf_base_tracker[:3, :3]) * measurements.rotation_meas
-    on_tool = (measurements.rotation_cmd.inv() * attained).mean()
-    return np.asarray((attained * on_tool.inv() * measurements.rotation_cmd.inv()).as_rotvec())
+    on_tool = (rotation_cmd.inv() * attained).mean()
+    turn = attained * on_tool.inv() * rotation_cmd.inv()
+    if (far := turn.magnitude() > _MOST_RAD).any():
+        message = f"measured orientations are up to {np.rad2deg(turn.magnitude().max()):.3g} deg from commanded ones"
+        remedy = "give the cell, so that these come from the joints, or leave the columns of orientations out"
+        raise measurements.error(f"{message}; {remedy}", far)
+    return np.asarray(turn.as_rotvec())
 
 
 def _directions(measurements: Samples) -> NDArray[np.int64] | None:

@@ -68,12 +68,16 @@ def _write_poses(cell_path: Path, out: Path, edge: float | None, as_json: bool) 
 
 
 def _show(found: Iso9283, stated: dict[str, object]) -> None:
-    rows = [
-        (pose.name, pose.n, pose.AP_mm, *pose.AP_xyz_mm, pose.RP_mm, _three(pose.AP_abc_deg), _three(pose.RP_abc_deg))
+    rows = [(pose.name, pose.n, pose.AP_mm, *pose.AP_xyz_mm, pose.RP_mm) for pose in found.poses]
+    say(table("Poses (ISO 9283) [mm]", ["pose", "cycles", "AP", "AP x", "AP y", "AP z", "RP"], rows))
+    turned = [
+        (pose.name, *(f"{value:.4f}" for value in (*pose.AP_abc_deg, *pose.RP_abc_deg)))
         for pose in found.poses
+        if pose.AP_abc_deg is not None and pose.RP_abc_deg is not None
     ]
-    columns = ["pose", "cycles", "AP [mm]", "x", "y", "z", "RP [mm]", "AP a, b, c [deg]", "RP a, b, c [deg]"]
-    say(table("Poses (ISO 9283)", columns, rows))
+    if turned:
+        columns = [f"{figure} {axis}" for figure in ("AP", "RP") for axis in "abc"]
+        say(table("Orientations [deg]", ["pose", *columns], turned))
     between = "" if found.AD_poses is None else f"between {found.AD_poses[0]} and {found.AD_poses[1]}"
     over = "" if found.drift_hours is None else f"at {found.drift_pose} over {found.drift_hours:.2f} h"
     lines = [
@@ -90,7 +94,3 @@ def _show(found: Iso9283, stated: dict[str, object]) -> None:
     say(table("Figures", ["", "[mm]", "where"], [(name, "–" if v is None else v, where) for name, v, where in lines]))
     frame = f"Frame: {stated['frame']}; AP depends on it, RP, vAP, AD, RD and RT do not."
     say(frame, *(f"[yellow]Missing[/]  {text}." for text in found.missing))
-
-
-def _three(values: tuple[float, float, float] | None) -> str:
-    return "–" if values is None else "  ".join(f"{value:.4f}" for value in values)
