@@ -25,7 +25,7 @@ from truepose.programs.orientations import turned
 from truepose.programs.outcomes import DONE, Outcomes, digit_step
 from truepose.programs.paths import StraightPaths
 from truepose.programs.reading import read_program
-from truepose.programs.source import Source, prove, unified_diff
+from truepose.programs.source import Source, printable, prove, unified_diff
 from truepose.programs.target import FloatArray, Verdict
 from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
 
@@ -345,4 +345,4 @@ def _refuse(program: Program, reasons: dict[int, str]) -> None:
 def _listed(program: Program, reasons: dict[int, str]) -> str:
     shown = [f"{program.targets[i].where}: {program.targets[i].name}: {reasons[i]}" for i in list(reasons)[:_SHOWN]]
     more = f" (and {len(reasons) - _SHOWN} more)" if len(reasons) > _SHOWN else ""
-    return "; ".join(shown) + more
+    return printable("; ".join(shown)) + more

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from truepose.errors import FileError
 from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.source import PLAIN_LEXER, Source
+from truepose.programs.source import PLAIN_LEXER, Source, printable
 from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
@@ -351,4 +351,4 @@ def _frame(frames: dict[bytes, bytes], key: bytes, name: str) -> Frame | None:
 
 
 def _shown(code: bytes) -> str:
-    return "".join(c if c.isprintable() else "?" for c in code.decode("latin-1").strip()[:40])
+    return printable(code.decode("latin-1").strip()[:40])

@@ -9,7 +9,7 @@ from typing import Final
 from truepose.errors import FileError
 from truepose.programs.flow import Flow, Structure
 from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.source import PLAIN_LEXER, Source
+from truepose.programs.source import PLAIN_LEXER, Source, printable
 from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
 
 _POSITION = re.compile(rb"[ \t]*(B?E?[CP])(\d{3,6})[ \t]*=[ \t]*")
@@ -247,4 +247,4 @@ def _small(text: str) -> bool:
 
 
 def _shown(code: bytes) -> str:
-    return "".join(c if c.isprintable() else "?" for c in code.decode("latin-1").strip()[:40])
+    return printable(code.decode("latin-1").strip()[:40])

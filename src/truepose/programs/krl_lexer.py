@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
-from truepose.programs.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number
+from truepose.programs.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number, printable
 
 LEXER: Final = re.compile(
     rb"\r\n|[\r\n]|[ \t]++|;[^\r\n]*+|\"[^\"\r\n]*+\"?|'[^'\r\n]*+'?|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]"
@@ -286,4 +286,4 @@ def strip(data: bytes, start: int, end: int) -> Span:
 def shown(data: bytes, start: int, end: int) -> str:
     """Return code for a message: short, on one line."""
     text = data[start : min(end, start + 40)].decode("latin-1")
-    return "".join(c if c.isprintable() else "?" for c in text) + ("…" if end - start > 40 else "")
+    return printable(text) + ("…" if end - start > 40 else "")

@@ -91,8 +91,13 @@ class Source:
             yield len(self._line_starts), start, len(self.data)
 
     def error(self, line: int, message: str) -> FileError:
-        """Return an error that names the file and a line."""
-        return FileError(self.path, message, line=line)
+        """Return an error that names the file and a line, itself on one line whatever the message quotes."""
+        return FileError(self.path, printable(message), line=line)
+
+
+def printable(text: str) -> str:
+    """Return a text with a ``?`` for every character that is not printed."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def parse_number(token: bytes) -> float:
