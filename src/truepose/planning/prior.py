@@ -86,7 +86,7 @@ class Prior:
     @classmethod
     def _before(cls, terms: Terms, joints: IntArray, hyper: Hyper, anchors: FloatArray) -> Self:
         basis = Basis.of(terms, joints, hyper, terms.at(anchors) if terms.range_names else None)
-        return cls(basis, hyper, np.diag(np.sqrt(basis.prior(hyper)[0])))
+        return cls(basis, hyper, np.diag(np.sqrt(basis.prior(hyper))))
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return columns (n, 3, s) [mm] of standard normal weights, and what they leave out, (n, 3, 3) [mm²]."""

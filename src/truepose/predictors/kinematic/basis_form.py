@@ -1,8 +1,9 @@
 """Equation (10) in a basis: linear in the number of samples, for some hundred to a hundred thousand of them.
 
-Each f_j is a Fourier series on the circle with its kernel's spectrum, Z a series over a subset of samples (Nyström).
-Everything is then a drift of p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the
-likelihood, its gradient and the prediction cost O(p³) and O(p) whatever n is.
+Each f_j stands on knots over the angles of its joint, Z on a subset of samples (Nyström). Everything is then a drift of
+p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the likelihood, its gradient and the
+prediction cost O(p³) and O(p²) whatever n is. What the columns cannot hold is noise of each sample and of each
+prediction (FITC, Snelson and Ghahramani 2006): without it the basis would be too sure between knots and anchors.
 """
 
 from __future__ import annotations
@@ -13,32 +14,37 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, lapack, solve_triangular
+from scipy.linalg import blas, block_diag, cho_factor, lapack, solve_triangular
+from scipy.spatial.distance import cdist
 
 from truepose.errors import KrigingError
-from truepose.predictors.kinematic.covariance_form import tolerances
+from truepose.predictors.kinematic.covariance_form import same_size, tolerances
 from truepose.predictors.kinematic.hyper import Hyper
-from truepose.predictors.kinematic.kernels import circle_spectrum, matern52, squared_distances
-from truepose.predictors.kinematic.terms import GROUPS, Design, Terms
+from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
+from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_MODES: Final = 6.0  # harmonics 0 … 6/l hold all but 1 % of the variance of a joint error of length l
-_MOST_MODES: Final = 120
+_KNOTS: Final = 8.0  # on a joint's length l: what they leave out of a joint error is below 0.1 % of its variance
+_MOST_KNOTS: Final = 150
 _NEGLIGIBLE: Final = 1e-4
+_TINY: Final = 1e-9
 _CHUNK: Final = 2048  # configurations whose columns are in memory at once
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Which columns stand for (10).
+    """Which columns stand for (10), at given lengths and ranges.
 
     Attributes
     ----------
     joints : (k,) array of int
-    harmonics : (k,) array of int
-        Modes of each f_j.
+    joint_length : (k,) array [rad]
+    knots : tuple of k arrays [rad]
+        Of each f_j.
+    knot_maps : tuple of k arrays
+        From correlations with the knots to the columns of f_j.
     anchor : Design, optional
         Configurations that carry Z.
     anchor_map : (a, r) array
@@ -47,7 +53,9 @@ class Basis:
 
     terms: Terms
     joints: IntArray
-    harmonics: IntArray
+    joint_length: FloatArray
+    knots: tuple[FloatArray, ...]
+    knot_maps: tuple[FloatArray, ...]
     rest_range: FloatArray
     anchor: Design | None
     anchor_map: FloatArray
@@ -60,8 +68,9 @@ class Basis:
         hyper: Hyper,
         anchor: Design | None,
         *,
-        modes: float = _MODES,
-        most: int = _MOST_MODES,
+        angles: FloatArray | None = None,
+        knots: float = _KNOTS,
+        most: int = _MOST_KNOTS,
         negligible: float = _NEGLIGIBLE,
     ) -> Self:
         """Return a basis for the lengths of `hyper`, with Z on the anchors at its ranges.
@@ -72,79 +81,109 @@ class Basis:
             Of the model.
         anchor : Design, optional
             Configurations that carry Z.
-        modes, most : float, int
-            A joint error of length l gets modes/l harmonics, at most `most`.
+        angles : (n, dof) array [rad], optional
+            That the joints' errors are to be known over; those of the anchors, or a full turn, when not given.
+        knots, most : float, int
+            A joint error has so many knots on its length l, at most `most` in all.
         negligible : float
             Eigenvalues of the anchors' correlation below this share of the largest are left to the noise.
         """
-        harmonics = np.minimum(np.ceil(modes / hyper.joint_length), most).astype(np.int64)
+        spans = np.array([[-np.pi], [np.pi]]) if angles is None and anchor is None else angles
+        spans = anchor.q if spans is None and anchor is not None else spans
+        assert spans is not None
+        at, maps = [], []
+        for j, length in zip(joints, hyper.joint_length, strict=True):
+            angle = spans[:, j if spans.shape[1] > 1 else 0]
+            low, high = float(angle.min()), min(float(angle.max()), float(angle.min()) + 2.0 * np.pi)
+            count = int(np.clip(np.ceil((high - low) * knots / length) + 1, 2, most))
+            at.append(np.linspace(low, high, count))
+            maps.append(_root(matern32(joint_chord(at[-1], at[-1]), float(length))[0], _TINY))
         anchor_map = np.empty((0, 0))
         if anchor is not None and len(hyper.rest_range):
-            rho = _rest_correlation(terms, hyper.rest_range, anchor, anchor)
-            value, vector = np.linalg.eigh(rho)
-            kept = value > negligible * value.max()
-            anchor_map = vector[:, kept] / np.sqrt(value[kept])
-        return cls(terms, joints, harmonics, hyper.rest_range, anchor if anchor_map.size else None, anchor_map)
+            anchor_map = _root(_rest_correlation(terms, hyper.rest_range, anchor, anchor), negligible)
+        kept = anchor if anchor_map.size else None
+        return cls(terms, joints, hyper.joint_length, tuple(at), tuple(maps), hyper.rest_range, kept, anchor_map)
 
     @property
     def groups(self) -> list[tuple[str, int]]:
         """Names and numbers of columns of the terms, in order."""
         drift = [(name, int((self.terms.group == g).sum())) for g, name in enumerate(GROUPS)]
-        joint = [(f"joint {j + 1}", 2 * int(m) + 1) for j, m in zip(self.joints, self.harmonics, strict=True)]
+        joint = [(f"joint {j + 1}", m.shape[1]) for j, m in zip(self.joints, self.knot_maps, strict=True)]
         return [*drift, *joint, ("rest", 3 * self.anchor_map.shape[1])]
+
+    def joint_columns(self, i: int, angle: FloatArray) -> FloatArray:
+        """Return the columns of f_j of the i-th joint at angles (m,) [rad], for unit variance: (m, k)."""
+        rho = matern32(joint_chord(angle, self.knots[i]), float(self.joint_length[i]))[0]
+        return np.asarray(rho @ self.knot_maps[i])
+
+    def rest_columns(self, design: Design) -> FloatArray:
+        """Return the columns of one component of Z at m configurations, for unit variance: (m, r)."""
+        if self.anchor is None:
+            return np.empty((len(design.q), 0))
+        return np.asarray(_rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map)
 
     def columns(self, design: Design) -> FloatArray:
         """Return Φ at m configurations, (r m, p); Z knows no orientation."""
+        return self._columns(design)[0]
+
+    def _columns(self, design: Design, hyper: Hyper | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return Φ, and with hyperparameters the prior covariance that it does not hold, (m, r, r) [mm², rad²]."""
         m, rows = len(design.q), design.rows
-        order = np.argsort(self.terms.group, kind="stable")
-        blocks = [design.drift[:, :, order]]
-        for j, harmonics in zip(self.joints, self.harmonics, strict=True):
-            angle = design.q[:, j, None] * np.arange(1, harmonics + 1)
-            modes = np.concatenate([np.ones((m, 1)), np.cos(angle), np.sin(angle)], axis=1)
-            blocks.append(design.lever[:, :, j, None] * modes[:, None, :])
-        if self.anchor is not None:
-            rest = _rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map
-            width = rest.shape[1]
-            block = np.zeros((m, rows, 3 * width))
-            for a in range(3):
-                block[:, a, a * width : (a + 1) * width] = rest
-            blocks.append(block)
-        return np.concatenate(blocks, axis=2).reshape(rows * m, -1)
+        counts = [count for _, count in self.groups]
+        edges = np.cumsum([0, *counts])
+        phi = np.zeros((m, rows, int(edges[-1])))
+        first = edges[len(GROUPS)]
+        phi[:, :, :first] = design.drift[:, :, np.argsort(self.terms.group, kind="stable")]
+        missing = np.zeros((m, rows, rows))
+        for i, j in enumerate(self.joints):
+            own, lever = self.joint_columns(i, design.q[:, j]), design.lever[:, :, j]
+            start, end = edges[len(GROUPS) + i : len(GROUPS) + i + 2]
+            np.multiply(lever[:, :, None], own[:, None, :], out=phi[:, :, start:end])
+            if hyper is not None:
+                left = hyper.joint_std[i] ** 2 * np.maximum(1.0 - np.einsum("mk,mk->m", own, own), 0.0)
+                missing += left[:, None, None] * lever[:, :, None] * lever[:, None, :]
+        rest = self.rest_columns(design)
+        width = rest.shape[1]
+        for a in range(3):
+            phi[:, a, edges[-2] + a * width : edges[-2] + (a + 1) * width] = rest
+        if hyper is not None and self.anchor is not None:
+            left = hyper.rest_std**2 * np.maximum(1.0 - np.einsum("mr,mr->m", rest, rest), 0.0)
+            missing += left[:, None, None] * np.diag(np.arange(rows) < 3)
+        return phi.reshape(rows * m, -1), missing
 
     def left_out_covariance(self, design: Design, hyper: Hyper) -> FloatArray:
         """Return the prior covariance that the columns do not hold at m configurations, (m, r, r) [mm², rad²].
 
-        Z away from the anchors, and harmonics beyond the last: without it the basis would be too sure there.
+        Z away from the anchors, and joint errors beyond the sampled angles and between the knots.
         """
-        held = np.array(
-            [
-                circle_spectrum(float(a), int(m))[0].sum()
-                for a, m in zip(hyper.joint_length, self.harmonics, strict=True)
-            ]
-        )
-        lever = design.lever[:, :, self.joints] * (hyper.joint_std * np.sqrt(np.maximum(1.0 - held, 0.0)))
-        covariance: FloatArray = np.einsum("maj,mbj->mab", lever, lever)
-        if self.anchor is not None:
-            rest = _rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map
-            missing = hyper.rest_std**2 * np.maximum(1.0 - np.einsum("mr,mr->m", rest, rest), 0.0)
-            covariance += missing[:, None, None] * np.diag(np.arange(design.rows) < 3)
-        return covariance
+        return self._columns(design, hyper)[1]
 
-    def prior(self, hyper: Hyper) -> tuple[FloatArray, FloatArray]:
-        """Return the prior variances Λ of the weights (p,), and their relative derivative by log l_j (p,)."""
+    def prior(self, hyper: Hyper) -> FloatArray:
+        """Return the prior variances Λ of the weights, (p,)."""
         order = np.argsort(self.terms.group, kind="stable")
-        variance = [tolerances(self.terms, hyper)[order] ** 2]
-        slope = [np.zeros(len(order))]
-        for std, length, harmonics in zip(hyper.joint_std, hyper.joint_length, self.harmonics, strict=True):
-            v, dv = circle_spectrum(float(length), int(harmonics))
-            v = np.maximum(v, 1e-14)
-            both = np.r_[0, np.arange(1, harmonics + 1), np.arange(1, harmonics + 1)]
-            variance.append(std**2 * v[both])
-            slope.append((dv / v)[both])
-        rest = 3 * self.anchor_map.shape[1]
-        variance.append(np.full(rest, hyper.rest_std**2))
-        slope.append(np.zeros(rest))
-        return np.concatenate(variance), np.concatenate(slope)
+        joint = [np.full(m.shape[1], std**2) for std, m in zip(hyper.joint_std, self.knot_maps, strict=True)]
+        rest = np.full(3 * self.anchor_map.shape[1], hyper.rest_std**2)
+        return np.concatenate([tolerances(self.terms, hyper)[order] ** 2, *joint, rest])
+
+    def whitened(
+        self, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return L⁻¹Φ (3m, p) and L⁻¹e (3m,) with L Lᵀ the noise (m, 3, 3) of each sample, which is third.
+
+        The noise is that of the readings, of variances (m, 3) [mm²], and what the columns leave out.
+        """
+        phi, noise = self._columns(design, hyper)
+        noise[:, np.arange(3), np.arange(3)] += noise_variance
+        white = np.linalg.inv(np.linalg.cholesky(noise))
+        m = len(e)
+        return (white @ phi.reshape(m, 3, -1)).reshape(3 * m, -1), (white @ e[:, :, None]).reshape(-1), noise
+
+
+def _root(correlation: FloatArray, negligible: float) -> FloatArray:
+    """Return V λ^(−½) of the eigenvalues that count: correlations times it are columns of unit prior variance."""
+    value, vector = np.linalg.eigh(correlation)
+    kept = value > negligible * value.max()
+    return np.asarray(vector[:, kept] / np.sqrt(value[kept]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,19 +196,18 @@ class Sums:
     n: int
 
     @classmethod
-    def of(cls, basis: Basis, design: Design, e: FloatArray, noise_variance: FloatArray) -> Self:
+    def of(cls, basis: Basis, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray) -> Self:
         """Sum over samples with errors and noise variances (n, 3), in parts."""
         p = sum(count for _, count in basis.groups)
-        phi_phi, phi_e, e_e = np.zeros((p, p)), np.zeros(p), 0.0
+        phi_phi, phi_e, e_e = np.zeros((p, p), order="F"), np.zeros(p), 0.0
         for start in range(0, len(e), _CHUNK):
             part = slice(start, start + _CHUNK)
-            root = 1.0 / np.sqrt(noise_variance[part].reshape(-1))
-            phi = basis.columns(take(design, part)) * root[:, None]
-            y = e[part].reshape(-1) * root
-            phi_phi += phi.T @ phi
+            phi, y, _ = basis.whitened(take(design, part), hyper, e[part], noise_variance[part])
+            phi_phi = blas.dsyrk(1.0, phi.T, beta=1.0, c=phi_phi, overwrite_c=1)
             phi_e += phi.T @ y
             e_e += float(y @ y)
-        return cls(phi_phi, phi_e, e_e, len(e))
+        upper = np.triu(phi_phi)
+        return cls(upper + np.triu(upper, 1).T, phi_e, e_e, len(e))
 
 
 def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float) -> tuple[float, FloatArray, float]:
@@ -183,8 +221,7 @@ def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float
     scale : float
         Factor c of the noise variances in `sums`.
     """
-    variance, _ = basis.prior(hyper)
-    root = np.sqrt(variance)
+    root = np.sqrt(basis.prior(hyper))
     matrix = sums.phi_phi * (root[:, None] * root / scale)
     matrix[np.diag_indices(len(root))] += 1.0
     factor, failed = lapack.dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
@@ -203,16 +240,14 @@ def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float
 
 
 def gradient_by_hyper(basis: Basis, hyper: Hyper, by_variance: FloatArray, by_scale: float) -> FloatArray:
-    """Return the gradient by the logarithms of `Hyper.to_vector`; the ranges of Z are fixed in a basis, theirs is 0."""
-    _, slope = basis.prior(hyper)
+    """Return the gradient by the logarithms of `Hyper.to_vector`; a basis holds lengths and ranges: theirs is 0."""
     edges = np.cumsum([0, *(count for _, count in basis.groups)])
     part = [slice(a, b) for a, b in pairwise(edges)]
     joints = part[len(GROUPS) : -1]
     by_std = [2.0 * by_variance[p].sum() for p in joints]
-    by_length = [float((by_variance[p] * slope[p]).sum()) for p in joints]
     by_tolerance = [2.0 * by_variance[p].sum() for p in part[1 : len(GROUPS)]]
     rest = [2.0 * by_variance[part[-1]].sum(), *np.zeros(len(hyper.rest_range))] if len(hyper.rest_range) else []
-    return np.array([*by_std, *by_length, *by_tolerance, 2.0 * by_scale, *rest])
+    return np.array([*by_std, *np.zeros(len(joints)), *by_tolerance, 2.0 * by_scale, *rest])
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,13 +259,15 @@ class BasisForm:
     weight : (p,) array
         Posterior mean.
     root : (p, p) array
-        Λ½ L⁻ᵀ: the posterior covariance is root rootᵀ.
+        Λ½ L⁻ᵀ, upper triangular: the posterior covariance is root rootᵀ.
+    noise : (n, 3, 3) array [mm²]
+        Of each sample: its reading, and what the columns leave out.
     """
 
     basis: Basis
     design: Design
     hyper: Hyper
-    noise_variance: FloatArray
+    noise: FloatArray
     e: FloatArray
     weight: FloatArray
     root: FloatArray
@@ -244,8 +281,8 @@ class BasisForm:
         KrigingError
             If the system is singular.
         """
-        sums = Sums.of(basis, design, e, noise_variance)
-        prior_root = np.sqrt(basis.prior(hyper)[0])
+        sums = Sums.of(basis, design, hyper, e, noise_variance)
+        prior_root = np.sqrt(basis.prior(hyper))
         matrix = sums.phi_phi * (prior_root[:, None] * prior_root)
         matrix[np.diag_indices(len(matrix))] += 1.0
         try:
@@ -253,22 +290,35 @@ class BasisForm:
         except np.linalg.LinAlgError:
             raise KrigingError("the system of kinematic Kriging is singular; state a larger noise_std") from None
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, overwrite_b=True)
-        root = prior_root[:, None] * inverse.T
-        return cls(basis, design, hyper, noise_variance, e, root @ (root.T @ sums.phi_e), root)
+        root = np.asfortranarray(prior_root[:, None] * inverse.T)
+        noise = np.concatenate([basis.left_out_covariance(part, hyper) for part in parts(design, _CHUNK)])
+        noise[:, np.arange(3), np.arange(3)] += noise_variance
+        return cls(basis, design, hyper, noise, e, root @ (root.T @ sums.phi_e), root)
 
     def mean(self, design: Design) -> FloatArray:
         """Return the predicted errors at m configurations, (m, r) [mm, rad]."""
         return np.concatenate(
-            [(self.basis.columns(part) @ self.weight).reshape(-1, design.rows) for part in parts(design)]
+            [(self.basis.columns(part) @ self.weight).reshape(-1, design.rows) for part in parts(design, _CHUNK)]
         )
 
     def covariance(self, design: Design) -> FloatArray:
         """Return the covariance of the noise-free error at m configurations, (m, r, r) [mm², rad²]."""
-        out = []
-        for part in parts(design):
-            half = (self.basis.columns(part) @ self.root).reshape(len(part.q), design.rows, -1)
-            out.append(half @ np.swapaxes(half, 1, 2) + self.basis.left_out_covariance(part, self.hyper))
-        return np.concatenate(out)
+        return self.posterior(design)[1]
+
+    def posterior(self, design: Design) -> tuple[FloatArray, FloatArray]:
+        """Return `mean` and `covariance`."""
+        means, covariances = [], []
+        for part in parts(design, _CHUNK):
+            phi, missing = self.basis._columns(part, self.hyper)
+            means.append((phi @ self.weight).reshape(-1, design.rows))
+            half = self._half(phi).reshape(len(part.q), design.rows, -1)
+            covariances.append(half @ np.swapaxes(half, 1, 2) + missing)
+        return np.concatenate(means), np.concatenate(covariances)
+
+    def _half(self, phi: FloatArray) -> FloatArray:
+        """Return Φ root, (r m, p): its rows' products are posterior covariances. Φ is overwritten."""
+        half: FloatArray = blas.dtrmm(1.0, self.root, phi.T, lower=0, trans_a=1, overwrite_b=1)
+        return half.T
 
     def covariance_together(self, design: Design) -> FloatArray:
         """Return the covariance of the noise-free errors at m configurations with each other, (3m, 3m) [mm²]."""
@@ -300,42 +350,33 @@ class BasisForm:
         """Return f_j of the i-th joint seen at angles (m,) [rad]: mean (m,) [rad] and covariance (m, m) [rad²]."""
         counts = [count for _, count in self.basis.groups]
         start = sum(counts[: len(GROUPS) + i])
-        harmonics = np.arange(1, self.basis.harmonics[i] + 1)
-        modes = np.concatenate(
-            [np.ones((len(angle), 1)), np.cos(angle[:, None] * harmonics), np.sin(angle[:, None] * harmonics)], axis=1
-        )
-        part = slice(start, start + modes.shape[1])
-        half = modes @ self.root[part]
-        return modes @ self.weight[part], half @ half.T
+        own, length = self.basis.joint_columns(i, angle), float(self.hyper.joint_length[i])
+        part = slice(start, start + own.shape[1])
+        half = own @ self.root[part]
+        left = matern32(joint_chord(angle, angle), length)[0] - own @ own.T
+        return own @ self.weight[part], half @ half.T + self.hyper.joint_std[i] ** 2 * left
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (n, 3) and covariances (n, 3, 3) when the samples of each block are left out together."""
         n = len(block)
         residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
-        for label in np.unique(block):
-            rows = np.flatnonzero(block == label)
-            phi = self.basis.columns(take(self.design, rows))
-            noise = self.noise_variance[rows].reshape(-1)
-            half = phi @ self.root
-            # (R − ΦΣΦᵀ) R⁻¹ (e − Φ ŵ_without) = e − Φŵ; the covariance without the block is R (R − ΦΣΦᵀ)⁻¹ R
-            inner = np.diag(noise) - half @ half.T
-            miss = self.e[rows].reshape(-1) - phi @ self.weight
-            residual[rows] = (noise * np.linalg.solve(inner, miss)).reshape(-1, 3)
-            full = (noise[:, None] * np.linalg.inv(inner) * noise).reshape(len(rows), 3, len(rows), 3)
-            covariance[rows] = np.einsum("iaib->iab", full)
+        for rows in same_size(block):  # all blocks of one size at once, some at a time: (g, m)
+            for some in np.array_split(rows, -(-rows.size // _CHUNK)):
+                g, m = some.shape
+                phi = self.basis.columns(take(self.design, some.reshape(-1)))
+                miss = self.e[some].reshape(g, 3 * m) - (phi @ self.weight).reshape(g, 3 * m)
+                half = self._half(phi).reshape(g, 3 * m, -1)
+                blocks = np.zeros((g, m, 3, m, 3))
+                blocks[:, np.arange(m), :, np.arange(m)] = np.swapaxes(self.noise[some], 0, 1)
+                noise = blocks.reshape(g, 3 * m, 3 * m)
+                # (R − ΦΣΦᵀ) R⁻¹ (e − Φ ŵ_without) = e − Φŵ; the covariance without the block is R (R − ΦΣΦᵀ)⁻¹ R
+                spread = noise @ np.linalg.inv(noise - half @ np.swapaxes(half, 1, 2))
+                residual[some] = (spread @ miss[:, :, None]).reshape(g, m, 3)
+                full = (spread @ noise).reshape(g, m, 3, m, 3)
+                covariance[some] = np.swapaxes(full[:, np.arange(m), :, np.arange(m)], 0, 1)
         return residual, covariance
 
 
-def take(design: Design, rows: slice | IntArray) -> Design:
-    """Return some configurations of a design."""
-    return Design(*(getattr(design, name)[rows] for name in ("q", "p", "drift", "lever", "place")))
-
-
-def parts(design: Design) -> list[Design]:
-    """Return a design in parts that are small enough to hold their columns."""
-    return [take(design, slice(start, start + _CHUNK)) for start in range(0, len(design.q), _CHUNK)]
-
-
 def _rest_correlation(terms: Terms, rest_range: FloatArray, design: Design, other: Design) -> FloatArray:
-    squared = squared_distances(design.place, other.place, terms.range_of, len(rest_range))
-    return matern52(np.tensordot(1.0 / rest_range**2, squared, axes=1))[0]
+    near = design.place / rest_range[terms.range_of], other.place / rest_range[terms.range_of]
+    return matern52(cdist(*near, "sqeuclidean"))[0]

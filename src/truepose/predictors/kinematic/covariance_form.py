@@ -6,19 +6,31 @@ Cov(e(q), e(q')) = J Σ0 J'ᵀ + Σ_j s_j² ρ(q_j, q'_j) (∂P/∂q_j)(∂P'/�
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import blas, lapack, solve_triangular
+from scipy.spatial.distance import cdist
 
 from truepose.errors import KrigingError
+from truepose.predictors.kinematic.compiled import add_joints_and_rest, slopes
 from truepose.predictors.kinematic.hyper import Hyper
-from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52, squared_distances
-from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms
+from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
+from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_CHUNK: Final = 256  # configurations whose covariances with all samples are in memory at once
+
+
+def same_size(block: IntArray) -> list[IntArray]:
+    """Return the rows of blocks, those of one size together: (g, m) for each size m."""
+    _, label, count = np.unique(block, return_inverse=True, return_counts=True)
+    order = np.argsort(label.reshape(-1), kind="stable")
+    start = np.cumsum(count) - count
+    return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
 
 
 def tolerances(terms: Terms, hyper: Hyper) -> FloatArray:
@@ -50,73 +62,41 @@ class Likelihood:
     ) -> None:
         self._n = len(e)
         self._y = e.reshape(-1)
-        self._lever = [np.ascontiguousarray(design.lever[:, :, j]) for j in joints]
-        self._chord = [joint_chord(design.q[:, j], design.q[:, j]) for j in joints]
+        self._half, self._lever = _turns_and_levers(design, joints)
         flat = design.drift.reshape(3 * self._n, -1)
-        self._drift = [flat[:, terms.group == g] for g in (0, GEOMETRY, COMPLIANCE)]
-        self._outer = [d @ d.T for d in self._drift]
-        ranges = len(terms.range_names)
-        self._squared = squared_distances(design.place, design.place, terms.range_of, ranges) if ranges else None
+        self._drift = [np.asfortranarray(flat[:, terms.group == g]) for g in (0, GEOMETRY, COMPLIANCE)]
+        self._place, self._range_of, self._ranges = design.place, terms.range_of, len(terms.range_names)
         self._reading = (noise_std**2 / weight[:, None]).reshape(-1)
         self._weight = np.repeat(weight, 3)
 
     def __call__(self, hyper: Hyper) -> tuple[float, FloatArray]:
         """Return the value and its gradient by the logarithms of `Hyper.to_vector`."""
-        n, k = self._n, len(self._lever)
-        covariance = self._outer[0].copy()
-        for outer, scale in zip(self._outer[1:], hyper.tolerance, strict=True):
-            covariance += scale**2 * outer
-        blocks = covariance.reshape(n, 3, n, 3)
-        joints = []
-        for lever, chord, std, length in zip(
-            self._lever, self._chord, hyper.joint_std, hyper.joint_length, strict=True
-        ):
-            rho, slope = matern32(chord, float(length))
-            rho *= std**2
-            slope *= std**2
-            joints.append((rho, slope))
-            for a in range(3):
-                for b in range(3):
-                    blocks[:, a, :, b] += rho * np.outer(lever[:, a], lever[:, b])
-        rest = self._rest(hyper)
-        if rest is not None:
-            for a in range(3):
-                blocks[:, a, :, a] += rest[0]
-        diagonal = np.arange(3 * n)
-        covariance[diagonal, diagonal] += hyper.noise**2 / self._weight + self._reading
-        factor, failed = lapack.dpotrf(covariance.T, lower=1, clean=1, overwrite_a=1)
+        scaled = np.hstack([d * s for d, s in zip(self._drift, (1.0, *hyper.tolerance), strict=True)])
+        place = _over_ranges(self._place, self._range_of, hyper)
+        covariance = scaled @ scaled.T
+        here = (self._half, self._lever)
+        add_joints_and_rest(
+            covariance, *here, *here, hyper.joint_std, hyper.joint_length, place, place, hyper.rest_std, True
+        )
+        noise = hyper.noise**2 / self._weight
+        covariance[np.diag_indices(3 * self._n)] += noise + self._reading
+        factor, failed = lapack.dpotrf(covariance.T, lower=0, clean=0, overwrite_a=1)
         if failed:
             return np.inf, np.zeros(len(hyper.to_vector()))
-        alpha = lapack.dpotrs(factor, self._y, lower=1)[0]
+        alpha = lapack.dpotrs(factor, self._y, lower=0)[0]
         value = 0.5 * float(self._y @ alpha) + float(np.log(np.diag(factor)).sum())
-        inverse = lapack.dpotri(factor, lower=1, overwrite_c=1)[0]
-        inverse += np.tril(inverse, -1).T
-        w = inverse.T  # symmetric, and in C order
-        w -= np.outer(alpha, alpha)
-        gradient = np.empty(2 * k + 3)
-        w_blocks = w.reshape(n, 3, n, 3)
-        for i, (lever, (rho, slope)) in enumerate(zip(self._lever, joints, strict=True)):
-            seen = sum(w_blocks[:, a, :, b] * np.outer(lever[:, a], lever[:, b]) for a in range(3) for b in range(3))
-            gradient[i] = np.vdot(seen, rho)
-            gradient[k + i] = 0.5 * np.vdot(seen, slope)
-        for i, (drift, scale) in enumerate(zip(self._drift[1:], hyper.tolerance, strict=True)):
-            gradient[2 * k + i] = scale**2 * np.vdot(drift, w @ drift)
-        gradient[2 * k + 2] = hyper.noise**2 * float((np.diag(w) / self._weight).sum())
-        if rest is not None:
-            assert self._squared is not None
-            seen = w_blocks[:, 0, :, 0] + w_blocks[:, 1, :, 1] + w_blocks[:, 2, :, 2]
-            by_range = [
-                0.5 * np.vdot(seen, rest[1] * d) / length**2
-                for d, length in zip(self._squared, hyper.rest_range, strict=True)
-            ]
-            gradient = np.r_[gradient, np.vdot(seen, rest[0]), by_range]
-        return value, gradient
-
-    def _rest(self, hyper: Hyper) -> tuple[FloatArray, FloatArray] | None:
-        if self._squared is None:
-            return None
-        rho, slope = matern52(np.tensordot(1.0 / hyper.rest_range**2, self._squared, axes=1))
-        return hyper.rest_std**2 * rho, hyper.rest_std**2 * slope
+        inverse = lapack.dpotri(factor, lower=0, overwrite_c=1)[0]
+        by_tolerance = [
+            scale**2 * (np.vdot(drift, blas.dsymm(1.0, inverse, drift)) - np.sum((drift.T @ alpha) ** 2))
+            for drift, scale in zip(self._drift[1:], hyper.tolerance, strict=True)
+        ]
+        by_noise = float(((np.diag(inverse) - alpha**2) * noise).sum())
+        k = len(hyper.joint_std)
+        found = slopes(
+            inverse.T, alpha, *here, hyper.joint_std, hyper.joint_length, place, self._range_of, hyper.rest_std,
+            self._ranges,
+        )  # fmt: skip
+        return value, np.concatenate([found[: 2 * k], by_tolerance, [by_noise], found[2 * k :]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +148,23 @@ class CovarianceForm:
 
     def mean(self, design: Design) -> FloatArray:
         """Return the predicted errors at m configurations, (m, r) [mm, rad]."""
-        cross = self._covariance_with(design)
-        return np.asarray((cross @ self.alpha).reshape(-1, design.rows))
+        found = [self._covariance_with(part) @ self.alpha for part in parts(design, _CHUNK)]
+        return np.concatenate(found).reshape(-1, design.rows)
 
     def covariance(self, design: Design) -> FloatArray:
         """Return the covariance of the noise-free error at m configurations, (m, r, r) [mm², rad²]."""
-        cross = self._covariance_with(design)
-        half: FloatArray = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
-        half = half.reshape(len(self.alpha), -1, design.rows)
-        return np.asarray(self.prior_covariance(design) - np.einsum("kma,kmb->mab", half, half, optimize=True))
+        return self.posterior(design)[1]
+
+    def posterior(self, design: Design) -> tuple[FloatArray, FloatArray]:
+        """Return `mean` and `covariance`."""
+        means, covariances = [], []
+        for part in parts(design, _CHUNK):
+            cross = self._covariance_with(part)
+            means.append((cross @ self.alpha).reshape(-1, design.rows))
+            half: FloatArray = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
+            half = half.reshape(len(self.alpha), -1, design.rows)
+            covariances.append(self.prior_covariance(part) - np.einsum("kma,kmb->mab", half, half, optimize=True))
+        return np.concatenate(means), np.concatenate(covariances)
 
     def covariance_together(self, design: Design) -> FloatArray:
         """Return the covariance of the noise-free errors at m configurations with each other, (3m, 3m) [mm²]."""
@@ -225,20 +213,29 @@ class CovarianceForm:
         covariance : (n, 3, 3) array [mm²]
         """
         inverse = lapack.dpotri(self.factor, lower=1)[0]
-        inverse += np.tril(inverse, -1).T
         n = len(block)
         residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
-        for label in np.unique(block):
-            rows = np.flatnonzero(block == label)
-            index = (3 * rows[:, None] + np.arange(3)).reshape(-1)
-            part = np.linalg.inv(inverse[np.ix_(index, index)])
-            residual[rows] = (part @ self.alpha[index]).reshape(-1, 3)
-            covariance[rows] = np.einsum("iaib->iab", part.reshape(len(rows), 3, len(rows), 3))
+        for rows in same_size(block):
+            g, m = rows.shape
+            index = (3 * rows[:, :, None] + np.arange(3)).reshape(g, 3 * m)
+            left, right = index[:, :, None], index[:, None, :]
+            part = np.linalg.inv(inverse[np.maximum(left, right), np.minimum(left, right)])
+            residual[rows] = (part @ self.alpha[index][:, :, None]).reshape(g, m, 3)
+            full = part.reshape(g, m, 3, m, 3)
+            covariance[rows] = np.swapaxes(full[:, np.arange(m), :, np.arange(m)], 0, 1)
         return residual, covariance
 
     def _covariance_with(self, design: Design) -> FloatArray:
         """Return the covariance between m configurations and the samples, (r m, 3n) [mm²]."""
-        return np.asarray(np.sum(list(self._cross(design).values()), axis=0))
+        scale, here = tolerances(self.terms, self.hyper), self.design
+        left = (design.drift * scale**2).reshape(design.rows * len(design.q), -1)
+        covariance = left @ here.drift.reshape(3 * len(here.q), -1).T
+        place, other = (_over_ranges(d.place, self.terms.range_of, self.hyper) for d in (design, here))
+        add_joints_and_rest(
+            covariance, *_turns_and_levers(design, self.joints), *_turns_and_levers(here, self.joints),
+            self.hyper.joint_std, self.hyper.joint_length, place, other, self.hyper.rest_std, False,
+        )  # fmt: skip
+        return np.asarray(covariance)
 
     def _cross(self, design: Design) -> dict[str, FloatArray]:
         """Return the covariances of each term between m configurations and the samples, (r m, 3n) [mm²] each."""
@@ -258,12 +255,22 @@ class CovarianceForm:
                     block[:, a, :, b] = rho * np.outer(design.lever[:, a, j], self.design.lever[:, b, j])
             out[f"joint {j + 1}"] = block.reshape(rows * m, 3 * n)
         if len(self.hyper.rest_range):
-            squared = squared_distances(
-                design.place, self.design.place, self.terms.range_of, len(self.hyper.rest_range)
-            )
-            rho = self.hyper.rest_std**2 * matern52(np.tensordot(1.0 / self.hyper.rest_range**2, squared, axes=1))[0]
+            place, other = (_over_ranges(d.place, self.terms.range_of, self.hyper) for d in (design, self.design))
+            rho = self.hyper.rest_std**2 * matern52(cdist(place, other, "sqeuclidean"))[0]
             block = np.zeros((m, rows, n, 3))
             for a in range(3):
                 block[:, a, :, a] = rho
             out["rest"] = block.reshape(rows * m, 3 * n)
         return out
+
+
+def _turns_and_levers(design: Design, joints: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return cosine and sine of half of each joint's angle (m, k, 2), and levers (m, k, r) [mm/rad]."""
+    half = 0.5 * design.q[:, joints]
+    lever = np.ascontiguousarray(np.swapaxes(design.lever[:, :, joints], 1, 2))
+    return np.stack([np.cos(half), np.sin(half)], axis=2), lever
+
+
+def _over_ranges(place: FloatArray, range_of: IntArray, hyper: Hyper) -> FloatArray:
+    """Return coordinates of Z (m, d) over their ranges; none where there is no Z."""
+    return place / hyper.rest_range[range_of] if len(hyper.rest_range) else np.empty((len(place), 0))

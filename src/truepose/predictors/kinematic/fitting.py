@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 _STARTS: Final = (1.0, 0.3)  # factors of the joint lengths that a search starts from
 _SHORT: Final = 25  # iterations after which the better start goes on alone
 _LONG: Final = 120
+_SETTLED: Final = 1e-6  # relative change of the log likelihood: some 0.002, no reason to go on
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ def search(likelihood: Likelihood, starts: list[Hyper]) -> Search:
 
 
 def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
-    """Go on from hyperparameters of a subset with all samples, in basis form; the ranges of Z stay as they are.
+    """Go on from hyperparameters of a subset with all samples, in basis form; its lengths and ranges stay as they are.
 
     Parameters
     ----------
@@ -69,8 +70,10 @@ def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
         value, by_variance, by_scale = negative_log_likelihood(basis, sums, hyper, scale)
         return value, gradient_by_hyper(basis, hyper, by_variance, by_scale)
 
-    ranges = len(start.rest_range)
-    return _minimise(likelihood, [start], held=ranges)
+    k, ranges = len(start.joint_std), len(start.rest_range)
+    return _minimise(
+        likelihood, [start], held=np.r_[np.zeros(k), np.ones(k), np.zeros(3 + (ranges > 0)), np.ones(ranges)]
+    )
 
 
 def spread_starts(start: Hyper) -> list[Hyper]:
@@ -84,13 +87,15 @@ def spread_starts(start: Hyper) -> list[Hyper]:
     return out
 
 
-def _minimise(likelihood: Callable[[Hyper], tuple[float, FloatArray]], starts: list[Hyper], held: int = 0) -> Search:
-    """Minimise; the last `held` parameters stay where the first start has them."""
+def _minimise(
+    likelihood: Callable[[Hyper], tuple[float, FloatArray]], starts: list[Hyper], held: FloatArray | None = None
+) -> Search:
+    """Minimise; parameters that are held (1 of 0 and 1) stay where the first start has them."""
     shape = starts[0]
     centre, std = shape.prior()
     bounds = shape.bounds()
-    if held:
-        bounds[-held:] = [(value, value) for value in shape.to_vector()[-held:]]
+    for i in np.flatnonzero(np.zeros(0) if held is None else held):
+        bounds[i] = (shape.to_vector()[i],) * 2
     evaluations = 0
 
     def objective(theta: FloatArray) -> tuple[float, FloatArray]:
@@ -101,7 +106,8 @@ def _minimise(likelihood: Callable[[Hyper], tuple[float, FloatArray]], starts: l
         return value + 0.5 * float(pull @ pull), gradient + pull / std
 
     def run(theta: FloatArray, iterations: int) -> tuple[float, FloatArray]:
-        found = minimize(objective, theta, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
+        options: Any = {"maxiter": iterations, "ftol": _SETTLED}
+        found = minimize(objective, theta, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return float(found.fun), np.asarray(found.x)
 
     first = [run(start.to_vector(), _SHORT if len(starts) > 1 else _LONG) for start in starts]

@@ -32,25 +32,3 @@ def matern52(r_squared: FloatArray) -> tuple[FloatArray, FloatArray]:
     a = np.sqrt(5.0 * np.maximum(r_squared, 0.0))
     decay = np.exp(-a)
     return (1.0 + a + a * a / 3.0) * decay, (5.0 / 3.0) * (1.0 + a) * decay
-
-
-def squared_distances(x: FloatArray, other: FloatArray, range_of: NDArray[np.int64], ranges: int) -> FloatArray:
-    """Return squared distances of (n, d) and (m, d) points over the coordinates of each range, (ranges, n, m)."""
-    out = np.zeros((ranges, len(x), len(other)))
-    for k, g in enumerate(range_of):
-        out[g] += (x[:, k, None] - other[:, k]) ** 2
-    return out
-
-
-def circle_spectrum(length: float, harmonics: int) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of the Fourier modes 0 … M of `matern32` on the circle, and ∂/∂log l: both (M + 1,).
-
-    ρ(θ) = Σ_m v_m cos(mθ): v_0 is the constant, v_m belongs to the pair cos mθ, sin mθ. By the discrete transform of
-    the correlation on a grid fine enough for its range; what lies beyond M is left out.
-    """
-    n = 1 << int(np.ceil(np.log2(max(8 * harmonics, 64.0 / min(length, 1.0)))))
-    chord = 2.0 * np.abs(np.sin(np.pi * np.arange(n) / n))
-    modes = [np.fft.rfft(values).real / n for values in matern32(chord, length)]
-    for mode in modes:
-        mode[1:] *= 2.0
-    return np.maximum(modes[0][: harmonics + 1], 0.0), modes[1][: harmonics + 1]

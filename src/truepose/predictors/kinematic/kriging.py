@@ -13,11 +13,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.base import LeaveOneOut, Predictor, checked_noise
-from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, take
+from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyper import Hyper
-from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms
+from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
 from truepose.similarity.threads import blas_threads
@@ -25,13 +25,14 @@ from truepose.similarity.threads import blas_threads
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-EXACT_UP_TO: Final = 1000
+EXACT_UP_TO: Final = 500
 """Samples up to which ``solver="auto"`` takes the covariance form."""
 
+_FIRST: Final = 150  # samples that the starts of the search are compared on
 _SUBSET: Final = 350  # samples that hyperparameters are searched on where there are more
 _ANCHORS: Final = 250  # samples that carry Z in a basis
 _FEWEST: Final = 6
-_LARGE: Final = 1500  # equations from which BLAS gains by threads
+_LARGE: Final = 2000  # equations from which BLAS gains by threads, also on a busy machine
 _SURPRISE: Final = 11.34  # squared standardised length beyond which a reading is weighed down: 1 % of good ones
 _ROUNDS: Final = 4
 _GROSS: Final = 0.1  # weight below which a reading is called gross
@@ -157,7 +158,7 @@ class KinematicKriging(Predictor):
         self.unseen_ = sorted(set(range(X.shape[1])) - set(self.joints_.tolist())) if self.joint_errors else []
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
-        with blas_threads(3 * len(e), large=_LARGE):
+        with blas_threads(3 * min(len(e), EXACT_UP_TO), large=_LARGE):
             if self.hyper is not None:
                 self.hyper_ = Hyper.from_dict(self.hyper)
                 self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
@@ -216,7 +217,7 @@ class KinematicKriging(Predictor):
         self.weight_ = np.concatenate([self.weight_, np.ones(len(e))])
         self._take(*self._given)
         fresh = slice(len(old_e), None)
-        with blas_threads(3 * len(self._e), large=_LARGE):
+        with blas_threads(3 * min(len(self._e), EXACT_UP_TO), large=_LARGE):
             for _ in range(_ROUNDS if self.robust else 0):
                 self._form = self._solved(self._terms.at(self._x))
                 weight = self._weights()[fresh]
@@ -248,22 +249,15 @@ class KinematicKriging(Predictor):
     def _estimate(self, design: Design) -> None:
         """Search hyperparameters and robust weights in turn until the weights settle."""
         n = len(self._e)
-        rng = np.random.default_rng(self.random_state)
-        rows = np.sort(rng.permutation(n)[:_SUBSET])
+        order = np.random.default_rng(self.random_state).permutation(n)
         start = Hyper.start(len(self.joints_), len(self._terms.range_names))
         starts = spread_starts(start) if len(self.joints_) else [start]
         self.weight_ = self._first_weights(design) if self.robust else np.ones(n)
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
-                likelihood = Likelihood(
-                    self._terms,
-                    take(design, rows),
-                    self.joints_,
-                    self._e[rows],
-                    self._reading[rows],
-                    self.weight_[rows],
-                )
-                found = search(likelihood, starts)
+                for size in (_FIRST, _SUBSET) if turn == 0 and n > _FIRST else (_SUBSET,):
+                    found = search(self._likelihood(design, np.sort(order[:size])), starts)
+                    starts = [found.hyper]
                 self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
                 self.bounds_hit_ = found.bounds_hit
             self._form = self._solved(design, refining=turn == 0)
@@ -275,6 +269,11 @@ class KinematicKriging(Predictor):
             starts = [self.hyper_]
             if change.max() < _SETTLED:
                 return
+
+    def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
+        return Likelihood(
+            self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self.weight_[rows]
+        )
 
     def _first_weights(self, design: Design) -> FloatArray:
         """Return 0.0001 for readings far from what drift alone explains, 1 for the others: a start for the search."""
@@ -312,9 +311,9 @@ class KinematicKriging(Predictor):
             )
         rng = np.random.default_rng(self.random_state)
         anchor = take(design, np.sort(rng.permutation(len(self._e))[:_ANCHORS])) if self._terms.range_names else None
-        basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor)
+        basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor, angles=design.q)
         if refining:
-            found = refine(basis, Sums.of(basis, design, self._e, self._noise_variance()), self.hyper_)
+            found = refine(basis, Sums.of(basis, design, self.hyper_, self._e, self._noise_variance()), self.hyper_)
             self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
 
@@ -333,20 +332,21 @@ class KinematicKriging(Predictor):
     def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
-        e = self._form.mean(design) + self._terms.curvature(design)
         if not return_std:
-            return e, None
-        variance = np.einsum("maa->ma", self._form.covariance(design))
+            return self._form.mean(design) + self._terms.curvature(design), None
+        e, covariance = self._form.posterior(design)
+        variance = np.einsum("maa->ma", covariance)
         noise = self.hyper_.noise**2 if include_nugget else 0.0
-        return e, np.sqrt(self.inflation_ * (np.maximum(variance, 0.0) + noise))
+        std = np.sqrt(self.inflation_ * (np.maximum(variance, 0.0) + noise))
+        return e + self._terms.curvature(design), std
 
     def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
         check_is_fitted(self)
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
-        e = self._form.mean(design) + self._terms.curvature(design)
-        return e, self.inflation_ * self._form.covariance(design)
+        e, covariance = self._form.posterior(design)
+        return e + self._terms.curvature(design), self.inflation_ * covariance
 
     @overload
     def predict_pose(
@@ -385,11 +385,11 @@ class KinematicKriging(Predictor):
         curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
         unknown = at_offset(self._unknown_turns(design), offset)
         design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
-        error = self._form.mean(design) + curvature
         if not return_std:
-            return error
-        variance = np.einsum("maa->ma", self._form.covariance(design)) + np.sum(unknown**2, axis=2)
-        return error, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+            return self._form.mean(design) + curvature
+        error, covariance = self._form.posterior(design)
+        variance = np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2)
+        return error + curvature, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
 
     def _unknown_turns(self, design: Design) -> FloatArray:
         """Return columns of what Z, and joints that are not seen, may turn the tool by, (m, 6, k)."""

@@ -62,6 +62,16 @@ class Design:
         return int(self.lever.shape[1])
 
 
+def take(design: Design, rows: slice | IntArray) -> Design:
+    """Return some configurations of a design."""
+    return Design(*(getattr(design, name)[rows] for name in ("q", "p", "drift", "lever", "place")))
+
+
+def parts(design: Design, size: int) -> list[Design]:
+    """Return a design in parts of some configurations."""
+    return [take(design, slice(start, start + size)) for start in range(0, len(design.q), size)]
+
+
 class Terms:
     """Which terms of (10) are in a model, with their names and prior standard deviations.
 

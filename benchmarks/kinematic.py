@@ -1,0 +1,119 @@
+"""Kinematic Kriging: fit with hyperparameters, prediction with standard deviation, compensation.
+
+scikit-learn's GaussianProcessRegressor has three ranges and noise, no drift, and one kernel for the three components.
+The samples are those of the virtual cell "hard": errors of geometry, compliance and every joint.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from benchmarks.harness import Call, Job, Memory, Slow
+from truepose import ErrorMap, VirtualCell, fit_cell
+from truepose.geometry import register
+from truepose.predictors import KinematicKriging
+from truepose.samples import Poses
+
+TITLE = "Benchmarks: kinematic Kriging"
+PACKAGES = ("truepose", "numpy", "scipy", "numba", "scikit-learn")
+FloatArray = NDArray[np.float64]
+COMPARED = 1_000
+
+
+def jobs(*, quick: bool = False) -> Iterator[Job]:
+    """Yield the jobs."""
+    n, many = (150, 600) if quick else (COMPARED, 12_000)
+    sizes = (100, 300) if quick else (100, 300, 1_000, 3_000, 12_000, 100_000)
+    m, targets = (500, 100) if quick else (100_000, 10_000)
+    yield Job(
+        f"fit with hyperparameters, n = {n:,}",
+        {"truepose": _once(partial(_fit, n)), "scikit-learn GPR": _once(partial(_scikit_learn, n))},
+        target=">= 1",
+    )
+    yield Job(
+        f"fit with hyperparameters, n = {many:,} (scikit-learn: n = {n:,}, not more)",
+        {"truepose": _once(partial(_fit, many)), f"scikit-learn GPR, n = {n:,}": _once(partial(_scikit_learn, n))},
+        memory=Memory(partial(_fit, 60), partial(_fit, many)),
+        target=">= 0.05; < 2,000 MB",
+    )
+    for size in sizes:
+        yield Job(f"time against n: n = {size:,}", {"truepose": _once(partial(_fit, size))})
+    q, p = _samples(m)[0][:m], _samples(m)[1][:m]
+    model, process = _fitted(n), _process(n)
+    yield Job(
+        f"prediction with standard deviation, {m:,} configurations, n = {n:,} (both from {m // 10:,})",
+        {
+            "truepose": Slow(lambda count: model.predict(q[:count], return_std=True), (m // 10,)),
+            "scikit-learn GPR": Slow(lambda count: process.predict(p[:count], return_std=True), (m // 10,)),
+        },
+        items=m,
+        target=">= 1",
+    )
+    error_map, poses = _map(n if quick else 300, targets)
+    yield Job(
+        f"correction (16) of {targets:,} poses, guards included",
+        {
+            "truepose": lambda: error_map.correct(poses, on_guard="skip"),
+            "position and orientation": lambda: error_map.correct(poses, on_guard="skip", orientation=True),
+            "two predictions and two inverse kinematics": _twice(error_map, poses),
+        },
+        items=targets,
+        target=">= 0.5 (the last row)",
+    )
+
+
+def _once(call: Call) -> Slow:
+    return Slow(lambda _count: call(), (1,), repeats=1)
+
+
+@cache
+def _samples(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return joints (n, 6) [rad], commanded positions and errors (n, 3) [mm]."""
+    virtual = VirtualCell("hard", seed=100)
+    samples = virtual.measure(virtual.design(n))
+    assert samples.q is not None
+    p_cmd = virtual.robot.forward(samples.q, tool=virtual.tf_flange_tool)[:, :3, 3]
+    return samples.q, p_cmd, register(p_cmd, samples.p_meas).residuals
+
+
+def _fit(n: int) -> KinematicKriging:
+    q, _, e = _samples(n)
+    virtual = VirtualCell("hard", seed=100)
+    return KinematicKriging(virtual.robot, virtual.tf_flange_tool).fit(q, e)
+
+
+def _scikit_learn(n: int) -> GaussianProcessRegressor:
+    _, p, e = _samples(n)
+    kernel = ConstantKernel(0.1) * RBF([500.0] * 3, (1.0, 1e5)) + WhiteKernel(0.01)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return GaussianProcessRegressor(kernel).fit(p, e)
+
+
+_fitted = cache(_fit)
+_process = cache(_scikit_learn)
+
+
+@cache
+def _map(n: int, targets: int) -> tuple[ErrorMap, FloatArray]:
+    """Return a map of n samples, and poses (targets, 4, 4) [mm] among them."""
+    virtual = VirtualCell("hard", seed=100)
+    error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(n)), "kinematic-kriging")
+    return error_map, virtual.robot.forward(virtual.design(targets, seed=7), tool=virtual.tf_flange_tool)
+
+
+def _twice(error_map: ErrorMap, poses: FloatArray) -> Call:
+    def call() -> Any:
+        for _ in range(2):
+            q = error_map.robot.inverse(poses, tool=error_map.tf_flange_tool)[:, 0]
+            error_map.predict_errors(Poses(q=q))
+
+    return call
