@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 
 import typer
 
-from truepose.cli import demo, iso9283, maps, planning, programs, report, setup, similarity, study, updating
+from truepose.cli import demo, explain, iso9283, maps, planning, programs, report, setup, similarity, study, updating
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -30,6 +31,7 @@ app.command("similarity")(similarity.similarity)
 app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)
+app.command("explain")(explain.explain)
 app.command("update")(updating.update)
 app.command("iso9283")(iso9283.iso9283)
 app.command("report")(report.report)
@@ -50,7 +52,9 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 def main() -> None:
     """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn  # type: ignore[assignment]
+            app()
     except TrueposeError as error:
         _fail(str(error))
     except KeyboardInterrupt:
@@ -59,6 +63,10 @@ def main() -> None:
         if os.environ.get("TRUEPOSE_TRACEBACK"):
             raise
         _fail(f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it")
+
+
+def _warn(message: Warning | str, *_: object) -> None:
+    sys.stderr.write(f"truepose: warning: {' '.join(str(message).split())}\n")
 
 
 def _fail(message: str, code: int = 1) -> None:
