@@ -17,7 +17,7 @@ from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 LOGGER = logging.getLogger(__name__)
-COLUMNS = "104"
+COLUMNS = "116"
 FOLDERS: dict[str, tempfile.TemporaryDirectory[str]] = {}
 
 
