@@ -15,17 +15,15 @@ def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any
         (
             row["predictor"],
             row["mean_mm"],
-            _interval(row["mean_interval_mm"]),
             *(row["splits"][name]["mean_mm"] for name in splits),
             row["p95_mm"],
-            f"{100 * row['within_95']:.0f} %",
             _worse(row) if k else "taken",
         )
         if "mean_mm" in row
-        else (row["predictor"], *["–"] * (len(splits) + 4), row["note"])
+        else (row["predictor"], *["–"] * (len(splits) + 2), row["note"])
         for k, row in enumerate(ranking)
     ]
-    columns = ["predictor", "mean [mm]", "95 %", *splits, "P95 [mm]", "inside 95 %", "worse by [mm]"]
+    columns = ["predictor", "mean [mm]", *splits, "P95", "worse by, 95 %"]
     say(table(f"Candidates, predicted without {' and without '.join(splits)}", columns, rows))
     low, high = expected["mean_interval_mm"]
     say(
@@ -36,10 +34,6 @@ def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any
     )
 
 
-def _interval(ends: Sequence[float]) -> str:
-    return f"{ends[0]:.3f} … {ends[1]:.3f}"
-
-
 def _worse(row: Mapping[str, Any]) -> str:
-    text = f"{row['worse_by_mm']:+.3f} ({_interval(row['worse_by_interval_mm'])})"
-    return f"{text} level" if row["level"] else text
+    low, high = row["worse_by_interval_mm"]
+    return "level" if row["level"] else f"{low:.3f} … {high:.3f}"
