@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.predictors.folds import block_folds, random_folds
+from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds, split_samples
+from truepose.robots import load_robot
 
 
 def test_random_folds_are_of_equal_size():
@@ -27,3 +28,32 @@ def test_one_place_has_no_blocks():
 def test_impossible_folds(n, folds):
     with pytest.raises(DataError, match="folds of"):
         random_folds(n, folds)
+
+
+def test_repeats_stay_together(rng):
+    x = rng.uniform(size=(60, 3))
+    x = np.concatenate([x, x[:20] + 1e-5])
+    fold = point_folds(x, 5)
+    np.testing.assert_array_equal(fold[60:], fold[:20])
+    assert set(fold) == set(range(5))
+
+
+@pytest.mark.parametrize("name", ["kuka-kr210-r2700-extra", "universal-robots-ur10"])
+def test_branches_are_those_of_the_inverse(name, rng):
+    robot = load_robot(name)
+    q = rng.uniform(-0.2, 0.2, (20, 6)) + np.deg2rad([10.0, -80.0, 80.0, 20.0, 50.0, 30.0])
+    every = robot.inverse(robot.forward(q))
+    other = next(slot for slot in range(8) if np.isfinite(every[:, slot]).all() and np.ptp(every[:, slot] - q) > 0.5)
+    turned = every[:, other] + 2 * np.pi * np.array([0, 0, 0, 0, 0, 1])  # a full turn is no branch
+    fold = branch_folds(robot, np.concatenate([q, turned]))
+    assert len(set(fold[:20])) == len(set(fold[20:])) == 1
+    assert fold[0] != fold[20]
+    with pytest.raises(DataError, match=r'on one branch of the arm; take "blocks" or "points"'):
+        branch_folds(robot, q)
+
+
+def test_splits_by_name(rng):
+    x = rng.uniform(size=(40, 3))
+    found = split_samples(["blocks", "points"], {"cartesian": x}, folds=4)
+    assert list(found) == ["blocks", "points"]
+    np.testing.assert_array_equal(found["blocks"], block_folds(x, 4))
