@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,11 @@ def test_predict_where_the_tracker_sees_it(run, cell_files, tmp_path):
     truth = apply_transform(invert_transform(virtual.truth.tf_base_tracker), virtual.true_position(q))
     assert np.linalg.norm(predicted - truth, axis=1).mean() < 0.1
     assert all(0 < float(row["std_mm"]) < 0.5 for row in rows)
+
+
+def test_warnings_are_one_line(run, monkeypatch):
+    monkeypatch.setattr("truepose.cli.app", lambda: warnings.warn("few digits\nleft", stacklevel=1))
+    assert run().err == "truepose: warning: few digits left\n"
 
 
 def test_similarity(run, cell_files, tmp_path):
