@@ -77,14 +77,15 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
 
 def fresh_peak(path: Path, map_path: Path, out: Path) -> float:
     """Return the largest resident memory of a process that corrects a program, its imports included [MB]."""
+    # not ru_maxrss, which a new process takes over from the one that started it
     code = (
-        "import resource, sys\n"
+        "import re, sys\n"
         "from truepose.error_map import load_map\n"
         "from truepose.programs import FrameTable, correct_program\n"
         "m = load_map(sys.argv[2])\n"
         "frames = FrameTable(tools={1: m.tf_flange_tool})\n"
         "correct_program(sys.argv[1], m, frames=frames, on_guard='skip').write(sys.argv[3])\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+        "print(re.search(r'VmHWM:\\s*(\\d+) kB', open('/proc/self/status').read())[1])\n"
     )
     command = [sys.executable, "-c", code, str(path), str(map_path), str(out)]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout) * 1024 / 1e6

@@ -99,3 +99,29 @@ def test_programs_of_one_name_are_not_written_over_each_other(run, cell_files, n
     assert "would both be written as a.src" in refused.failed()
     assert not (tmp_path / "out").exists()
     assert run("correct", cell_files.map, *near_samples, *options, "--in-place").code == 0
+
+
+def test_check_goes_on_behind_programs_that_it_cannot_read(run, program, tmp_path):
+    (tmp_path / "b.src").write_text("DEF b()\nLIN {X 1.2.3}\nEND\n")
+    paths = (tmp_path / "b.src", program, tmp_path / "c.urp")
+    done = run("check", *paths)
+    assert done.code == 1
+    assert "1 to correct, 1 to skip, 1 refused" in done.out
+    assert "2 programs cannot be read: " in done.err
+    assert "b.src:2: X 1.2.3 is not a number" in done.err
+    assert "c.urp: no such file" in done.err
+    assert done.err.count("\n") == 1
+    listed = run("check", *paths, "--json")
+    assert (listed.code, len(listed.json["programs"]), len(listed.json["unreadable"])) == (1, 1, 2)
+
+
+def test_check_takes_a_folder(run, tmp_path):
+    folder = tmp_path / "project"
+    folder.mkdir()
+    (folder / "$config.dat").write_text("TOOL_DATA[9]={X 1,Y 2,Z 3,A 0,B 0,C 0}\n")
+    (folder / "a.src").write_text(SRC)
+    assert run("check", folder, "--json").json["programs"] == [
+        {"file": str(folder), "correct": 2, "skip": 1, "refuse": 0}
+    ]
+    (tmp_path / "empty").mkdir()
+    assert "holds no robot program" in run("check", tmp_path / "empty").failed()

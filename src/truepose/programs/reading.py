@@ -172,6 +172,8 @@ def _members(folder: Path) -> tuple[list[Path], list[Path]]:
 
 def _is_data_list(file: Path) -> bool:
     """Return whether a .dat is one of KRL: many other programs write files of that ending."""
+    if file.name.lower() == "$config.dat":
+        return True
     try:
         with file.open("rb") as head:
             return b"DEFDAT" in head.read(1 << 16).upper()
