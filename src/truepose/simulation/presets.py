@@ -100,7 +100,7 @@ class Preset:
     repeatability_std: float
     tracker: TrackerNoise = field(default_factory=TrackerNoise)
     tool_std: float = 0.0
-    tool_angle_std: float = 3e-3
+    tool_angle_std: float = 0.0
     largest_error: float | None = None
     orientation_deg: float = 0.0
     effects: frozenset[str] = frozenset({"geometry", "tool", "repeatability", "tracker"})
@@ -141,6 +141,7 @@ _HARD: Final = replace(
     _PAPER,
     largest_error=None,
     orientation_deg=15.0,
+    tool_angle_std=3e-3,
     effects=frozenset(EFFECTS),
     payload_kg=120.0,
     payload_mm=(60.0, 0.0, 220.0),
