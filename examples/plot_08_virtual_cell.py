@@ -24,7 +24,7 @@ for effect in sorted({*EFFECTS} - {"tool"}):
 
 order = sorted(sizes, key=lambda effect: sizes[effect].mean())
 figure, axes = plt.subplots(figsize=(7.5, 4), layout="constrained")
-axes.boxplot([sizes[effect] for effect in order], vert=False, whis=(0, 100), widths=0.6)
+axes.boxplot([sizes[effect] for effect in order], orientation="horizontal", whis=(0, 100), widths=0.6)
 axes.set_yticks(range(1, len(order) + 1), order)
 axes.set(xscale="log", xlabel="error after registration with tool [mm]: smallest, quartiles, largest")
 axes.grid(axis="x", color="#e5e5e5")
