@@ -39,3 +39,17 @@ def test_blocks_must_be_labels_of_the_samples(rng):
     model = InverseDistance().fit(rng.random((10, 3)), rng.random((10, 3)))
     with pytest.raises(DataError, match=r"blocks have shape \(3,\); expected \(10,\)"):
         model.leave_blocks_out([0, 1, 2])
+
+
+def test_calibration_leaves_small_and_large_blocks_out_alike(rng):
+    """Both forms of the inverse are what refitting gives."""
+    q = rng.uniform(-0.8, 0.8, (80, 6))
+    e = 0.2 * ROBOT.error_jacobian(q, parameters=["a2"])[:, :, 0] + rng.normal(scale=0.02, size=(80, 3))
+    model = KinematicCalibration(ROBOT, misfit_std=0.02).fit(q, e)
+    for m in (5, 40):  # 15 and 120 equations, some 30 parameters
+        blocks = np.repeat([0, 1], [m, 80 - m])
+        residual, std = model.leave_blocks_out(blocks)
+        again = clone(model).fit(q[m:], e[m:])
+        mean, spread = again.predict(q[:m], return_std=True, include_nugget=True)
+        np.testing.assert_allclose(residual[:m], e[:m] - mean, atol=1e-3)
+        np.testing.assert_allclose(std[:m], spread, rtol=1e-2)

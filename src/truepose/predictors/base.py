@@ -164,7 +164,10 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         labels, n = np.asarray(blocks), len(self._given[0])
         if labels.shape != (n,):
             raise DataError(f"blocks have shape {labels.shape}; expected ({n},), a label for each sample")
-        residual, std = self._leave_blocks_out(labels)
+        try:
+            residual, std = self._leave_blocks_out(labels)
+        except np.linalg.LinAlgError:
+            raise DataError("without one of the blocks the others cannot tell the model; take smaller blocks") from None
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
     def pinned(self) -> Self:

@@ -297,23 +297,33 @@ class KinematicCalibration(Predictor):
         return self._leave_blocks_out(np.unique(key, axis=0, return_inverse=True)[1].reshape(-1))
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
-        """Return the closed form: with H = W J C Jᵀ Wᵀ a group's whitened residual without it is (I − H)⁻¹ r."""
+        """Return the closed form: with H = A C Aᵀ, A = W J, a block's whitened residual without it is (I − H)⁻¹ r.
+
+        (I − H)⁻¹ = I + A C (I − AᵀA C)⁻¹ Aᵀ, the smaller of the two matrices being inverted.
+        """
         found, n = self.solution_, len(self._data)
         white = np.einsum("nij,njp->nip", found.whitener, found.jacobian)
         scaled = np.einsum("nij,nj->ni", found.whitener, found.residual)
-        residual, std = np.empty((n, 3)), np.empty((n, 3))
-        plain = np.linalg.inv(found.whitener)
-        for rows in _groups(labels):  # all groups of one size at once: (g, m)
+        left, spread = np.empty((n, 3)), np.empty((n, 3, 3))
+        p = white.shape[2]
+        for rows in _groups(labels):  # all blocks of one size at once: (g, m)
             g, m = rows.shape
-            stacked = white[rows].reshape(g, 3 * m, -1)
-            kept = np.eye(3 * m) - stacked @ found.covariance @ np.swapaxes(stacked, 1, 2)
-            left = np.linalg.solve(kept, scaled[rows].reshape(g, 3 * m, 1)).reshape(g, m, 3)
-            spread = np.linalg.inv(kept).reshape(g, m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
-            spread = np.moveaxis(spread, 0, 1)  # numpy puts the paired index first
-            residual[rows] = np.einsum("gmij,gmj->gmi", plain[rows], left)
-            own = plain[rows] @ spread @ np.swapaxes(plain[rows], -1, -2)
-            std[rows] = np.sqrt(np.einsum("gmii->gmi", own))
-        return LeaveOneOut(residual, std)
+            a = white[rows].reshape(g, 3 * m, p)
+            if 3 * m <= p:
+                inverse = np.linalg.inv(np.eye(3 * m) - a @ found.covariance @ np.swapaxes(a, 1, 2))
+                left[rows] = (inverse @ scaled[rows].reshape(g, 3 * m, 1)).reshape(g, m, 3)
+                own = inverse.reshape(g, m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
+                spread[rows] = np.moveaxis(own, 0, 1)  # numpy puts the paired index first
+            else:
+                middle = found.covariance @ np.linalg.inv(np.eye(p) - np.swapaxes(a, 1, 2) @ a @ found.covariance)
+                moved = middle @ np.swapaxes(a, 1, 2) @ scaled[rows].reshape(g, 3 * m, 1)
+                left[rows] = scaled[rows] + (a @ moved).reshape(g, m, 3)
+                spread[rows] = np.eye(3) + np.einsum(
+                    "gmip,gpr,gmjr->gmij", white[rows], middle, white[rows], optimize=True
+                )
+        plain = np.linalg.inv(found.whitener)
+        own = plain @ spread @ np.swapaxes(plain, 1, 2)
+        return LeaveOneOut(np.einsum("nij,nj->ni", plain, left), np.sqrt(np.einsum("nii->ni", own)))
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {"misfit_std": self.misfit_std_, "identified": tuple(self.solution_.x.tolist())}
