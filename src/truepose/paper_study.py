@@ -244,7 +244,7 @@ def markdown(results: Sequence[Result]) -> str:
                     for what in ("mean", "max")
                 )
                 reductions = (
-                    "{:.0f} % ({:.0f} … {:.0f})".format(*spread(of, f"reduction_{what}")) for what in ("mean", "max")
+                    "{} % ({} … {})".format(*map(round, spread(of, f"reduction_{what}"))) for what in ("mean", "max")
                 )
                 left = f"{np.mean([result.left_alone for result in of]):.1f} %"
                 lines.append(_row((method, sampling, *lengths, *reductions, left)))
