@@ -278,3 +278,23 @@ def test_errors_that_vary_over_the_work_region_are_no_move(seed: int, order: str
     rank = {"as planned": np.arange(100), "along x": np.argsort(x), "in layers": np.lexsort((x, z // 200))}[order]
     _, summary = match(readings_of(samples.p_meas[rank]), plan_of(samples.p_cmd[rank]))
     assert summary.samples == 100
+
+
+def test_another_load_is_no_move() -> None:
+    cell = VirtualCell("hard", seed=1)
+    load = np.where(np.arange(100) < 50, 120.0, 0.0)
+    samples = cell.measure(cell.design(100), payload_kg=load)
+    _, summary = match(readings_of(samples.p_meas), replace(plan_of(samples.p_cmd), load=load))
+    assert summary.samples == 100
+    with pytest.raises(
+        DataError, match=r"the tracker was moved before line 5[01], .* or allow two stations if something"
+    ):
+        match(readings_of(samples.p_meas), plan_of(samples.p_cmd))
+    _, allowed = match(readings_of(samples.p_meas), plan_of(samples.p_cmd), two_stations=True)
+    assert any(note.startswith("It seems that the tracker was moved before line 5") for note in allowed.sentences())
+
+
+def test_an_arm_that_warms_up_is_no_move() -> None:
+    cell = VirtualCell("hard", seed=1)
+    samples = cell.measure(cell.design(100), time=15.0 * np.arange(100))
+    match(readings_of(samples.p_meas), plan_of(samples.p_cmd))

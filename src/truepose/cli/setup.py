@@ -99,6 +99,9 @@ def import_readings(
         bool, typer.Option("--reorder", help="Accept rows that were found to be swapped, in the order found.")
     ] = False,
     missing: Annotated[bool, typer.Option("--missing", help="Accept rows of the plan without a reading.")] = False,
+    two_stations: Annotated[
+        bool, typer.Option("--two-stations", help="Accept readings that look as if the tracker had been moved.")
+    ] = False,
     columns: Annotated[
         str | None,
         typer.Option(
@@ -140,6 +143,7 @@ def import_readings(
         keep=keep,
         reorder=reorder,
         missing=missing,
+        two_stations=two_stations,
     )
     if not as_json:
         say(*understood.sentences())

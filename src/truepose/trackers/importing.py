@@ -26,6 +26,7 @@ def import_readings(
     keep: int | None = None,
     reorder: bool = False,
     missing: bool = False,
+    two_stations: bool = False,
 ) -> tuple[Samples, ImportSummary]:
     """Read a measurement file and join it with its plan.
 
@@ -41,7 +42,7 @@ def import_readings(
         Where the quantities stand in a file of no known layout.
     reflectors, keep : optional
         Several reflectors read at each pose; see `combine_reflectors`.
-    reorder, missing : bool
+    reorder, missing, two_stations : bool
         See `match`.
 
     Returns
@@ -64,4 +65,4 @@ def import_readings(
             plan = replace(plan, p_cmd=tf[:, :3, 3], rotation_cmd=Rotation.from_matrix(tf[:, :3, :3]))
         else:
             check_against(plan, robot)
-    return match(readings, plan, reorder=reorder, missing=missing)
+    return match(readings, plan, reorder=reorder, missing=missing, two_stations=two_stations)

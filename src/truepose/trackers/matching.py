@@ -16,7 +16,7 @@ from truepose.samples import Poses, Samples, check
 from truepose.trackers.assignment import Assignment, assign
 from truepose.trackers.orientations import check_turns
 from truepose.trackers.readings import Readings
-from truepose.trackers.station import refuse_move
+from truepose.trackers.station import describe_move
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -92,7 +92,13 @@ class ImportSummary:
 
 
 def match(
-    readings: Readings, plan: Poses, *, reorder: bool = False, missing: bool = False, repeat_mm: float = _REPEAT_MM
+    readings: Readings,
+    plan: Poses,
+    *,
+    reorder: bool = False,
+    missing: bool = False,
+    two_stations: bool = False,
+    repeat_mm: float = _REPEAT_MM,
 ) -> tuple[Samples, ImportSummary]:
     """Join readings with the plan that they were taken after.
 
@@ -105,6 +111,8 @@ def match(
         Accept rows that were read in another order than planned.
     missing : bool
         Accept rows without a reading, and leave them out.
+    two_stations : bool
+        Accept readings that seem to come from two stations.
     repeat_mm : float [mm]
         Readings nearer than this to another of the same row are repeats: averaged, and their scatter kept as `p_std`
         where the file has none.
@@ -129,13 +137,14 @@ def match(
     if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
         raise DataError(f"{readings.source}: {count}; at least 3 are needed to match them by distances")
     _refuse_other_units(readings, plan.p_cmd)
-    if len(readings) == len(plan):
-        refuse_move(readings, plan.p_cmd, None, repeat_mm)
+    move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
+    _refuse_move(readings, move, two_stations)
     try:
         found = assign(plan.p_cmd, p_read, repeat_mm)
     except DataError as error:
         raise _stranger(readings, plan, str(error)) from None
-    refuse_move(readings, plan.p_cmd, found, repeat_mm)
+    move = move or describe_move(readings, plan, found, repeat_mm)
+    _refuse_move(readings, move, two_stations)
     fitting = (found.reading >= 0) & ~found.outlier
     spread = float(np.sqrt(plan.p_cmd.var(axis=0).sum()))
     if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
@@ -172,9 +181,15 @@ def match(
         scatter_mm=scatter,
         median_mm=float(np.nanmedian(found.residual)),
         max_mm=float(np.nanmax(found.residual)),
-        notes=readings.notes,
+        notes=(*readings.notes, *([f"It seems that {move}."] if move else [])),
     )
     return samples, summary
+
+
+def _refuse_move(readings: Readings, move: str, allowed: bool) -> None:
+    if move and not allowed:
+        remedy = "import the readings before it and those after it as two files, each with its rows of the plan"
+        raise DataError(f"{readings.source}: {move}; {remedy}, or allow two stations if something else changed there")
 
 
 def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:

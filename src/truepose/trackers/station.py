@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import DataError
 from truepose.geometry.registration import register
 from truepose.geometry.transforms import apply_transform
+from truepose.samples import Poses
 from truepose.trackers.assignment import Assignment, assign
 from truepose.trackers.readings import Readings
 
@@ -87,37 +88,39 @@ def find_move(p_plan: FloatArray, p_read: FloatArray) -> Move | None:
     )
 
 
-def refuse_move(readings: Readings, p_plan: FloatArray, found: Assignment | None, repeat_mm: float) -> None:
-    """Raise if the readings come from two stations.
+def describe_move(readings: Readings, plan: Poses, found: Assignment | None, repeat_mm: float) -> str:
+    """Say where the readings begin to come from another station, and by how much; "" if they come from one.
+
+    A change of the load on the robot, as the plan tells it, is no move.
 
     Parameters
     ----------
     readings : Readings
-    p_plan : (n, 3) array [mm], base frame
+    plan : Poses
+        With commanded positions.
     found : Assignment, optional
         What belongs together under one registration; without it a reading belongs to the row of its place.
     repeat_mm : float [mm]
         See `assign`.
-
-    Raises
-    ------
-    DataError
-        With the line before which the tracker was moved, and by how much.
     """
+    assert plan.p_cmd is not None
     if found is None:
         rows = places = np.flatnonzero(~readings.missing)
     else:
-        found = _with_second_station(readings, p_plan, found, repeat_mm)
+        found = _with_second_station(readings, plan.p_cmd, found, repeat_mm)
         rows = np.flatnonzero((found.reading >= 0) & ~found.outlier)
         rows = rows[np.argsort(found.reading[rows])]
         places = found.reading[rows]
-    if (move := find_move(p_plan[rows], readings.p[places])) is None:
-        return
+    move = find_move(plan.p_cmd[rows], readings.p[places])
+    if move is None or (_load_changes(plan, rows, move.at) and move.two_mm > _BEYOND_DOUBT * move.one_mm):
+        return ""
     by = f"by {move.shift_mm:.3g} mm and {move.turn_deg:.2g} deg"
     why = f"two registrations leave {move.two_mm:.3g} mm RMS, one {move.one_mm:.3g} mm"
-    remedy = "import the readings before it and those after it as two files, each with its rows of the plan"
-    line = readings.line[places[move.at]]
-    raise DataError(f"{readings.source}: the tracker was moved before line {line}, {by}: {why}; {remedy}")
+    return f"the tracker was moved before line {readings.line[places[move.at]]}, {by}: {why}"
+
+
+def _load_changes(plan: Poses, rows: NDArray[np.intp], at: int) -> bool:
+    return plan.load is not None and bool(np.median(plan.load[rows[:at]]) != np.median(plan.load[rows[at:]]))
 
 
 def _with_second_station(readings: Readings, p_plan: FloatArray, found: Assignment, repeat_mm: float) -> Assignment:
