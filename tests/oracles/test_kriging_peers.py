@@ -1,4 +1,4 @@
-"""Kriging agrees with gstools, pykrige, scikit-learn and gpboost on random problems in 1, 2, 3 and 6 coordinates."""
+"""Kriging agrees with gstools, pykrige, scikit-learn, gpboost and gstlearn on random problems in 1, 2, 3 and 6 coordinates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from truepose.predictors import OrdinaryKriging, SimpleKriging, UniversalKriging, VecchiaKriging
+from truepose.predictors import OrdinaryKriging, SimpleKriging, UniversalKriging, VecchiaKriging, VectorKriging
 from truepose.similarity import VariogramModel
 
 SETTINGS = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -149,3 +149,39 @@ def test_gpboost_vecchia(capfd):
     np.testing.assert_allclose(std**2, found["var"], atol=1e-7)
     likelihood = -peer.neg_log_likelihood(parameters, y=e - model.beta_[0, 0])
     assert model.log_likelihood_[0] == pytest.approx(likelihood, abs=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3]))
+def test_gstlearn_vector(seed, d):
+    """Ordinary cokriging with a linear model of coregionalisation: nugget, exponential and spherical."""
+    gstlearn = pytest.importorskip("gstlearn")
+    rng = np.random.default_rng(seed)
+    x, e, targets = rng.random((25, d)), rng.standard_normal((25, 2)), rng.random((8, d))
+    roots = rng.standard_normal((3, 2, 2))
+    sills = roots @ roots.transpose(0, 2, 1)
+    names = [f"x{k}" for k in range(d)]
+    samples, grid = gstlearn.Db.create(), gstlearn.Db.create()
+    for data, points in ((samples, x), (grid, targets)):
+        for k, name in enumerate(names):
+            data[name] = points[:, k]
+        data.setLocators(names, gstlearn.ELoc.X)
+    for k in range(2):
+        samples[f"z{k}"] = e[:, k]
+    samples.setLocators(["z0", "z1"], gstlearn.ELoc.Z)
+    model = gstlearn.Model(gstlearn.CovContext(2, d))
+    kinds = (gstlearn.ECov.NUGGET, 1.0), (gstlearn.ECov.EXPONENTIAL, 0.5), (gstlearn.ECov.SPHERICAL, 0.8)
+    for (kind, length), sill in zip(kinds, sills, strict=True):
+        matrix = gstlearn.MatrixSymmetric.createFromVD(sill.ravel())
+        model.addCovFromParam(kind, range=length, sills=matrix, flagRange=False)
+    model.setDriftIRF(0)
+    assert gstlearn.kriging(samples, grid, model, gstlearn.NeighUnique.create()) == 0
+    structures = [
+        VariogramModel("nugget", nugget=1.0),
+        VariogramModel("exponential", sill=1.0, range=0.5),
+        VariogramModel("spherical", sill=1.0, range=0.8),
+    ]
+    mean, std = VectorKriging(structures, sills, exact=True).fit(x, e).predict(targets, return_std=True)
+    for k in range(2):
+        np.testing.assert_allclose(mean[:, k], grid[f"Kriging.z{k}.estim"], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(std[:, k], grid[f"Kriging.z{k}.stdev"], rtol=1e-9, atol=1e-9)
