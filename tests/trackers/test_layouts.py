@@ -161,6 +161,15 @@ def test_headers_of_scripts(tmp_path: Path, header: str) -> None:
     assert readings.missing.tolist() == [False, True]
 
 
+@pytest.mark.parametrize("row", ["1500.5 -20 3e2", "1500.5,-20,3e2", "1500,5;-20;300", "1500.5\t-20\t300"])
+def test_comments_before_bare_columns(tmp_path: Path, row: str) -> None:
+    readings = read_readings(write(tmp_path, "# from a script", "", row, row))
+    assert readings.layout == "three bare columns x, y, z in mm"
+    np.testing.assert_array_equal(readings.p, [[1500.5, -20.0, 300.0]] * 2)
+    with pytest.raises(FileError, match="unknown layout"):
+        read_readings(write(tmp_path, "# nothing but a comment"))
+
+
 def test_a_header_that_does_not_fit_its_rows(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="unknown layout: 5 columns between blanks"):
         read_readings(write(tmp_path, "x y z", "7 8 1500.5 -20 300"))

@@ -6,19 +6,17 @@ from pathlib import Path
 from typing import Final
 
 from truepose.samples import Samples
-from truepose.trackers.columns import Columns, read_millimetres, split
-from truepose.trackers.readings import Layout, Readings, first_line
+from truepose.trackers.columns import Columns, find_delimiter, first_row, read_millimetres
+from truepose.trackers.readings import Layout, Readings
 
 _COLUMNS: Final = Columns(x=1, y=2, z=3)
 
 
 def _matches(text: str) -> bool:
-    table = split(first_line(text), "")
-    fields = table.fields[0].tolist()
-    if len(fields) != 3:
-        return False
+    row = first_row(text)
+    delimiter = find_delimiter(row)
     try:
-        return all(float(field.replace(",", ".")) is not None for field in fields)
+        return len([float(field.replace(",", ".")) for field in row.split(delimiter.strip(" ") or None)]) == 3
     except ValueError:
         return False
 

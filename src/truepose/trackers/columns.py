@@ -213,6 +213,12 @@ def split(text: str, path: str | Path, delimiter: str = "", skip: int = 0) -> Te
     return TextTable(path, delimiter, header, head[-1][0] if head else int(numbers[0]), table, numbers)
 
 
+def first_row(text: str) -> str:
+    """Return the first line that is neither blank nor a comment."""
+    rows = (line.strip() for line in text.splitlines())
+    return next((row for row in rows if row and not row.startswith(_COMMENTS)), "")
+
+
 def find_delimiter(line: str) -> str:
     """Return the delimiter of a line: semicolons and tabs before commas, which may be decimal ones, before blanks."""
     return next((mark for mark in (";", "\t", ",") if mark in line), " ")

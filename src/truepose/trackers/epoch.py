@@ -10,9 +10,9 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.samples import Samples, looks_like_metres
-from truepose.trackers.columns import Columns, read_columns
+from truepose.trackers.columns import Columns, first_row, read_columns
 from truepose.trackers.exporting import row_times
-from truepose.trackers.readings import Layout, Readings, decode, first_line
+from truepose.trackers.readings import Layout, Readings, decode
 from truepose.trackers.times import EPOCH
 
 _NUMBER: Final = r"[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?|nan"
@@ -20,7 +20,7 @@ _ROW: Final = re.compile(rf"1\d{{9}}(?:\.\d+)?(?P<counters>(?:\s+\d+)*)(?:\s+(?:
 
 
 def _matches(text: str) -> bool:
-    return _ROW.fullmatch(first_line(text)) is not None
+    return _ROW.fullmatch(first_row(text)) is not None
 
 
 def read(data: bytes, path: str | Path) -> Readings:
@@ -31,7 +31,7 @@ def read(data: bytes, path: str | Path) -> Readings:
     FileError
         If the positions cannot be metres, or a field is no number; with the line.
     """
-    count = len(first_line(decode(data, path)).split())
+    count = len(first_row(decode(data, path)).split())
     columns = Columns(time=1, x=count - 2, y=count - 1, z=count, unit="m", delimiter=" ")
     readings = read_columns(data, path, columns, LAYOUT.name)
     p = readings.p[~readings.missing] / 1000.0

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError
 from truepose.samples import Samples
-from truepose.trackers.columns import Columns, read_millimetres
+from truepose.trackers.columns import Columns, first_row, read_millimetres
 from truepose.trackers.exporting import row_names
-from truepose.trackers.readings import Layout, Readings, first_line
+from truepose.trackers.readings import Layout, Readings
 
 _NUMBER: Final = r"(?:[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?|nan)"
 _ROW: Final = re.compile(rf"\S+(?:\s+{_NUMBER}){{12}}", re.IGNORECASE)
@@ -25,7 +25,7 @@ _COLUMNS: Final = Columns(name=1, x=8, y=9, z=10, rotation=(11, 12, 13), delimit
 
 
 def _matches(text: str) -> bool:
-    return _ROW.fullmatch(first_line(text)) is not None
+    return _ROW.fullmatch(first_row(text)) is not None
 
 
 def read(data: bytes, path: str | Path) -> Readings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -31,11 +32,11 @@ def read(data: bytes, path: str | Path) -> Readings:
 
 def write(samples: Samples) -> bytes:
     """Write to 0.1 µm; the number counts the probings of an element."""
-    name = row_names(samples)
+    probed: Counter[str] = Counter()
     rows = []
-    for i, (x, y, z) in enumerate(samples.p_meas):
-        number = name[:i].count(name[i]) + 1
-        rows.append(f"{name[i]},{number},0.0000,{x:.4f},{y:.4f},{z:.4f}\n")
+    for name, (x, y, z) in zip(row_names(samples), samples.p_meas, strict=True):
+        probed[name] += 1
+        rows.append(f"{name},{probed[name]},0.0000,{x:.4f},{y:.4f},{z:.4f}\n")
     return "".join([_HEADER + "\n", *rows]).encode()
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from truepose.samples import Samples
-from truepose.trackers.columns import Columns, read_millimetres
+from truepose.trackers.columns import Columns, first_row, read_millimetres
 from truepose.trackers.exporting import row_names
-from truepose.trackers.readings import Layout, Readings, first_line
+from truepose.trackers.readings import Layout, Readings
 
 _NUMBER: Final = r"\s*[+-]?\d+(?:[.,]\d*)?(?:[eE][+-]?\d+)?\s*"
 _ROW: Final = re.compile(rf"[^;]*;{_NUMBER};{_NUMBER};{_NUMBER}(?:;\s*)*")
@@ -17,7 +17,7 @@ _COLUMNS: Final = Columns(name=1, x=2, y=3, z=4, delimiter=";")
 
 
 def _matches(text: str) -> bool:
-    return _ROW.fullmatch(first_line(text)) is not None
+    return _ROW.fullmatch(first_row(text)) is not None
 
 
 def read(data: bytes, path: str | Path) -> Readings:
