@@ -139,6 +139,17 @@ def test_point_when_the_father_frame_is_known(dtx: Read) -> None:
     assert (program.targets[1].frame, program.targets[1].tool) == ("fA", "as measured")
 
 
+def test_numbers_that_are_not_written_are_zero_and_stay_unwritten(dtx: Read) -> None:
+    data = [item("pointRx", "p1", "fA[0]", 'x="1" y="2" z="3" rz="90"'), item("pointRx", "p2", pose='x="1"')]
+    program = dtx("\n".join([*data, item("frame", "fA", pose='y="100"')]))
+    assert verdicts(program) == {"p1": "correct", "p2": "skip"}
+    assert program.targets[1].reason == "y, z not written, so 0: nothing is added to a file"
+    np.testing.assert_allclose(program.positions_base(), [[1, 102, 3]])
+    (path,) = {source.path for source in program.sources}
+    turning = read_program(path, FRAMES, ReadOptions(orientation=True))
+    assert turning.targets[0].reason == "rx, ry not written, so 0: nothing is added to a file"
+
+
 def test_frames_tools_and_joints(dtx: Read) -> None:
     joints = '<Data name="j" type="jointRx"><Value key="0" j1="0" j2="0" j3="0" j4="0" j5="0" j6="0" /></Data>'
     program = dtx(item("frame", "f") + item("tool", "t", "flange[0]") + joints)
@@ -181,7 +192,6 @@ def test_attributes_are_patched_in_place(tmp_path: Path, make_map: Any) -> None:
     [
         ("<Data", r"a\.dtx:4: is broken XML"),
         (item("pointRx", "p") * 2, "p is declared twice, first in line 3"),
-        (item("pointRx", "p", pose='x="1"'), "p has no y, z"),
         (item("pointRx", "p").replace('"600"', '"1.2.3"'), r"a\.dtx:3: p x: 1\.2\.3 is not a number"),
         ("", "has no <Data>"),
     ],

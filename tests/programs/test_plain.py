@@ -132,6 +132,11 @@ def test_gcode_with_frame_and_rule(tmp_path: Path) -> None:
         ("TRANS X5\nG1 X1 Y2 Z3", "refuse", "coordinates are changed"),
         ("G28 X1 Y2 Z3", "skip", "a reference point"),
         ("G4 X1.5\nG1 X1 Y2 Z3", "correct", ""),
+        ("#100=#101+X1\nR1=5\nG1 X1 Y2 Z3", "correct", ""),
+        ("IF [#1 GT 5] GOTO 20\nG1 X1 Y2 Z3 A0 B0 C0", "refuse", "what is in force after line 2 (IF) is not known"),
+        ("N5 WHILE R1==1 G1 X5", "refuse", "a motion behind WHILE"),
+        ("G1 X1 Y2 Z3 A3=0 B3=0 C3=1", "skip", "A, B, C: an expression"),
+        ("G1 X1 Y2 Z3 A3=0 B3=0 C3=1\nX1 Y2 Z4", "refuse", "its orientation is not known"),
     ],
 )
 def test_gcode_modes(tmp_path: Path, line: str, verdict: str, reason: str) -> None:

@@ -22,6 +22,17 @@ _EXPRESSION = re.compile(
 )
 _NAME = re.compile(rb"[A-Za-z_][A-Za-z_]++\w*+(?:[ \t]*+\([^\r\n()]*+\)|[ \t]*+=[^\r\n]*+)?")
 _BROKEN = re.compile(rb"([A-Za-z])[ \t]*+([^A-Za-z\s]*+)")
+_VARIABLE = re.compile(rb"(?:#(?:\d++|<[^>\r\n]*>|\[[^\]\r\n]*\])|R\d++(?:\[[^\]\r\n]*\])?)[ \t]*+=[^\r\n]*+", re.I)
+"""A variable that is set: `#100=5`, `R1=2.5`."""
+_CONTROL = re.compile(
+    rb"[ \t/]*+(?:N\d++[ \t]*+)?(?:[A-Z_]\w++:[ \t]*+)?"
+    rb"((?:IF|ELSEIF|WHILE|GOTO[BFC]?|FOR|LOOP|REPEAT|UNTIL|CASE)\b"
+    rb"|(?:ELSE|END(?:IF|FOR|WHILE|LOOP)|(?:END|DO)\d)(?=[ \t]*+$))",
+    re.I,
+)
+_VECTOR = re.compile(rb"(?:[ABC]\d|LEAD|TILT|THETA)[ \t]*+=[ \t]*+[-+.\w]*+(?:\([^\r\n()]*+\))?+", re.I)
+"""Other ways to say the orientation."""
+_AXIS = re.compile(rb"(?<![\w#<])[XYZ][ \t]*+[-+=#\[.\d]", re.I)
 _COMMENT = re.compile(rb"\([^\r\n)]*\)|;[^\r\n]*")
 _AXES: Final = "XYZABC"
 _WHOLE: Final = (0, 1, 2, 3, 4, 9, *range(17, 22), 28, 30, *range(40, 44), 49, *range(53, 63), 64, 70, 71, 80, 90, 91)
@@ -86,11 +97,16 @@ class _Reader:
 
     def _line(self, line: int, start: int, end: int) -> None:
         code = _COMMENT.sub(lambda m: b" " * len(m[0]), self._source.data[start:end])
+        if control := _CONTROL.match(code):
+            self._control(line, control[1].decode().upper(), code[control.end() :])
+            return
         words, spans, strange = self._parse(line, code, start)
         self._words += sum(key in "GM" for key, _ in words)
         codes = [f"{key}{_plain(value)}" for key, value in words if key in "GMO"]
         axes = {key: value for key, value in words if key in _AXES}
         loose = [key for key in strange if key in _AXES]
+        if any(_VECTOR.match(name) for name in strange.values()):
+            loose += [key for key in "ABC" if key not in loose]
         if [key for key, _ in words if key in _AXES] != list(dict.fromkeys(key for key, _ in words if key in _AXES)):
             raise self._source.error(line, "names an axis twice; correct the file")
         self._modal(line, codes)
@@ -111,6 +127,15 @@ class _Reader:
         if all(key in axes for key in "XYZ") and all(key in self._angles for key in "ABC"):
             point.values = tuple(axes[key] for key in "XYZ") + tuple(self._angles[key] for key in "ABC")
             point.spans = tuple([spans.get(key, NOT_HERE) for key in _AXES])
+
+    def _control(self, line: int, word: str, rest: bytes) -> None:
+        """Take a jump, loop or condition: what is in force behind it depends on the way."""
+        if not self._options.calls_keep_frames:
+            self._problem = Problem("refuse", f"what is in force after line {line} ({word}) is not known")
+        self._angles = {}
+        self._words += 1
+        if _AXIS.search(rest):
+            self._add(line, Problem("refuse", f"a motion behind {word} that is not understood"))
 
     def _judge(self, line: int, gs: list[str], axes: dict[str, float], loose: list[str]) -> Problem | None:
         unknown = [g for g in gs if g not in _KNOWN and g not in _CHANGES]
@@ -200,6 +225,11 @@ class _Reader:
         while position < len(code):
             if code[position : position + 1] in (b" ", b"\t", b"/", b"%", b"\x1a"):
                 position += 1
+            elif m := _VARIABLE.match(code, position):
+                position = m.end()
+            elif m := _VECTOR.match(code, position):
+                strange[f"name{position}"] = m[0].upper()
+                position = m.end()
             elif m := _WORD.match(code, position):
                 key = m[1].decode().upper()
                 try:

@@ -16,7 +16,7 @@ import numpy as np
 from truepose import files
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
-from truepose.programs.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.points import AS_MEASURED, JOINTS, NOT_HERE, Frame, Judge, Point, Problem, Use, numbers_at
 from truepose.programs.source import PLAIN_LEXER, Source
 from truepose.programs.targets import FloatArray, FrameTable, Key, Program, ReadOptions
 
@@ -63,7 +63,7 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
         if kind.startswith("joint"):
             points.append(Point(value.name, source, value.line, problem=JOINTS))
         elif kind in _POINTS:
-            points.append(_point(source, value))
+            points.append(_point(source, value, options))
         else:
             continue
         named.setdefault(value.data.lower(), []).append(points[-1])
@@ -139,21 +139,30 @@ def _attributes(source: Source, start: int) -> dict[str, tuple[bytes, int]]:
         position = m.end()
 
 
-def _point(source: Source, value: _Value) -> Point:
+def _point(source: Source, value: _Value, options: ReadOptions) -> Point:
     point = Point(value.name, source, value.line)
     point.values, point.spans = _numbers(source, value)
     words = [value.text(key) for key in ("shoulder", "elbow", "wrist")]
     point.configuration = " ".join(word for word in words if word)
+    written = _KEYS if options.orientation else _KEYS[:3]
+    missing = [key for key in written if key not in value.attributes]
+    if missing:
+        reason = f"{', '.join(missing)} not written, so 0: nothing is added to a file"
+        point.problem = Problem("skip", reason)
     return point
 
 
 def _numbers(source: Source, value: _Value) -> tuple[tuple[float, ...], tuple[tuple[int, int], ...]]:
-    missing = [key for key in _KEYS if key not in value.attributes]
-    if missing:
-        raise source.error(value.line, f"{value.name} has no {', '.join(missing)}; correct the file")
-    tokens, starts = zip(*(value.attributes[key] for key in _KEYS), strict=True)
-    line = source.line(starts[0])
-    return numbers_at(source, line, [f"{value.name} {key}" for key in _KEYS], tokens, starts)
+    """Return the numbers of a value and their spans; one that is not there is 0, VAL3's default."""
+    there = [key for key in _KEYS if key in value.attributes]
+    values, spans = dict.fromkeys(_KEYS, 0.0), dict.fromkeys(_KEYS, NOT_HERE)
+    if there:
+        tokens, starts = zip(*(value.attributes[key] for key in there), strict=True)
+        names = [f"{value.name} {key}" for key in there]
+        found = numbers_at(source, source.line(starts[0]), names, tokens, starts)
+        values.update(zip(there, found[0], strict=True))
+        spans.update(zip(there, found[1], strict=True))
+    return tuple(values.values()), tuple(spans.values())
 
 
 class _Frames:
