@@ -24,6 +24,7 @@ def test_samples_join_a_map_that_holds(run, cell_files, readings, tmp_path):
     assert "joined.truepose: 92 samples." in done.out.replace("\n", " ")
     again = run("validate", tmp_path / "joined.truepose", tmp_path / "new.csv", "--json").json
     assert again["seen"] == 12
+    assert again["holding"]["verdict"] == "holds"
 
 
 def test_a_moved_tracker_is_refused_and_found_again(run, cell_files, readings, tmp_path):
@@ -40,6 +41,7 @@ def test_a_moved_tracker_is_refused_and_found_again(run, cell_files, readings, t
         for path in (cell_files.map, tmp_path / "m.truepose")
     )
     assert after < 0.2 * before
+    assert "The map does not hold" in run("validate", cell_files.map, tmp_path / "moved.csv").out
     anyway = run("update", cell_files.map, tmp_path / "moved.csv", "--anyway", "--out", tmp_path / "a.truepose")
     assert anyway.code == 0
 

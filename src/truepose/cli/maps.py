@@ -124,8 +124,10 @@ def validate(
     from truepose.samples import read_samples
 
     error_map = load_map(map_path)
-    data = error_map.validate(read_samples(test_path))
+    samples = read_samples(test_path)
+    data, found = error_map.validate(samples), error_map.recheck(samples)
     if as_json:
+        data["holding"] = found.holding.to_dict()
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data})
         return
     low, high = data["intervals_95"]["after_mean_mm"]
@@ -136,6 +138,7 @@ def validate(
         f"Within the predicted 68 % intervals: {100 * cover['within_68']:.0f} %; "
         f"within the 95 % intervals: {100 * cover['within_95']:.0f} %.",
     )
+    say(found.words[0])
     if floor := data.get("noise_floor"):
         low, high = floor["ratio_interval_95"]
         say(

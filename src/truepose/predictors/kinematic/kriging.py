@@ -108,7 +108,8 @@ class KinematicKriging(Predictor):
     gross_ : (g,) array of int
         Rows of readings that the others contradict.
     inflation_ : float
-        Factor of the predicted variances that makes leave-one-out residuals of the samples standard; at least 1.
+        Factor of the predicted variances that makes leave-one-out residuals of the samples standard, at least 1, and
+        of what the hyperparameters take from the data.
     log_likelihood_ : float
         NaN where hyperparameters were given.
     bounds_hit_ : list of str
@@ -451,11 +452,15 @@ class KinematicKriging(Predictor):
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self) -> float:
-        """Return the mean squared standardised leave-one-out residual of the readings not called gross, at least 1."""
+        """Return the mean squared standardised leave-one-out residual of the readings not called gross, at least 1.
+
+        Times 3n/(3n − k), as the k hyperparameters come from the same readings: they fit these better than new ones.
+        """
         residual, covariance = self._left_out_alone()
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
         variance = np.einsum("naa->na", covariance)
-        return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept])))
+        n, k = min(len(kept), _SUBSET), len(self.hyper_.to_vector())
+        return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept]))) * 3 * n / max(3 * n - k, n)
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self.leave_blocks_out(np.arange(len(self._e)))
