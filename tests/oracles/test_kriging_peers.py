@@ -1,4 +1,4 @@
-"""Kriging agrees with gstools, pykrige, scikit-learn, gpboost and gstlearn on random problems in 1, 2, 3 and 6 coordinates."""
+"""Kriging agrees with gstools, pykrige, scikit-learn, gpboost and gstlearn on random problems in 1 to 6 coordinates."""
 
 from __future__ import annotations
 
@@ -156,6 +156,7 @@ def test_gpboost_vecchia(capfd):
 def test_gstlearn_vector(seed, d):
     """Ordinary cokriging with a linear model of coregionalisation: nugget, exponential and spherical."""
     gstlearn = pytest.importorskip("gstlearn")
+    gstlearn.defineDefaultSpace(gstlearn.ESpaceType.RN, d)
     rng = np.random.default_rng(seed)
     x, e, targets = rng.random((25, d)), rng.standard_normal((25, 2)), rng.random((8, d))
     roots = rng.standard_normal((3, 2, 2))

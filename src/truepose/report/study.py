@@ -195,12 +195,13 @@ class SimilarityStudy:
 
         columns = len(self.parts) + bool(self.joints)
         figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
-        for k, part in enumerate(self.parts, 1):
-            axes = figure.add_subplot(2, columns, k)
+        grid = figure.add_gridspec(2, columns)
+        for k, part in enumerate(self.parts):
+            axes = figure.add_subplot(grid[0, k])
             ev = part.envelope.variogram
             draw_variogram(axes, ev, part.model, part.envelope, unit=part.unit, **part.curves)
             axes.set_title(part.title)
-            below = figure.add_subplot(2, columns, columns + k)
+            below = figure.add_subplot(grid[1, k])
             if part.directions:
                 draw_curves(
                     below, {f"along {axis}": (v.lag, v.vector) for axis, v in part.directions.items()}, part.unit
@@ -211,7 +212,7 @@ class SimilarityStudy:
                 draw_curves(below, {f"error in {axis}": (ev.lag, gamma) for axis, gamma in by_component}, part.unit)
                 below.set_title("By component of the error")
         if self.joints:
-            draw_joint_similarity(figure.add_subplot(1, columns, columns), self.joints)
+            draw_joint_similarity(figure.add_subplot(grid[:, -1]), self.joints)
         buffer = io.BytesIO()
         try:
             figure.savefig(buffer, format=path.suffix.removeprefix(".") or "svg", dpi=150)
