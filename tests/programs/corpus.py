@@ -362,9 +362,9 @@ ENDDAT
     # old KRC1 style: lower case, no folds, tabs, spaces inside the braces, no final newline
     "old": Example(
         {
-            "old.src": f"def old ( )\n\tbas (#tool, 1 )\n\tbas ( #base, 2 )\n\tptp home\n\tlin  {P.lower()}\tc_vel\n\tlin {{ x 1.0 , y 2.0 , z 3.0 , a 0 , b 0 , c 0 }}\nend"
+            "old.src": f"def old ( )\n\tbas (#tool, 1 )\n\tbas ( #base, 2 )\n\tptp home\n\tlin  {P.lower()}\tc_vel\n\tLIN{P}C_DIS\n\tlin {{ x 1.0 , y 2.0 , z 3.0 , a 0 , b 0 , c 0 }}\nend"
         },
-        2,
+        3,
         1,
     ),
     "cr-only": Example(
@@ -588,7 +588,7 @@ ENDMODULE
     TEST n{{1}}
     CASE 1: MoveL pts{{1}},v100,z10,tGrip;
     CASE 2,3:
-      FOR i FROM 2 TO 3 STEP 1 DO MoveL pts{{i}},v100,z10,tGrip; ENDFOR
+      FOR i FROM 2 TO Dim(pts,1) STEP 1 DO MoveL pts{{i}},v100,z10,tGrip; ENDFOR
     DEFAULT: Stop\\NoRegain;
     ENDTEST
     WHILE TRUE DO WaitDI di1,1\\MaxTime:=5; GOTO again; ENDWHILE

@@ -199,7 +199,7 @@ def parse_aggregate(source: Source, start: int, end: int, line: int) -> Aggregat
             spans[key] = m.span(2)
         else:
             text = m[3].strip()
-            if is_broken(text):
+            if is_broken(text) and not _LITERAL.fullmatch(text):
                 raise source.error(line, f"{key} {shown(text, 0, len(text))} is not a number; correct the file")
             loose[key] = text
         position = m.end()

@@ -16,7 +16,7 @@ from truepose.programs.targets import Target, Verdict
 
 _SIMPLE = re.compile(
     rb"[ \t]*+(?:(\{[^{}\"]*+\})|([A-Za-z_$][\w$]*+)(?:[ \t]*+(\[[ \t]*+[\d, \t]*+\]))?+)"
-    rb"(?:[ \t]++C_(?:PTP|DIS|VEL|ORI|SPL)\b)*+[ \t]*+",
+    rb"(?:(?:[ \t]++|(?<=\}))C_(?:PTP|DIS|VEL|ORI|SPL)\b)*+[ \t]*+",
     re.I,
 )
 _FIRST = re.compile(rb"[ \t]*+(\w++)[ \t]*+(\{[^{}]*+\})")

@@ -371,6 +371,8 @@ class _Reader:
 
     def _read_by(self, items: list[Token], line: int, how: str = "read by arithmetic") -> None:
         for i, token in enumerate(items):
+            if i > 1 and items[i - 2].text == "DIM":
+                continue  # the size of an array, not its values
             if token.kind == "word" and (i == 0 or items[i - 1].text not in (".", "\\")):
                 variable = self._find(token.text)
                 if variable is not None:
