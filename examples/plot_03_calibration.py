@@ -19,8 +19,8 @@ error_map = tp.fit_cell(cell.cell, cell.measure(q), "calibration")
 model = error_map.predictor
 
 for row in model.parameters_:
-    std = "kept" if row["std"] is None else f"± {row['std']:.4f}"
-    print(f"{row['parameter']:16s} {row['change']:9.4f} {std:9s} {row['unit']:4s} {row['note']}")
+    std = "kept" if row["std"] is None else f"± {row['std']:.5f}"
+    print(f"{row['parameter']:16s} {row['change']:9.5f} {std:10s} {row['unit']:4s} {row['note']}")
 
 # %%
 # Parameters that are told apart only by their tolerances differ from the truth, and yet the arm they describe is
@@ -30,7 +30,8 @@ for row in model.parameters_:
 new = cell.design(200, seed=5)
 truth = cell.true_position(new)
 nominal = cell.robot.forward(new, tool=cell.tf_flange_tool)[:, :3, 3]
-base = error_map.registration.tf_base_tracker @ np.linalg.inv(cell.truth.tf_base_tracker)  # found instead of true base
+# from the true base frame to the one that registration found
+base = error_map.registration.tf_base_tracker @ np.linalg.inv(cell.truth.tf_base_tracker)
 seen = truth @ base[:3, :3].T + base[:3, 3]
 left = seen - nominal - error_map.predictor.predict(new)
 
