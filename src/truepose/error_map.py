@@ -301,7 +301,7 @@ class ErrorMap:
             lambda command, rows: self._predict(coordinates(command, rows), tools[rows], orientation=orientation),
             None if slope is None else lambda command, _rows: slope(command),
         )
-        x = coordinates(solution.command, np.arange(n))
+        x = solution.command[:, :3] if self.space == "cartesian" or follower is None else follower.q
         _, std = self._predict(x, tools, return_std=True, orientation=orientation)
         reasons = self._reasons(x, std, solution, targets, tools, status, follower)
         change = solution.command - start
@@ -349,7 +349,8 @@ class ErrorMap:
         reasons = self.guards.reasons(x, unit, std, solution.converged, p_flange_tool=points, **cartesian)
         if follower is None:
             return reasons
-        follower.joints(solution.command, np.arange(len(x)))
+        if self.space == "cartesian":
+            follower.joints(solution.command, np.arange(len(x)))
         of_joints = follower.reasons()
         if self.space == "cartesian":
             return [first or second for first, second in zip(reasons, of_joints, strict=True)]

@@ -63,8 +63,8 @@ class KinematicKriging(Predictor):
     """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
 
     e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal priors, geometry
-    those of tolerances; f_j are random functions of each joint's own angle; Z is what is left; the noise is Student t
-    when `robust`. Hyperparameters by restricted likelihood under weak priors, with analytic gradients.
+    those of tolerances; f_j are random functions of each joint's own angle; Z is what is left; readings farther off
+    than chance are weighed down when `robust`. Hyperparameters by restricted likelihood under weak priors.
 
     Parameters
     ----------
