@@ -162,3 +162,15 @@ def test_orientations_of_another_frame(virtual, measured):
     with pytest.raises(DataError, match=said):
         tp.iso9283(turned)
     assert tp.iso9283(turned, cell=virtual.cell).poses[0].AP_abc_deg is not None
+
+
+def test_a_program_goes_to_the_standards_poses(virtual, tmp_path):
+    """Cycle after cycle, each pose from below, named as the table names it."""
+    from truepose.planning import write_measurement
+
+    poses = tp.iso9283_poses(virtual.cell, cycles=3)
+    table, program = write_measurement(tmp_path / "iso.csv", virtual.cell, poses)
+    text = program.read_text()
+    assert [line[2:] for line in text.splitlines() if line.startswith("; P")] == ["P1", "P2", "P3", "P4", "P5"] * 3
+    assert text.count("WAIT SEC") == 15
+    assert read_poses(table).name[:2].tolist() == ["P1", "P2"]

@@ -24,7 +24,11 @@ def iso9283(
         bool, typer.Option("--registered", help="The readings are in the robot base frame already.")
     ] = False,
     poses: Annotated[
-        Path | None, typer.Option("--poses", help="Write the standard's test poses for the cell FILE to this table.")
+        Path | None,
+        typer.Option(
+            "--poses",
+            help="Write the standard's test poses for the cell FILE to this table, and a program that goes there.",
+        ),
     ] = None,
     edge: Annotated[float | None, typer.Option("--edge", help="Edge of the test cube [mm].", min=1.0)] = None,
     as_json: Json = False,
@@ -57,14 +61,16 @@ def iso9283(
 def _write_poses(cell_path: Path, out: Path, edge: float | None, as_json: bool) -> None:
     from truepose.cell import load_cell
     from truepose.iso import iso9283_poses
-    from truepose.samples import write_samples
+    from truepose.planning import write_measurement
 
-    made = iso9283_poses(load_cell(cell_path), edge_mm=edge)
-    write_samples(out, made)
+    cell = load_cell(cell_path)
+    made = iso9283_poses(cell, edge_mm=edge)
+    written = write_measurement(out, cell, made)
     if as_json:
-        emit_json({"poses": out, "n": len(made), "what": made.source})
+        emit_json({"poses": out, "n": len(made), "what": made.source, "files": written})
     else:
-        say(f"Wrote {out}: {made.source}, P1 to P5 in turn, {len(made) // 5} cycles.")
+        files = " and ".join(map(str, written))
+        say(f"Wrote {files}: {made.source}, P1 to P5 in turn, {len(made) // 5} cycles.")
 
 
 def _show(found: Iso9283, stated: dict[str, object]) -> None:

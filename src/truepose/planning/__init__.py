@@ -2,6 +2,7 @@
 
 from truepose.planning.designs import METHODS
 from truepose.planning.grounds import work_region
+from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.planner import Plan, plan
 
-__all__ = ["METHODS", "Plan", "plan", "work_region"]
+__all__ = ["METHODS", "Plan", "measuring_program", "plan", "work_region", "write_measurement"]

@@ -6,14 +6,21 @@ from the horizon: J3 on the pendant is joint 3 less joint 2 (conventions of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.cell import Cell
 from truepose.cell.sections import Measuring
+from truepose.errors import RobotError
+from truepose.files import write_atomic
+from truepose.planning.grounds import listed
+from truepose.planning.region import Ground
+from truepose.samples import Poses, write_samples
 
 FloatArray = NDArray[np.float64]
 
@@ -122,3 +129,74 @@ WRITERS: Final[dict[str, tuple[str, Callable[[str, list[Stop], Measuring, list[s
     "universal robots": (".script", _urscript),
 }
 """By maker, lower case: the ending of the file, and what writes it."""
+
+
+def measuring_program(
+    cell: Cell, poses: Poses, *, ground: Ground | None = None, name: str = "measure"
+) -> tuple[str, str]:
+    """Return the ending and the text of a program that goes to poses in their order, with dwell and signal at each.
+
+    It starts and ends at home, and goes by home where the straight way to the next pose would touch a box.
+
+    Parameters
+    ----------
+    cell : Cell
+        Its ``[measuring]`` says how to go; its ``[obstacles]`` are kept clear of.
+    poses : Poses
+        With joints.
+    ground : Ground, optional
+        Where they were chosen; otherwise home is that of the cell's ``[region]``, or the first pose.
+    name : str
+        Of the program.
+
+    Raises
+    ------
+    RobotError
+        If no program can be written for the robot's maker.
+    DataError
+        If there are no joints.
+    """
+    robot = cell.load_robot()
+    if robot.maker.lower() not in WRITERS:
+        raise RobotError(
+            f"{robot.name}: no measuring program is written for {robot.maker}, but for {', '.join(WRITERS)}: "
+            "take the joints of the table"
+        )
+    ending, write = WRITERS[robot.maker.lower()]
+    about = [
+        f"truepose: {poses.source}",
+        f"robot {robot.name}",
+        "Run it slowly the first time.",
+        "Only the boxes of the cell file are known.",
+    ]
+    if poses.q is None:
+        raise poses.error("a measuring program goes by joints (q1_deg …), and there are none")
+    return ending, write(name, list(_stops(poses, ground or listed(cell, poses.q))), cell.measuring, about)
+
+
+def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: Ground | None = None) -> list[Path]:
+    """Write poses as a table and, where the maker's language is known, ``measure.*`` beside it; return the paths."""
+    write_samples(table, poses)
+    if cell.load_robot().maker.lower() not in WRITERS:
+        return [table]
+    ending, text = measuring_program(cell, poses, ground=ground)
+    program = table.with_name(f"measure{ending}")
+    write_atomic(program, text)
+    return [table, program]
+
+
+def _stops(poses: Poses, ground: Ground) -> Iterator[Stop]:
+    home, q = Stop(ground.home), poses.q
+    assert q is not None
+    came_from = np.concatenate([ground.home[None], q[:-1]])
+    names = [f"P{number}" for number in range(1, len(q) + 1)] if poses.name is None else poses.name
+    before = ground.before(q)
+    way = ground.surroundings.way_touches(came_from, before)
+    yield home
+    for joints, start, box, name in zip(q, before, way, names, strict=True):
+        if box:
+            yield home
+        if ground.approach:
+            yield Stop(start)
+        yield Stop(joints, str(name))
+    yield home

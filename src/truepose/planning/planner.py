@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,20 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
-from truepose.errors import DataError, RobotError
-from truepose.files import write_atomic
+from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
 from truepose.planning.designs import METHODS, Task
 from truepose.planning.grounds import listed, work_region
-from truepose.planning.measuring import WRITERS, Stop
+from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
 from truepose.planning.region import Ground, Reach
 from truepose.planning.selection import Progress, lowest_mean
 from truepose.planning.tour import shortest_tour
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
-from truepose.samples import Poses, write_samples
+from truepose.samples import Poses
 
 FloatArray = NDArray[np.float64]
 
@@ -79,7 +77,7 @@ class Plan:
             rotation_cmd=Rotation.from_matrix(tf[:, :3, :3]),
             approach=self.ground.approach_signs(self.q),
             name=np.array([f"P{number:03d}" for number in range(1, len(self.q) + 1)]),
-            source="plan",
+            source=f"{len(self.q)} poses, {self.method}",
         )
 
     @property
@@ -88,38 +86,12 @@ class Plan:
         return next(row["mean_mm"] for row in self.expected if row["n"] == len(self.q))
 
     def program(self, name: str = "measure") -> tuple[str, str]:
-        """Return the ending and the text of the measuring program.
-
-        Raises
-        ------
-        RobotError
-            If no program can be written for the robot's maker.
-        """
-        robot, how = self.cell.load_robot(), self.cell.measuring
-        if robot.maker.lower() not in WRITERS:
-            raise RobotError(
-                f"{robot.name}: no measuring program is written for {robot.maker}, "
-                f"but for {', '.join(WRITERS)}: take the joints of plan.csv"
-            )
-        ending, write = WRITERS[robot.maker.lower()]
-        about = [
-            f"truepose: {len(self.q)} poses, {self.method}",
-            f"robot {robot.name}",
-            "Run it slowly the first time.",
-            "Only the boxes of the cell file are known.",
-        ]
-        return ending, write(name, list(self._stops()), how, about)
+        """Return the ending and the text of the measuring program, see `measuring_program`."""
+        return measuring_program(self.cell, self.poses, ground=self.ground, name=name)
 
     def write(self, directory: str | Path) -> list[Path]:
         """Write plan.csv and, where the maker's language is known, the measuring program; return their paths."""
-        folder = Path(directory)
-        written = [folder / "plan.csv"]
-        write_samples(written[0], self.poses)
-        if self.cell.load_robot().maker.lower() in WRITERS:
-            ending, text = self.program()
-            written.append(folder / f"measure{ending}")
-            write_atomic(written[-1], text)
-        return written
+        return write_measurement(Path(directory) / "plan.csv", self.cell, self.poses, ground=self.ground)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values, for a screen or a file."""
@@ -133,19 +105,6 @@ class Plan:
             "observability": self.observability.indices,
             "not_told": self.observability.told(),
         }
-
-    def _stops(self) -> Iterator[Stop]:
-        home = Stop(self.ground.home)
-        yield home
-        for number, (q, before, box) in enumerate(
-            zip(self.q, self.ground.before(self.q), self.way, strict=True), start=1
-        ):
-            if box:
-                yield home
-            if self.ground.approach:
-                yield Stop(before)
-            yield Stop(q, f"P{number:03d}")
-        yield home
 
 
 def plan(
