@@ -1,5 +1,7 @@
 """The choice among predictors: ranking, nested loop, workers, failures."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 
@@ -159,3 +161,15 @@ def test_figures(held_out):
     assert found["mean_mm"] == pytest.approx(expected, rel=0.05)
     assert found["mean_interval_mm"][0] < found["mean_mm"] < found["mean_interval_mm"][1]
     assert set(found["splits"]) == {"points", "blocks"}
+
+
+def test_an_interrupt_ends_the_workers(errors):
+    def interrupt(line):
+        raise KeyboardInterrupt
+
+    others = set(multiprocessing.active_children())
+    with pytest.raises(KeyboardInterrupt):
+        choose(errors, ["registration"], workers=2, progress=interrupt)
+    for process in set(multiprocessing.active_children()) - others:
+        process.join(timeout=20)
+        assert not process.is_alive()
