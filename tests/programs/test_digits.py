@@ -11,7 +11,7 @@ from truepose.programs.digits import moved, read_digits, values_at, written
 from truepose.programs.source import format_number
 
 TOKENS = st.from_regex(
-    rb"\A(?: {0,3}[+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,9})(?:[eE][+-]?[0-2])?|-?[0-9]{1,3}\.[0-9]{0,3})\Z"
+    rb"\A(?: {0,3}[+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})(?:[eE][+-]?[0-2])?|-?[0-9]{1,3}\.[0-9]{0,3})\Z"
 )
 
 

@@ -104,7 +104,10 @@ def moved(data: bytes, spans: IntArray, values: FloatArray, delta: FloatArray, r
 
 
 def written(data: bytes, spans: IntArray, values: FloatArray, after: FloatArray, resolution: float) -> list[bytes]:
-    """Return numbers with new values, as `moved` found them, in the style of the old ones; see `format_number`."""
+    """Return numbers with new values, as `moved` found them, in the style of the old ones; see `format_number`.
+
+    The sixteenth digit of a number that has so many is that of a difference of doubles.
+    """
     digits = read_digits(data, spans)
     gained = decimals_of(resolution)
     if gained is None:
