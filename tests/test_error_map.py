@@ -189,6 +189,23 @@ def _angle(a, b):
     return Rotation.from_matrix(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], 1, 2)).magnitude()
 
 
+def test_a_tool_mounted_askew_is_known_from_measured_orientations():
+    """Positions cannot tell the tool's own turn; readings of three reflectors do, and it is corrected with the rest."""
+    cell = tp.VirtualCell("hard", seed=6, effects={"geometry", "tool", "repeatability", "tracker", "transmission"})
+    q, new = cell.design(80), cell.design(50, seed=9)
+    told = tp.fit_cell(cell.cell, cell.measure(q, reflectors=3), "kinematic-kriging")
+    askew = Rotation.from_matrix(cell.tf_flange_tool[:3, :3].T @ cell.truth.tf_flange_tool[:3, :3]).as_rotvec()
+    np.testing.assert_allclose(told.tool_turn[0], askew, atol=1e-3)  # and the turn of the last frame
+    readings = cell.measure(new, reflectors=3)
+    error, std = told.predict_pose_errors(Poses(q=new))
+    nominal = cell.robot.forward(new, tool=cell.tf_flange_tool)
+    measured = Rotation.from_matrix(told.registration.tf_base_tracker[:3, :3]) * readings.rotation_meas
+    left = _angle((Rotation.from_rotvec(error[:, 3:]).as_matrix() @ nominal[:, :3, :3]), measured.as_matrix())
+    before = _angle(nominal, measured.as_matrix())
+    assert left.mean() < 0.3 * before.mean()
+    assert np.mean(left < 1.96 * np.linalg.norm(std[:, 3:], axis=1)) > 0.93
+
+
 def test_another_point_of_the_tool_is_corrected_as_such(virtual, turning, targets):
     """The map measured one point; a kinematic map knows how the tool turns, and corrects others by it."""
     tool = virtual.tf_flange_tool.copy()

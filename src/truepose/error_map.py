@@ -376,9 +376,36 @@ class ErrorMap:
             return predict(x, return_std=return_std)
         predict_pose: Callable[..., Any] = self.predictor.predict_pose
         if not return_std:
-            return predict_pose(x, offset=offset)[:, rows]
+            return self._with_tool_turn(x, predict_pose(x, offset=offset))[:, rows]
         error, std = predict_pose(x, return_std=True, offset=offset)
-        return error[:, rows], std[:, rows]
+        std[:, 3:] = np.hypot(std[:, 3:], self.tool_turn[1])
+        return self._with_tool_turn(x, error)[:, rows], std[:, rows]
+
+    @cached_property
+    def tool_turn(self) -> tuple[FloatArray, float]:
+        """Rotation vector (3,) [rad], tool frame, by which the tool is mounted askew, and its std [rad].
+
+        The mean of what measured orientations are beside those predicted; zero where none were measured.
+        """
+        samples = self.samples
+        if samples.q is None or samples.rotation_meas is None or self.p_flange_sampled is not None:
+            return np.zeros(3), 0.0
+        error = self.predictor.predict_pose(samples.q)
+        nominal = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
+        expected = Rotation.from_rotvec(error[:, 3:]) * nominal
+        measured = Rotation.from_matrix(self.registration.tf_base_tracker[:3, :3]) * samples.rotation_meas
+        turns = expected.inv() * measured
+        mean = turns.mean()
+        return mean.as_rotvec(), float((turns * mean.inv()).as_rotvec().std() / np.sqrt(len(samples)))
+
+    def _with_tool_turn(self, x: FloatArray, error: FloatArray) -> FloatArray:
+        """Return errors of poses (n, 6) with the turn of the tool in them, R_meas = exp(w) R_cmd exp(t)."""
+        turn, _ = self.tool_turn
+        if not turn.any():
+            return error
+        nominal = Rotation.from_matrix(self.robot.forward(x, tool=self.tf_flange_tool)[:, :3, :3])
+        turned = Rotation.from_rotvec(error[:, 3:]) * nominal * Rotation.from_rotvec(turn) * nominal.inv()
+        return np.concatenate([error[:, :3], turned.as_rotvec()], axis=1)
 
     @property
     def _knows_orientation(self) -> bool:
