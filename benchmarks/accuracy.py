@@ -38,7 +38,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "are of components, a reading's noise included."
     )
     samples, splits = read_samples(DATA), 1 if quick else 5
-    page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised", "fit [s]"])
+    page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised"])
     for title, divide, candidates in (
         ("150 / 316 at random", few, (*CANDIDATES, *TERMS)),
         ("316 / 316 at random", halves, CANDIDATES),
@@ -54,7 +54,7 @@ def cells(found: list[Figures | str]) -> list[str]:
     """Return the cells of a row."""
     good = [one for one in found if isinstance(one, Figures)]
     if len(good) < len(found):
-        return [next(one for one in found if isinstance(one, str)), *[""] * 5]
+        return [next(one for one in found if isinstance(one, str)), *[""] * 4]
     spread = np.std([one.mean for one in good])
     return [
         f"{mean(good, 'mean'):.3f} ± {spread:.3f}",
@@ -62,7 +62,6 @@ def cells(found: list[Figures | str]) -> list[str]:
         f"{100 * mean(good, 'within_68'):.0f} %",
         f"{100 * mean(good, 'within_95'):.0f} %",
         f"{mean(good, 'standardised'):.2f}",
-        f"{mean(good, 'seconds'):.1f}",
     ]
 
 

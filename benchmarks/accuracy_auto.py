@@ -22,7 +22,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "ratio; and what auto itself expects to leave (the mean over random points and blocks, the latter harder than "
         "held-out poses at random)."
     )
-    page.head(["set", "taken", "auto", "best", "best [mm]", "ratio", "expected: points", "blocks", "auto's time [s]"])
+    page.head(["set", "taken", "auto", "best", "best [mm]", "ratio", "expected: points", "blocks"])
     ratios = []
     for title, cell, samples, test in sets(quick):
         every = {name: held_out(cell, samples, test, name) for name in QUICK}
@@ -42,7 +42,6 @@ def report(path: Path | None, *, quick: bool = False) -> None:
             f"{means[best]:.4f}",
             ratios[-1],
             *(expected[split]["mean_mm"] for split in ("points", "blocks")),
-            f"{auto.seconds:.0f}",
         )
     page.say(f"Largest ratio: {max(ratios):.3f}.")
 

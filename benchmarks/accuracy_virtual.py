@@ -26,7 +26,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "Coverage and standardised residuals are of components, a reading's noise included."
     )
     columns = ["cell", "predictor", "mean [mm]", "P95", "ratio", "worst ratio", "in 68 %", "in 95 %", "standardised"]
-    page.head([*columns, "fit [s]"])
+    page.head(columns)
     whole = study(page, "hard, 200 samples", seeds, lambda cell, seed: measured(cell, 200, seed))
     study(
         page,
@@ -86,7 +86,6 @@ def study(
             f"{max(ratio):.2f}",
             *(f"{100 * mean(good, within):.0f} %" for within in ("within_68", "within_95")),
             f"{mean(good, 'standardised'):.2f}",
-            f"{mean(good, 'seconds'):.1f}",
         )
         out[name] = good
     return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,18 +25,15 @@ class Figures:
     within_68: float
     within_95: float
     standardised: float
-    seconds: float
     error_map: ErrorMap = field(repr=False)
 
 
 def held_out(cell: Cell, samples: Samples, test: Samples, predictor: str, **options: object) -> Figures | str:
     """Fit and predict; or say why not."""
-    start = time.perf_counter()
     try:
         found = fit_cell(cell, samples, predictor, **options)  # type: ignore[arg-type]
     except TrueposeError as error:
         return f"{error}"
-    seconds = time.perf_counter() - start
     expected, std = found.predict_reading(test)
     residual = found.errors(test) - expected
     length, cover = np.linalg.norm(residual, axis=1), coverage(residual, std)
@@ -47,7 +43,6 @@ def held_out(cell: Cell, samples: Samples, test: Samples, predictor: str, **opti
         cover.within_68,
         cover.within_95,
         float(np.std(residual / std)),
-        seconds,
         found,
     )
 
