@@ -36,6 +36,34 @@ def test_failed_rename_leaves_old_content_and_no_rubbish(tmp_path, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_several_files_are_written_all_or_none(tmp_path, monkeypatch):
+    old, new, last = (tmp_path / name for name in ("old", "new", "last"))
+    old.write_bytes(b"old")
+    with files.writing(old, new) as (first, second):
+        first.write(b"1")
+        second.write(b"2")
+    assert (old.read_bytes(), new.read_bytes()) == (b"1", b"2")
+    new.unlink()
+    real, calls = type(tmp_path).replace, []
+
+    def third_fails(path, goal):
+        calls.append(goal)
+        if len(calls) == 3:
+            raise OSError(5, "Input/output error")
+        return real(path, goal)
+
+    monkeypatch.setattr(type(tmp_path), "replace", third_fails)
+    with pytest.raises(FileError, match="Input/output error"), files.writing(old, new, last) as opened:  # noqa: PT012
+        for file in opened:
+            file.write(b"x")
+    monkeypatch.undo()
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"old": b"1"}
+    with pytest.raises(KeyboardInterrupt), files.writing(old, new) as (first, _):  # noqa: PT012
+        first.write(b"x")
+        raise KeyboardInterrupt
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"old": b"1"}
+
+
 def test_folder_as_output(tmp_path):
     with pytest.raises(FileError, match="is a folder"):
         files.write_atomic(tmp_path, b"")

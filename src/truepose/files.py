@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,7 +57,8 @@ def writing(*paths: str | Path) -> Iterator[list[BinaryIO]]:
     FileError
         If a file cannot be written; nothing is changed then.
     """
-    goals, temporary, new = [Path(path) for path in paths], list[Path](), list[Path]()
+    goals, drafts = [Path(path) for path in paths], list[Path]()
+    path = goals[0]
     with contextlib.ExitStack() as stack:
         try:
             opened: list[BinaryIO] = []
@@ -65,25 +67,45 @@ def writing(*paths: str | Path) -> Iterator[list[BinaryIO]]:
                     raise FileError(path, "is a folder; name a file in it")
                 path.parent.mkdir(parents=True, exist_ok=True)
                 handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
-                temporary.append(Path(name))
+                drafts.append(Path(name))
                 opened.append(stack.enter_context(os.fdopen(handle, "wb")))
             yield opened
-            for path, draft, file in zip(goals, temporary, opened, strict=True):
+            for path, draft, file in zip(goals, drafts, opened, strict=True):
                 file.flush()
                 os.fsync(file.fileno())
                 file.close()
                 draft.chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
-            for path, draft in zip(goals, temporary, strict=True):
-                there = path.exists()
-                draft.replace(path)
-                new += [] if there else [path]
-            new = []
+            _rename(drafts, goals)
         except OSError as error:
             what = f"cannot be written: {error.strerror or error}; choose another output path"
             raise FileError(path, what) from None
         finally:
-            for leftover in (*temporary, *new):
-                leftover.unlink(missing_ok=True)
+            for draft in drafts:
+                draft.unlink(missing_ok=True)
+
+
+def _rename(drafts: list[Path], goals: list[Path]) -> None:
+    """Rename files, all or none; what they replace comes back if one cannot be renamed."""
+    pairs = list(zip(goals, drafts, strict=True))
+    # the last one needs no way back
+    old = {path: draft.with_name(f"{draft.name}.old") for path, draft in pairs[:-1] if path.exists()}
+    done: list[Path] = []
+    try:
+        for path, kept in old.items():
+            shutil.copy2(path, kept)
+        for path, draft in pairs:
+            draft.replace(path)
+            done.append(path)
+    except BaseException:
+        for path in done:
+            if path in old:
+                old[path].replace(path)
+            else:
+                path.unlink()
+        raise
+    finally:
+        for kept in old.values():
+            kept.unlink(missing_ok=True)
 
 
 def _umask() -> int:
