@@ -110,6 +110,10 @@ class ResidualNetwork(Predictor):
         if not return_std:
             return e, None
         variance = std**2 + (self.shrink_ * answers.std(axis=0, ddof=1)) ** 2
+        reading = self._given[2]
+        if reading is not None:  # what is left beyond the readings' noise is the model's, and not the misfit as well
+            own = np.maximum(self.noise_**2 - np.mean(reading**2, axis=0), 0.0)
+            return e, np.sqrt(np.maximum(variance - self.calibration_.misfit_std_**2, 0.0) + own)
         return e, np.sqrt(variance + self.noise_**2) if include_nugget else np.sqrt(variance)
 
     def _leave_one_out(self) -> LeaveOneOut:
