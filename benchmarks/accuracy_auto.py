@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import accuracy
-from benchmarks.accuracy_virtual import TEST, measured
+from benchmarks.accuracy_virtual import TEST, measured, spoiled
 from benchmarks.held_out import Figures, Page, held_out
 from truepose import Cell, Samples, VirtualCell, read_samples
 from truepose.predictors.choose import QUICK
@@ -53,9 +53,18 @@ def sets(quick: bool) -> Iterator[tuple[str, Cell, Samples, Samples]]:
             cell = VirtualCell(preset, seed=seed)
             title = f"{preset}, {n} samples, seed {seed}"
             yield title, cell.cell, measured(cell, n, seed), measured(cell, TEST, seed + 10_000)
+    if not quick:
+        cell = VirtualCell("hard", seed=0)
+        test = measured(cell, TEST, 10_000)
+        yield "hard, 200 samples, 2 % gross, seed 0", cell.cell, spoiled(cell, 0), test
+        one = measured(cell, 200, 0, 0.0), measured(cell, TEST, 10_000, 0.0)
+        yield "hard, 200 samples, one orientation, seed 0", cell.cell, *one
     if not accuracy.DATA.exists():
         return
-    cell, samples = Cell.model_validate(accuracy.CELL), read_samples(accuracy.DATA)
+    ur10, samples = Cell.model_validate(accuracy.CELL), read_samples(accuracy.DATA)
     for seed, (fit, test) in enumerate(accuracy.halves(samples, 1 if quick else 2)):
         for n in (60,) if quick else (60, 100, 150):
-            yield f"UR10, {n} at random, split {seed}", cell, fit[:n], test
+            yield f"UR10, {n} at random, split {seed}", ur10, fit[:n], test
+    if not quick:
+        fit, test = next(accuracy.cubes(samples, 1))
+        yield "UR10, half of the cubes, split 0", ur10, fit, test
