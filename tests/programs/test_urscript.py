@@ -80,10 +80,10 @@ def test_named_pose_assigned_once_and_only_moved_to(read: Read) -> None:
 
 def test_joints_and_run_time_motions(read: Read) -> None:
     program = read(
-        f"movej([0,-1.5,1.5,0,0,0], a=1)\nservoj([0,0,0,0,0,0])\nspeedl([0,0,0,0,0,0],0.5)\nservoj(get_inverse_kin({P}))\nmovel({{{{pose}}}})"
+        f"movej([0,-1.5,1.5,0,0,0], a=1)\nservoj([0,0,0,0,0,0])\nspeedl([0,0,0,0,0,0],0.5)\nservoj(get_inverse_kin({P}))\nmovel({{{{pose}}}})\nservoc({P})"
     )
     assert set(verdicts(program).values()) == {"skip"}
-    assert len(program.targets) == 5
+    assert len(program.targets) == 6
 
 
 def test_the_tool_is_followed(read: Read) -> None:
