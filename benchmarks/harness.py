@@ -158,9 +158,17 @@ def peak_memory(memory: Memory) -> float:
 
 def _report_peak(memory: Memory, sender: Any) -> None:
     memory.first()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = _peak_kb()
     memory.call()
-    sender.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    sender.send(_peak_kb() - before)
+
+
+def _peak_kb() -> int:
+    """Return the highest resident memory of this process [kB]; getrusage's counts the parent's before the start."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM")))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def table(title: str, packages: Iterable[str], results: Iterable[tuple[Job, list[Timing]]]) -> str:

@@ -127,9 +127,8 @@ def test_orientation_in_both_forms(residual):
     values, joints = hyper(6, 6 if residual == "joint" else 0), np.arange(6)
     noise = np.full((60, 3), 0.02**2)
     exact = CovarianceForm.of(terms, design, joints, values, e, noise)
-    basis = Basis.of(
-        terms, joints, values, design if residual == "joint" else None, knots=40.0, most=1000, negligible=1e-8
-    )
+    anchor = design if residual == "joint" else None
+    basis = Basis.of(terms, joints, values, anchor, angles=q, knots=40.0, most=1000, negligible=1e-8)
     found = BasisForm.of(basis, design, values, e, noise)
     new = terms.at(simulate(10, np.random.default_rng(4))[0], "pose")
     covariance = exact.covariance(new)
