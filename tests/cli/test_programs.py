@@ -125,3 +125,13 @@ def test_check_takes_a_folder(run, tmp_path):
     ]
     (tmp_path / "empty").mkdir()
     assert "holds no robot program" in run("check", tmp_path / "empty").failed()
+
+
+def test_an_interrupt_is_told_and_leaves_nothing(run, program, monkeypatch):
+    def interrupted(*_args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("truepose.programs.read_programs", interrupted)
+    done = run("check", program)
+    assert (done.code, done.out) == (130, "")
+    assert done.err == "truepose: interrupted; files are written whole or not at all\n"

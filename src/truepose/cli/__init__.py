@@ -49,6 +49,9 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
         raise typer.Exit
 
 
+_INTERRUPTED = 130
+
+
 def main() -> None:
     """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
     try:
@@ -57,8 +60,10 @@ def main() -> None:
             app()
     except TrueposeError as error:
         _fail(str(error))
-    except KeyboardInterrupt:
-        _fail("interrupted; files are written whole or not at all", code=130)
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # which typer makes of Ctrl-C
+            raise
+        _fail("interrupted; files are written whole or not at all", code=_INTERRUPTED)
     except Exception as error:
         if os.environ.get("TRUEPOSE_TRACEBACK"):
             raise
