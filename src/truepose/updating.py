@@ -67,9 +67,9 @@ class Recheck:
             said.append(f"{'It may as well be that' if alike else 'Less likely:'} {other.cause}.")
         for name, unit, one in (("time", "h", self.time), ("temperature", "K", self.temperature)):
             if one is not None:
-                size, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
+                slope, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
                 sure = "drift" if one.p_value < 0.01 else "no drift to be sure of"
-                said.append(f"Over {name}: {sure}, {size:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
+                said.append(f"Over {name}: {sure}, {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
         return said
 
     def to_dict(self) -> dict[str, Any]:
