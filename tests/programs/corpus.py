@@ -8,6 +8,7 @@ injures them.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -943,8 +944,44 @@ N100 M30
     ),
 }
 
+SAMPLES = Path(__file__).parent / "samples"
+"""Many constructs of a language in one file, as far as they fit."""
+
+
+def sample(*names: str) -> dict[str, str]:
+    """Return files of the folder of samples."""
+    return {name: (SAMPLES / name).read_bytes().decode("latin-1") for name in names}
+
+
+LENIENT = ReadOptions(calls_keep_frames=True, angles="kuka")
+MANY = {
+    "k1": Example(sample("k1.src"), 3, 10, 1, options=LENIENT),
+    "k2": Example(sample("k2.src", "k2.dat"), 2, options=LENIENT),
+    "k3": Example(sample("k3.src"), 9, 12, 1, options=LENIENT),
+    "k4": Example(sample("k4.src"), 0, 1, options=LENIENT),
+    "r1": Example(sample("r1.mod"), 0, 8, options=LENIENT),
+    "r2": Example(sample("r2.prg"), 3, 4, 3, options=LENIENT),
+    "f1": Example(sample("f1.ls"), 4, 3, 1, options=LENIENT),
+    "f2": Example(sample("f2.ls"), 10, options=LENIENT),
+    "u1": Example(sample("u1.script"), 0, 3, 2, options=LENIENT),
+    "u2": Example(sample("u2.script"), 6, 4, options=LENIENT),
+    "u3": Example(sample("u3.script"), 2, options=LENIENT),
+    "j1": Example(sample("j1.jbi"), 2, 2, 2, options=LENIENT),
+    "v1": Example(sample("v1.dtx"), 0, 3, 2, options=LENIENT),
+    "n1": Example(sample("n1.nc"), 3, 2, options=LENIENT),
+    "g2": Example(sample("g2.nc"), 1, 0, 10, options=LENIENT),
+    "a1": Example(sample("a1.apt"), 0, 1, 5, options=LENIENT),
+}
+
 CORPUS = {
     f"{language}-{name}": example
-    for language, examples in {"krl": KRL, "rapid": RAPID, "fanuc": FANUC, "ur": UR, "other": OTHER}.items()
+    for language, examples in {
+        "krl": KRL,
+        "rapid": RAPID,
+        "fanuc": FANUC,
+        "ur": UR,
+        "other": OTHER,
+        "many": MANY,
+    }.items()
     for name, example in examples.items()
 }
