@@ -99,7 +99,7 @@ def figures(residual: FloatArray, std: FloatArray, splits: tuple[str, ...], *, r
     -------
     dict
         ``mean_mm`` over samples and splits with ``mean_interval_mm``, its interval; ``p95_mm``; ``mean_mm`` and
-        ``p95_mm`` of each split in ``splits``; ``within_95``: share of components within their predicted 95 % intervals.
+        ``p95_mm`` of each split in ``splits``; ``within_95``: share of components in their predicted 95 % intervals.
     """
     length = np.linalg.norm(residual, axis=2)
     return {
