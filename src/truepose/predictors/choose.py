@@ -36,7 +36,7 @@ _LOCAL: Final = {  # global Kriging is cubic in the number of samples
     "ordinary-kriging": "local-kriging",
     "ordinary-kriging-joint": "local-kriging-joint",
 }
-_TOO_MUCH: Final = {"universal-kriging"}
+_TOO_MUCH: Final = {"universal-kriging", "idw"}
 
 
 @dataclass(frozen=True, eq=False)
