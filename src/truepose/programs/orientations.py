@@ -99,8 +99,9 @@ def _rotation_vector(before: FloatArray, rotation: Rotation) -> FloatArray:
     vector = rotation.as_rotvec()
     length = np.linalg.norm(vector, axis=1)
     small = length < 1e-12
-    axis = np.where(small[:, None], before, vector) / np.where(small, np.linalg.norm(before, axis=1), length)[:, None]
-    axis = np.nan_to_num(axis)
+    along = np.where(small[:, None], before, vector)
+    size = np.linalg.norm(along, axis=1)
+    axis = along / np.where(size > 0.0, size, 1.0)[:, None]
     turns = np.round((np.einsum("ij,ij->i", before, axis) - length) / (2 * np.pi))
     after: FloatArray = (length + 2 * np.pi * turns)[:, None] * axis
     return after
