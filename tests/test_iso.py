@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import truepose as tp
+from truepose.cell import Cell
 from truepose.errors import DataError, RobotError
 from truepose.iso import EDGES_MM
 from truepose.samples import read_poses, write_samples
@@ -174,3 +175,18 @@ def test_a_program_goes_to_the_standards_poses(virtual, tmp_path):
     assert [line[2:] for line in text.splitlines() if line.startswith("; P")] == ["P1", "P2", "P3", "P4", "P5"] * 3
     assert text.count("WAIT SEC") == 15
     assert read_poses(table).name[:2].tolist() == ["P1", "P2"]
+
+
+def test_no_program_goes_through_a_box(virtual, tmp_path):
+    """Poses that no plan has chosen are kept clear of the boxes as well; nothing is written."""
+    from truepose.planning import write_measurement
+
+    poses = tp.iso9283_poses(virtual.cell, cycles=1)
+    low, high = poses.p_cmd[1] - 40.0, poses.p_cmd[1] + 40.0
+    box = "\n[obstacles.fixture]\n" + "".join(
+        f"{axis}_mm = [{a}, {b}]\n" for axis, a, b in zip("xyz", low, high, strict=True)
+    )
+    cell = Cell.from_toml(virtual.cell.to_toml() + box)
+    with pytest.raises(DataError, match=r"a pose is in the box fixture; leave it out"):
+        write_measurement(tmp_path / "iso.csv", cell, poses)
+    assert not list(tmp_path.iterdir())

@@ -40,95 +40,129 @@ class Stop:
     name: str = ""
 
 
-def _numbers(values: FloatArray, digits: int = 4) -> list[str]:
+def _numbers(values: FloatArray, digits: int) -> list[str]:
     return [f"{value + 0.0:.{digits}f}" for value in np.round(values, digits)]
 
 
-def _krl(program: str, stops: list[Stop], how: Measuring, about: list[str]) -> str:
-    lines = [
-        "&ACCESS RVP",
-        f"DEF {program}()",
-        *(f"; {line}" for line in about),
-        "BAS(#INITMOV,0)",
-        f"BAS(#VEL_PTP,{how.speed_percent:g})",
-        "BAS(#ACC_PTP,30)",
+def _degrees(q: FloatArray) -> list[str]:
+    return _numbers(np.rad2deg(q), 4)
+
+
+@dataclass(frozen=True)
+class Language:
+    """How a controller's language writes a motion of joints to a pose, a comment, a wait, and a signal.
+
+    Attributes
+    ----------
+    ending, newline : str
+        Of the file.
+    comment : callable
+        Takes a text.
+    move : callable
+        Takes the number of the motion, joints (dof,) [rad], and how to go.
+    wait, signal : callable
+        Take how to measure; the signal is that of `Measuring.trigger_output`.
+    program : callable
+        Takes the program's name, the lines about it, the lines of its motions, all stops, and how to go: the file's
+        lines.
+    """
+
+    ending: str
+    newline: str
+    comment: Callable[[str], str]
+    move: Callable[[int, FloatArray, Measuring], str]
+    wait: Callable[[Measuring], str]
+    signal: Callable[[Measuring], list[str]]
+    program: Callable[[str, list[str], list[str], list[Stop], Measuring], list[str]]
+
+    def text(self, name: str, about: list[str], stops: list[Stop], how: Measuring) -> str:
+        """Return a program that goes to the stops, and waits and signals at those with a name."""
+        lines: list[str] = []
+        for number, stop in enumerate(stops, start=1):
+            move = self.move(number, stop.q, how)
+            if stop.name:
+                signal = [] if how.trigger_output is None else self.signal(how)
+                lines += [self.comment(stop.name), move, self.wait(how), *signal]
+            else:
+                lines.append(move)
+        file = self.program(name, [self.comment(line) for line in about], lines, stops, how)
+        return self.newline.join([*file, ""])
+
+
+def _krl_program(name: str, about: list[str], lines: list[str], stops: list[Stop], how: Measuring) -> list[str]:
+    start = ["BAS(#INITMOV,0)", f"BAS(#VEL_PTP,{how.speed_percent:g})", "BAS(#ACC_PTP,30)"]
+    return ["&ACCESS RVP", f"DEF {name}()", *about, *start, *lines, "END"]
+
+
+def _rapid_program(name: str, about: list[str], lines: list[str], stops: list[Stop], how: Measuring) -> list[str]:
+    body = [f"VelSet {how.speed_percent:g}, 5000;", *lines]
+    procedure = [f"PROC {name}_run()", *(f"  {line}" for line in body), "ENDPROC"]
+    return [f"MODULE {name}", *(f"  {line}" for line in (*about, *procedure)), "ENDMODULE"]
+
+
+def _fanuc_program(name: str, about: list[str], lines: list[str], stops: list[Stop], how: Measuring) -> list[str]:
+    numbered = [
+        f"{number:4d}:  {line} ;"
+        for number, line in enumerate([*about, "UFRAME_NUM=0", "UTOOL_NUM=1", *lines], start=1)
     ]
-    for stop in stops:
-        axes = ",".join(f"A{j} {value}" for j, value in enumerate(_numbers(np.rad2deg(stop.q)), start=1))
-        if stop.name:
-            lines.append(f"; {stop.name}")
-        lines.append(f"PTP {{{axes}}}")
-        if stop.name:
-            lines.append(f"WAIT SEC {how.dwell_s:g}")
-            if how.trigger_output is not None:
-                lines.append(f"PULSE($OUT[{how.trigger_output}],TRUE,0.5)")
-    return "\r\n".join([*lines, "END", ""])
-
-
-def _rapid(program: str, stops: list[Stop], how: Measuring, about: list[str]) -> str:
-    lines = [
-        f"MODULE {program}",
-        *(f"  ! {line}" for line in about),
-        f"  PROC {program}_run()",
-        f"    VelSet {how.speed_percent:g}, 5000;",
-    ]
-    for stop in stops:
-        axes = ",".join(_numbers(np.rad2deg(stop.q)))
-        if stop.name:
-            lines.append(f"    ! {stop.name}")
-        lines.append(f"    MoveAbsJ [[{axes}],[9E9,9E9,9E9,9E9,9E9,9E9]],v1000,fine,tool0;")
-        if stop.name:
-            lines.append(f"    WaitTime \\InPos, {how.dwell_s:g};")
-            if how.trigger_output is not None:
-                lines.append(f"    PulseDO \\PLength:=0.5, do{how.trigger_output};")
-    return "\r\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
-
-
-def _fanuc(program: str, stops: list[Stop], how: Measuring, about: list[str]) -> str:
-    commands = [f"!{line[:32]} ;" for line in about] + ["UFRAME_NUM=0 ;", "UTOOL_NUM=1 ;"]
     positions = []
     for number, stop in enumerate(stops, start=1):
-        if stop.name:
-            commands.append(f"!{stop.name} ;")
-        commands.append(f"J P[{number}] {how.speed_percent:g}% FINE ;")
-        if stop.name:
-            commands.append(f"WAIT {how.dwell_s:6.2f}(sec) ;")
-            if how.trigger_output is not None:
-                commands.append(f"DO[{how.trigger_output}]=PULSE,0.5sec ;")
         pendant = stop.q.copy()
         pendant[2] -= pendant[1]
         axes = [f"J{j}= {value} deg" for j, value in enumerate(_numbers(np.rad2deg(pendant), 3), start=1)]
-        positions.append(
-            f"P[{number}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{', '.join(axes[:3])},\n\t{', '.join(axes[3:])}\n}};"
-        )
-    head = [f"/PROG  {program.upper()}", "/ATTR", 'COMMENT = "truepose";', "/MN"]
-    numbered = [f"{number:4d}:  {command}" for number, command in enumerate(commands, start=1)]
-    return "\n".join([*head, *numbered, "/POS", *positions, "/END", ""])
+        place = [f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,"]
+        positions += [*place, f"\t{', '.join(axes[:3])},", f"\t{', '.join(axes[3:])}", "};"]
+    head = [f"/PROG  {name.upper()}", "/ATTR", 'COMMENT = "truepose";', "/MN"]
+    return [*head, *numbered, "/POS", *positions, "/END"]
 
 
-def _urscript(program: str, stops: list[Stop], how: Measuring, about: list[str]) -> str:
-    speed = how.speed_percent / 100.0 * np.pi
-    lines = [*(f"# {line}" for line in about), f"def {program}():"]
-    for stop in stops:
-        if stop.name:
-            lines.append(f"  # {stop.name}")
-        lines.append(f"  movej([{', '.join(_numbers(stop.q, 6))}], a=0.5, v={speed:.3f})")
-        if stop.name:
-            lines.append(f"  sleep({how.dwell_s:g})")
-            if how.trigger_output is not None:
-                lines.append(f"  set_standard_digital_out({how.trigger_output}, True)")
-                lines.append("  sleep(0.5)")
-                lines.append(f"  set_standard_digital_out({how.trigger_output}, False)")
-    return "\n".join([*lines, "end", f"{program}()", ""])
+def _urscript_program(name: str, about: list[str], lines: list[str], stops: list[Stop], how: Measuring) -> list[str]:
+    return [*about, f"def {name}():", *(f"  {line}" for line in lines), "end", f"{name}()"]
 
 
-WRITERS: Final[dict[str, tuple[str, Callable[[str, list[Stop], Measuring, list[str]], str]]]] = {
-    "kuka": (".src", _krl),
-    "abb": (".mod", _rapid),
-    "fanuc": (".ls", _fanuc),
-    "universal robots": (".script", _urscript),
+LANGUAGES: Final[dict[str, Language]] = {
+    "kuka": Language(
+        ending=".src",
+        newline="\r\n",
+        comment=lambda text: f"; {text}",
+        move=lambda _, q, how: "PTP {" + ",".join(f"A{j} {v}" for j, v in enumerate(_degrees(q), start=1)) + "}",
+        wait=lambda how: f"WAIT SEC {how.dwell_s:g}",
+        signal=lambda how: [f"PULSE($OUT[{how.trigger_output}],TRUE,0.5)"],
+        program=_krl_program,
+    ),
+    "abb": Language(
+        ending=".mod",
+        newline="\r\n",
+        comment=lambda text: f"! {text}",
+        move=lambda _, q, how: f"MoveAbsJ [[{','.join(_degrees(q))}],[9E9,9E9,9E9,9E9,9E9,9E9]],v1000,fine,tool0;",
+        wait=lambda how: f"WaitTime \\InPos, {how.dwell_s:g};",
+        signal=lambda how: [f"PulseDO \\PLength:=0.5, do{how.trigger_output};"],
+        program=_rapid_program,
+    ),
+    "fanuc": Language(
+        ending=".ls",
+        newline="\n",
+        comment=lambda text: f"!{text[:32]}",
+        move=lambda number, q, how: f"J P[{number}] {max(1, round(how.speed_percent))}% FINE",
+        wait=lambda how: f"WAIT {how.dwell_s:6.2f}(sec)",
+        signal=lambda how: [f"DO[{how.trigger_output}]=PULSE,0.5sec"],
+        program=_fanuc_program,
+    ),
+    "universal robots": Language(
+        ending=".script",
+        newline="\n",
+        comment=lambda text: f"# {text}",
+        move=lambda _, q, how: f"movej([{', '.join(_numbers(q, 6))}], a=0.5, v={how.speed_percent / 100 * np.pi:.3f})",
+        wait=lambda how: f"sleep({how.dwell_s:g})",
+        signal=lambda how: [
+            f"set_standard_digital_out({how.trigger_output}, True)",
+            "sleep(0.5)",
+            f"set_standard_digital_out({how.trigger_output}, False)",
+        ],
+        program=_urscript_program,
+    ),
 }
-"""By maker, lower case: the ending of the file, and what writes it."""
+"""By maker, lower case."""
 
 
 def measuring_program(
@@ -154,15 +188,15 @@ def measuring_program(
     RobotError
         If no program can be written for the robot's maker.
     DataError
-        If there are no joints.
+        If there are no joints, or a box is in the way to a pose (its row is named).
     """
     robot = cell.load_robot()
-    if robot.maker.lower() not in WRITERS:
+    if robot.maker.lower() not in LANGUAGES:
         raise RobotError(
-            f"{robot.name}: no measuring program is written for {robot.maker}, but for {', '.join(WRITERS)}: "
+            f"{robot.name}: no measuring program is written for {robot.maker}, but for {', '.join(LANGUAGES)}: "
             "take the joints of the table"
         )
-    ending, write = WRITERS[robot.maker.lower()]
+    language = LANGUAGES[robot.maker.lower()]
     about = [
         f"truepose: {poses.source}",
         f"robot {robot.name}",
@@ -171,16 +205,21 @@ def measuring_program(
     ]
     if poses.q is None:
         raise poses.error("a measuring program goes by joints (q1_deg …), and there are none")
-    return ending, write(name, list(_stops(poses, ground or listed(cell, poses.q))), cell.measuring, about)
+    ground = ground or listed(cell, poses.q)
+    reason = ground.in_the_way(poses.q)
+    if (rows := np.flatnonzero(reason != "")).size:
+        raise poses.error(f"a pose is {reason[rows[0]]}; leave it out, or move home or the box", reason != "")
+    return language.ending, language.text(name, about, list(_stops(poses, ground)), cell.measuring)
 
 
 def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: Ground | None = None) -> list[Path]:
     """Write poses as a table and, where the maker's language is known, ``measure.*`` beside it; return the paths."""
-    write_samples(table, poses)
-    if cell.load_robot().maker.lower() not in WRITERS:
+    if cell.load_robot().maker.lower() not in LANGUAGES:
+        write_samples(table, poses)
         return [table]
-    ending, text = measuring_program(cell, poses, ground=ground)
+    ending, text = measuring_program(cell, poses, ground=ground)  # before anything is written: it may be refused
     program = table.with_name(f"measure{ending}")
+    write_samples(table, poses)
     write_atomic(program, text)
     return [table, program]
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +48,7 @@ class Reach:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ground:
+class Ground(ABC):
     """Where poses are offered, and how the arm goes to them.
 
     Attributes
@@ -66,6 +68,7 @@ class Ground:
     margin: float = np.deg2rad(5.0)
     approach: float = 0.0
 
+    @abstractmethod
     def spread(self, count: int, seed: int) -> Reach:
         """Return about `count` configurations, or more, spread evenly.
 
@@ -74,7 +77,6 @@ class Ground:
         RobotError
             If none can be measured.
         """
-        raise NotImplementedError
 
     def approach_signs(self, q: FloatArray) -> FloatArray:
         """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1."""
@@ -88,24 +90,31 @@ class Ground:
         """Return which of joints (n, dof) [rad] can be measured, and why the others cannot; NaN is out of reach."""
         around = self.surroundings
         low, high = around.robot.limits.T
-        checks: list[Callable[[FloatArray], NDArray[np.str_]]] = [
+        reason = _first_reason(
+            q,
             lambda q: np.where(np.isnan(q).any(axis=1), "out of reach", ""),
             lambda q: np.where(
                 ((q > low + self.margin) & (q < high - self.margin)).all(axis=1), "", "at a joint limit"
             ),
             lambda q: np.where(smallest_singular(around.robot, q) < SINGULAR, "near a singularity", ""),
-            lambda q: _named("in the box {}", around.touched(q)),
+            self.in_the_way,
             lambda q: np.where(around.sees(q), "", "not seen by the tracker"),
+        )
+        good = reason == ""
+        return Reach(q[good], dict(Counter(reason[~good].tolist()).most_common()), len(q))
+
+    def in_the_way(self, q: FloatArray) -> NDArray[np.object_]:
+        """Return which box keeps the arm from joints (n, dof) [rad], there or on the ways from and to home, "" if none.
+
+        (n,) strings.
+        """
+        return _first_reason(
+            q,
+            lambda q: _named("in the box {}", self.surroundings.touched(q)),
             lambda q: self._way("behind the box {} on the way from home", self.home, self.before(q)),
             lambda q: self._way("behind the box {} on the last way", self.before(q), q),
             lambda q: self._way("behind the box {} on the way home", q, self.home),
-        ]
-        reason = np.full(len(q), "", dtype="<U80")
-        for check in checks:
-            open_ = np.flatnonzero(reason == "")
-            reason[open_] = check(q[open_])
-        good = reason == ""
-        return Reach(q[good], dict(Counter(reason[~good].tolist()).most_common()), len(q))
+        )
 
     @staticmethod
     def _some(found: Reach) -> Reach:
@@ -116,7 +125,7 @@ class Ground:
             )
         return found
 
-    def _way(self, wording: str, q_from: FloatArray, q_to: FloatArray) -> NDArray[np.str_]:
+    def _way(self, wording: str, q_from: FloatArray, q_to: FloatArray) -> NDArray[np.object_]:
         return _named(wording, self.surroundings.way_touches(*np.broadcast_arrays(q_from, q_to)))
 
 
@@ -178,5 +187,14 @@ class WorkRegion(Ground):
         return self._some(self.reach(sobol.random_base2(int(np.ceil(np.log2(count))))))
 
 
-def _named(wording: str, box: NDArray[np.str_]) -> NDArray[np.str_]:
-    return np.array([wording.format(name) if name else "" for name in box], dtype=np.str_)
+def _first_reason(q: FloatArray, *checks: Callable[[FloatArray], NDArray[Any]]) -> NDArray[np.object_]:
+    """Return the first reason that a check has against each of joints (n, dof), "" where none has: (n,)."""
+    reason = np.full(len(q), "", dtype=np.object_)
+    for check in checks:
+        open_ = np.flatnonzero(reason == "")
+        reason[open_] = check(q[open_])
+    return reason
+
+
+def _named(wording: str, box: NDArray[np.str_]) -> NDArray[np.object_]:
+    return np.array([wording.format(name) if name else "" for name in box], dtype=np.object_)
