@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from typing import TextIO
 
 import typer
 
@@ -56,7 +57,7 @@ def main() -> None:
     """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _warn  # type: ignore[assignment]
+            warnings.showwarning = _warn
             app()
     except TrueposeError as error:
         _fail(str(error))
@@ -70,7 +71,14 @@ def main() -> None:
         _fail(f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it")
 
 
-def _warn(message: Warning | str, *_: object) -> None:
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     sys.stderr.write(f"truepose: warning: {' '.join(str(message).split())}\n")
 
 

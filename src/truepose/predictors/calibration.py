@@ -175,7 +175,8 @@ class KinematicCalibration(Predictor):
             self._flat = False
         misfit = np.array([self.misfit_std or 0.0])
         self._filter.update(data, misfit)
-        self._seen = tuple(np.concatenate(pair) for pair in zip(self._seen, (checked, e, std), strict=True))  # type: ignore[assignment]
+        X_seen, e_seen, std_seen = self._seen
+        self._seen = (np.concatenate([X_seen, checked]), np.concatenate([e_seen, e]), np.concatenate([std_seen, std]))
         self._given = self._seen
         seen = self._observations(*self._seen)
         self._filter = self._filter.again(seen, misfit)

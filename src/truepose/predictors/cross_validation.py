@@ -12,12 +12,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truepose.errors import DataError, TrueposeError
 from truepose.predictors.base import Predictor
 from truepose.predictors.gross import fit_without_gross
 from truepose.predictors.named import PREDICTORS, Arm, make_predictor
+from truepose.similarity.threads import blas_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -129,7 +129,7 @@ class Job:
         out, known = np.flatnonzero(label == task.fold), np.flatnonzero(label != task.fold)
         nothing = np.full((len(out), 3), np.nan)
         try:
-            with threadpool_limits(limits=1):
+            with blas_threads(0):  # one thread, in workers and without them: the sums are the same
                 return self._outcome(task, out, known)
         except _FAILURES as error:
             return Outcome(task, out, nothing, nothing, note=f"failed: {error}")

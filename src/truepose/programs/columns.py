@@ -267,8 +267,7 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     )  # fmt: skip
     if key not in known:
         known[key] = len(alike)
-        nothing = {"name": "", "line": 0, "xyz": None, "angles": None, "status": None, "turn": None, "spans": ()}
-        alike.append(replace(target, **nothing))  # type: ignore[arg-type]
+        alike.append(replace(target, name="", line=0, xyz=None, angles=None, status=None, turn=None, spans=()))
     return known[key]
 
 

@@ -42,19 +42,32 @@ class CorrectionsLike(Protocol):
     """What a map answers: commands for targets, each with its verdict (see `truepose.compensation.Corrections`)."""
 
     @property
-    def p_target(self) -> FloatArray: ...  # noqa: D102
+    def p_target(self) -> FloatArray:
+        """Positions wanted, (n, 3) [mm], base frame."""
+
     @property
-    def p_command(self) -> FloatArray: ...  # noqa: D102
+    def p_command(self) -> FloatArray:
+        """Positions to command, (n, 3) [mm], base frame."""
+
     @property
-    def e(self) -> FloatArray: ...  # noqa: D102
+    def e(self) -> FloatArray:
+        """Predicted errors at the commands, (n, 3) [mm], base frame."""
+
     @property
-    def std(self) -> FloatArray: ...  # noqa: D102
+    def std(self) -> FloatArray:
+        """Standard deviations of `e`, (n, 3) [mm]."""
+
     @property
-    def verdict(self) -> NDArray[np.str_]: ...  # noqa: D102
+    def verdict(self) -> NDArray[np.str_]:
+        """What happens to each target, (n,): correct, clip, skip or refuse."""
+
     @property
-    def reason(self) -> Sequence[str]: ...  # noqa: D102
+    def reason(self) -> Sequence[str]:
+        """Why, (n,); "" where there is nothing to say."""
+
     @property
-    def rotation(self) -> FloatArray | None: ...  # noqa: D102
+    def rotation(self) -> FloatArray | None:
+        """By what orientations are turned, rotation vectors (n, 3) [rad], base frame; None where not asked."""
 
 
 class Corrector(Protocol):
