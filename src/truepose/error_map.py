@@ -22,7 +22,7 @@ from truepose.compensation import Corrections, Guards, Limits, Policy, Solution,
 from truepose.errors import DataError, RobotError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
-from truepose.predictors import PREDICTORS, Predictor
+from truepose.predictors import PREDICTORS, PosePredictor, Predictor
 from truepose.registering import check_limits, reading_noise
 from truepose.robots import Robot, status_turn
 from truepose.samples import Poses, Samples
@@ -409,7 +409,7 @@ class ErrorMap:
 
     @property
     def _knows_orientation(self) -> bool:
-        return self.space == "joint" and hasattr(self.predictor, "predict_pose")
+        return self.space == "joint" and isinstance(self.predictor, PosePredictor)
 
     def _targets(self, poses: ArrayLike, positions_suffice: bool) -> tuple[FloatArray, FloatArray | None]:
         """Return positions (n, 3) and, where they came, poses (n, 4, 4) of targets."""

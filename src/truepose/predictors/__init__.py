@@ -13,6 +13,7 @@ from truepose.predictors.kriging import OrdinaryKriging, SimpleKriging, Universa
 from truepose.predictors.local_kriging import LocalKriging
 from truepose.predictors.named import PREDICTORS, Arm, make_predictor
 from truepose.predictors.nearest import GridCell, Nearest
+from truepose.predictors.orientation import PosePredictor
 from truepose.predictors.radial_basis import RadialBasis
 from truepose.predictors.registration_only import RegistrationOnly
 from truepose.predictors.residual_network import ResidualNetwork
@@ -32,6 +33,7 @@ __all__ = [
     "LocalKriging",
     "Nearest",
     "OrdinaryKriging",
+    "PosePredictor",
     "Predictor",
     "RadialBasis",
     "RegistrationOnly",

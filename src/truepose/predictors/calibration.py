@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final, Literal, Self, overload
+from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification import (
@@ -26,8 +25,8 @@ from truepose.identification import (
     poses_to_add,
 )
 from truepose.identification.solve import LOSSES, Loss
-from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.orientation import at_offset, rotation_per_mm, turns
+from truepose.predictors.base import LeaveOneOut
+from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
 from truepose.robots import ErrorModel, Load, Robot
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +39,7 @@ PRIORS: Final = ("tolerance", "subset")
 _PROBES: Final = 60  # random configurations that show what ordinary poses can tell
 
 
-class KinematicCalibration(Predictor):
+class KinematicCalibration(PosePredictor):
     """Identify an arm's parameters from positional errors, and predict by the identified arm.
 
     X are joints (n, dof) [rad], or joints and approach signs (n, 2 dof); y are errors (n, 3) [mm] in the base frame,
@@ -243,39 +242,10 @@ class KinematicCalibration(Predictor):
             variance = variance + self.misfit_std_**2
         return e, np.sqrt(variance)
 
-    @overload
-    def predict_pose(
-        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
-    ) -> FloatArray: ...
-    @overload
-    def predict_pose(
-        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
-    ) -> tuple[FloatArray, FloatArray]: ...
-    def predict_pose(
-        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
-    ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Predict errors of position and orientation by the identified arm, whose positions alone were measured.
-
-        What the model does not explain is turned into an uncertainty of orientation by `rotation_per_mm`. The tool's
-        orientation on the flange is taken as stated.
-
-        Parameters
-        ----------
-        X : (m, dof) or (m, 2 dof) array_like [rad]
-            As `predict`.
-        return_std : bool
-        offset : (m, 3) array [mm], base frame, optional
-            From the measured point to the point of the tool that is asked for, on the nominal arm.
-
-        Returns
-        -------
-        error : (m, 6) array [mm, rad], base frame
-            e, and the rotation vector w of R_meas R_cmdᵀ.
-        std : (m, 6) array [mm, rad]
-            Only with `return_std`.
-        """
-        check_is_fitted(self)
-        q, approach = self._split(self._validate(X)[0])
+    def _predict_pose(
+        self, X: FloatArray, return_std: bool, offset: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        q, approach = self._split(X)
         x, arm = self.solution_.x, self._arm
         real, nominal = arm.pose(q, x, approach), arm.pose(q, np.zeros(len(x)), approach)
         turned = Rotation.from_matrix(real[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2))
@@ -283,7 +253,7 @@ class KinematicCalibration(Predictor):
         if offset is not None:
             error[:, :3] += turned.apply(offset) - offset
         if not return_std:
-            return error
+            return error, None
         columns = at_offset(arm.jacobian(q, x, approach, "pose"), offset)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
         misfit = self.misfit_std_ if self._known_noise else 0.0

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from typing import Literal, overload
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils.validation import check_is_fitted
+
+from truepose.predictors.base import Predictor
 
 FloatArray = NDArray[np.float64]
 
@@ -54,3 +60,53 @@ def at_offset(columns: FloatArray, offset: FloatArray | None) -> FloatArray:
     moved = columns.copy()
     moved[:, :3] += np.cross(columns[:, 3:], offset[:, :, None], axis=1)
     return moved
+
+
+class PosePredictor(Predictor):
+    """An error model that knows how the tool turns, though positions alone were measured."""
+
+    @abstractmethod
+    def _predict_pose(
+        self, X: FloatArray, return_std: bool, offset: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Predict at checked joints; None in place of std where it is not asked for."""
+
+    @overload
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
+    ) -> FloatArray: ...
+    @overload
+    def predict_pose(
+        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
+    ) -> tuple[FloatArray, FloatArray]: ...
+    def predict_pose(
+        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Predict errors of position and orientation, both from positions measured.
+
+        What the model does not explain is turned into an uncertainty of orientation by `rotation_per_mm`. The tool's
+        orientation on the flange is taken as stated.
+
+        Parameters
+        ----------
+        X : (m, dof) or (m, 2 dof) array_like [rad]
+            As `predict`.
+        return_std : bool
+        offset : (m, 3) array [mm], base frame, optional
+            From the measured point to the point of the tool that is asked for, on the nominal arm.
+
+        Returns
+        -------
+        error : (m, 6) array [mm, rad], base frame
+            e, and the rotation vector w of R_meas R_cmdᵀ.
+        std : (m, 6) array [mm, rad]
+            Only with `return_std`.
+
+        Raises
+        ------
+        DataError
+            As `predict`.
+        """
+        check_is_fitted(self)
+        error, std = self._predict_pose(self._validate(X)[0], return_std, offset)
+        return error if std is None else (error, std)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, Self, overload
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +12,13 @@ from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
 from truepose.errors import DataError, KrigingError
-from truepose.predictors.base import LeaveOneOut, Predictor, checked_noise
+from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyper import Hyper
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
-from truepose.predictors.orientation import at_offset, rotation_per_mm, turns
+from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
 from truepose.similarity.threads import blas_threads
 
@@ -59,7 +59,7 @@ class JointCurve:
     std: FloatArray
 
 
-class KinematicKriging(Predictor):
+class KinematicKriging(PosePredictor):
     """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
 
     e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal priors, geometry
@@ -349,45 +349,21 @@ class KinematicKriging(Predictor):
         e, covariance = self._form.posterior(design)
         return e + self._terms.curvature(design), self.inflation_ * covariance
 
-    @overload
-    def predict_pose(
-        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
-    ) -> FloatArray: ...
-    @overload
-    def predict_pose(
-        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
-    ) -> tuple[FloatArray, FloatArray]: ...
-    def predict_pose(
-        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
-    ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Predict errors of position and orientation, both from positions measured.
+    def _predict_pose(
+        self, X: FloatArray, return_std: bool, offset: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Registration, geometry, compliance and joints' errors are seen in the rows of orientation; Z is zero there.
 
-        Registration, geometry, compliance and the joints' errors are seen in the rows of orientation; Z is zero there,
-        and its standard deviation that of `rotation_per_mm`. Joints that positions cannot show are taken to err as much
-        as the others. The tool's orientation on the flange is taken as stated.
-
-        Parameters
-        ----------
-        X : (m, dof) array_like [rad]
-        return_std : bool
-        offset : (m, 3) array [mm], base frame, optional
-            From the measured point to the point of the tool that is asked for, on the nominal arm.
-
-        Returns
-        -------
-        error : (m, 6) array [mm, rad], base frame
-            e, and the rotation vector w of R_meas R_cmdᵀ.
-        std : (m, 6) array [mm, rad]
-            Only with `return_std`.
+        Its standard deviation is that of `rotation_per_mm`. Joints that positions cannot show are taken to err as much
+        as the others.
         """
-        check_is_fitted(self)
         assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(self._validate(X)[0]), "pose")
+        design = self._terms.at(self.robot.check_joints(X), "pose")
         curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
         unknown = at_offset(self._unknown_turns(design), offset)
         design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
         if not return_std:
-            return self._form.mean(design) + curvature
+            return self._form.mean(design) + curvature, None
         error, covariance = self._form.posterior(design)
         variance = np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2)
         return error + curvature, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
