@@ -170,7 +170,7 @@ def test_an_arm_that_warms_up_drifts_as_its_temperature():
     q = np.repeat(cell.design(1), 50, axis=0)
     samples = cell.measure(q, time=np.linspace(0.0, 4 * cell.preset.warm_up_s, 50))
     assert samples.temperature[0] == pytest.approx(20.0)
-    assert samples.temperature[-1] == pytest.approx(20.0 + cell.preset.warm_up_K, abs=0.2)
+    assert samples.temperature[-1] == pytest.approx(20.0 + cell.preset.warm_up_kelvin, abs=0.2)
     drift = np.linalg.norm(samples.p_meas - samples.p_meas[0], axis=1)
     np.testing.assert_allclose(drift, drift[-1] * (samples.temperature - 20.0) / (samples.temperature[-1] - 20.0))
     assert 0.1 < drift[-1] < 0.5

@@ -78,8 +78,8 @@ class Preset:
         Lost motion between the two ways of coming.
     expansion : range [1/K]
         Of every length.
-    warm_up_K, warm_up_s : float
-        The arm grows warmer by warm_up_K, with the time constant warm_up_s.
+    warm_up_kelvin, warm_up_s : float
+        The arm grows warmer by warm_up_kelvin, with the time constant warm_up_s.
     first_reading_s, seconds_per_reading : float
         Time of the first reading after the cold start, and from each to the next.
     acceptance_deg : float
@@ -115,7 +115,7 @@ class Preset:
     gear_ratio: Range = (80.0, 250.0)
     backlash: Range = (0.0, 0.3e-3)
     expansion: Range = (8e-6, 14e-6)
-    warm_up_K: float = 8.0  # noqa: N815 (kelvin)
+    warm_up_kelvin: float = 8.0
     warm_up_s: float = 2400.0
     first_reading_s: float = 3600.0
     seconds_per_reading: float = 15.0

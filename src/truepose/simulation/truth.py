@@ -77,20 +77,20 @@ class Conditions:
     payload_kg : (n,) array
     time : (n,) array [s]
         After a cold start.
-    warm_up_K, warm_up_s : float
+    warm_up_kelvin, warm_up_s : float
         See `Preset`.
     """
 
     approach: FloatArray
     payload_kg: FloatArray
     time: FloatArray
-    warm_up_K: float  # noqa: N815 (kelvin)
+    warm_up_kelvin: float
     warm_up_s: float
 
     @property
     def temperature(self) -> FloatArray:
         """Of the arm, (n,) [°C]."""
-        return np.asarray(COLD + self.warm_up_K * -np.expm1(-self.time / self.warm_up_s))
+        return np.asarray(COLD + self.warm_up_kelvin * -np.expm1(-self.time / self.warm_up_s))
 
 
 @dataclass(frozen=True, eq=False)

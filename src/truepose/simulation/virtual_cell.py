@@ -272,7 +272,7 @@ class VirtualCell:
                 preset.first_reading_s + preset.seconds_per_reading * np.arange(n) if time is None else time,
                 (n,),
             ),
-            warm_up_K=preset.warm_up_K,
+            warm_up_kelvin=preset.warm_up_kelvin,
             warm_up_s=preset.warm_up_s,
         )
 
