@@ -96,11 +96,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median and spread of one side [s per item], and its peak of memory [MB]."""
+    """Median and spread of one side [s per item], and its peak of memory [MB]; no spread of a single run."""
 
     side: str
     median: float
-    spread: float
+    spread: float | None
     peak: float | None = None
     absent: str = ""
 
@@ -124,10 +124,11 @@ def measure(job: Job, repeats: int = REPEATS) -> list[Timing]:
     timings = []
     for side, given in job.sides.items():
         if isinstance(given, str):
-            timings.append(Timing(side, float("nan"), float("nan"), absent=given))
+            timings.append(Timing(side, float("nan"), None, absent=given))
             continue
         peak = peak_memory(job.memory) if job.memory and not timings else None
-        timings.append(Timing(side, statistics.median(times[side]), max(times[side]) - min(times[side]), peak))
+        spread = max(times[side]) - min(times[side]) if len(times[side]) > 1 else None
+        timings.append(Timing(side, statistics.median(times[side]), spread, peak))
     return timings
 
 
@@ -184,7 +185,8 @@ def rows(job: Job, timings: list[Timing]) -> list[str]:
         first = i == 0
         cells = [timing.absent, "", ""]
         if not timing.absent:
-            cells = [duration(timing.median), duration(timing.spread), f"{timing.median / timings[0].median:.2f}"]
+            spread = "one run" if timing.spread is None else duration(timing.spread)
+            cells = [duration(timing.median), spread, f"{timing.median / timings[0].median:.2f}"]
         peak = "" if timing.peak is None else f"{timing.peak:.0f}"
         lines.append(_row([job.task if first else "", timing.side, *cells, peak, job.target if first else ""]))
     return lines
@@ -194,7 +196,8 @@ def about(packages: Iterable[str]) -> str:
     """Return one paragraph on machine, Python and versions of packages."""
     versions = [f"{name} {version}" for name in packages if (version := version_of(name))]
     return (
-        f"Median of at least {REPEATS} runs after a warm-up, all sides in turns in one process. "
+        f"Median of at least {REPEATS} runs after a warm-up, or one run where a row says so; all sides in turns in one "
+        "process. "
         f"{cpu()}; {os.environ.get('OMP_NUM_THREADS', 'all')} thread(s); Python {platform.python_version()}; "
         f"{', '.join(versions)}."
     )
