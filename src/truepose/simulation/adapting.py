@@ -35,6 +35,7 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
         If no branch reaches even a small region.
     """
     scale = _length(robot) / _length(load_robot(preset.robot))
+    lighter = scale**_MASS_EXPONENT
     centre, tool, load, size = (
         tuple((scale * np.array(value)).round(1).tolist())
         for value in (preset.centre_mm, preset.tool_mm, preset.payload_mm, preset.size_mm)
@@ -45,7 +46,8 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
         centre_mm=centre,
         tool_mm=tool,
         payload_mm=load,
-        payload_kg=round(preset.payload_kg * scale**_MASS_EXPONENT, 1),
+        payload_kg=round(preset.payload_kg * lighter, 1),
+        work_payload_kg=None if preset.work_payload_kg is None else round(preset.work_payload_kg * lighter, 1),
         reflector_radius_mm=scale * preset.reflector_radius_mm,
     )
     for smaller in _SHRINK ** np.arange(_TRIES):

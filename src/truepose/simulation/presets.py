@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -26,6 +26,9 @@ EFFECTS: Final = (
 )
 """What may be wrong in a virtual cell; each is switched on by its name."""
 
+TROUBLES: Final = ("heavy-tails", "rounding", "joint-step", "pedestal", "creep")
+"""What may be wrong beyond that, switched on by its name, too; off in the presets paper, hard and ideal."""
+
 
 @dataclass(frozen=True)
 class Preset:
@@ -46,7 +49,7 @@ class Preset:
     home_deg : tuple of 6
         A joint vector on the branch that the work is done on.
     effects : frozenset of str
-        Of `EFFECTS`, those that are on.
+        Of `EFFECTS` and `TROUBLES`, those that are on.
     length_std : float [mm]
         Of the errors of every a and d.
     angle_std : float [rad]
@@ -86,6 +89,24 @@ class Preset:
         How far from its axis a reflector can be seen; the axis points to the tracker at the centre of the work region.
     reflector_radius_mm : float
         Of the circle about the tool point on which several reflectors sit.
+    approach : {"up", "order"}
+        How poses are approached when nothing else is asked for: every joint upwards, or straight from pose to pose.
+    work_payload_kg : float, optional
+        Mass on the flange at work; that of the measurement when not given.
+    work_s : float, optional
+        Time of work after the cold start; when not given, the times of a measurement.
+    degrees_of_freedom : float
+        Of Student's t, which readings follow with ``heavy-tails``.
+    decimals_mm, decimals_deg : int
+        Decimals of positions [mm] and of angles [deg] in the file of samples, with ``rounding``.
+    joint_step : range [rad]
+        Jump of one joint's offset, with ``joint-step``.
+    joint_step_within_deg : float
+        How far from home, at most, the joint jumps.
+    pedestal_tilt : range [rad/m]
+        Tilt of the pedestal per metre by which the arm reaches out, with ``pedestal``.
+    creep_mm : range [mm]
+        Path of the tracker's station during a campaign, with ``creep``.
     """
 
     robot: str
@@ -121,6 +142,16 @@ class Preset:
     seconds_per_reading: float = 15.0
     acceptance_deg: float = 30.0
     reflector_radius_mm: float = 120.0
+    approach: Literal["up", "order"] = "up"
+    work_payload_kg: float | None = None
+    work_s: float | None = None
+    degrees_of_freedom: float = 3.0
+    decimals_mm: int = 1
+    decimals_deg: int = 2
+    joint_step: Range = (0.1e-3, 0.5e-3)
+    joint_step_within_deg: float = 10.0
+    pedestal_tilt: Range = (0.05e-3, 0.25e-3)
+    creep_mm: Range = (0.1, 0.5)
 
 
 _PAPER: Final = Preset(
@@ -154,4 +185,9 @@ PRESETS: Final[dict[str, Preset]] = {
     "hard": _HARD,
     # An arm without errors: what is left is noise, and the station to be found.
     "ideal": replace(_HARD, effects=frozenset({"repeatability", "tracker"})),
+    # The troubled cells: hard, and one thing more that a predictor does not know of.
+    **{name: replace(_HARD, effects=_HARD.effects | {name}) for name in TROUBLES},
+    "cold-start": replace(_HARD, first_reading_s=0.0, work_s=4.0 * _HARD.warm_up_s),
+    "backlash": replace(_HARD, backlash=(0.1e-3, 1e-3), approach="order"),
+    "other-payload": replace(_HARD, work_payload_kg=0.25 * _HARD.payload_kg),
 }

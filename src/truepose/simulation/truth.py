@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from truepose.robots import Robot
 from truepose.robots.nongeometric import Load, gravity_torque, rough_masses
 from truepose.simulation.presets import EFFECTS, Preset
+from truepose.simulation.troubles import Troubles
 
 FloatArray = NDArray[np.float64]
 _ORDERS: Final = 48
@@ -117,6 +118,8 @@ class Truth:
         Lost motion; a joint stays half of it behind the way that it comes.
     expansion : (dof,) array [1/K]
         Of the lengths a and d of each link.
+    troubles : Troubles
+        Faults beyond the usual; none of them in the presets paper, hard and ideal.
     seed : int
         From which all this was drawn.
     """
@@ -131,6 +134,7 @@ class Truth:
     p_flange_payload: FloatArray
     backlash: FloatArray
     expansion: FloatArray
+    troubles: Troubles
     seed: int
 
     def joints(self, q: FloatArray, conditions: Conditions) -> FloatArray:
@@ -141,7 +145,8 @@ class Truth:
             rows = which == k
             torque[rows] = gravity_torque(self.robot, q[rows], Load(float(kg), self.p_flange_payload, self.link_kg))
         lag = 0.5 * self.backlash * conditions.approach
-        return np.asarray(q + self.joint_error(q) + self.ripple(q) + self.compliance * torque - lag)
+        usual = q + self.joint_error(q) + self.ripple(q) + self.compliance * torque - lag
+        return np.asarray(usual + self.troubles.joint_steps(q))
 
     def forward(self, q: FloatArray, conditions: Conditions) -> FloatArray:
         """Return the true poses of the tool without noise, (n, 4, 4) [mm], base frame.
@@ -155,7 +160,7 @@ class Truth:
             warm = replace(self.robot, a=self.robot.a * grown, d=self.robot.d * grown)
             per_kelvin = warm.forward(joints, tool=self.tf_flange_tool)[:, :3, 3] - tf[:, :3, 3]
             tf[:, :3, 3] += (conditions.temperature - COLD)[:, None] * per_kelvin
-        return tf
+        return self.troubles.tilted(tf)
 
 
 def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.random.Generator) -> dict[str, Any]:

@@ -17,8 +17,9 @@ from truepose.geometry import apply_transform, euler, invert_transform, make_tra
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.samples import Samples
 from truepose.simulation.adapting import adapt
-from truepose.simulation.presets import EFFECTS, PRESETS, Preset
+from truepose.simulation.presets import EFFECTS, PRESETS, TROUBLES, Preset
 from truepose.simulation.tracker import pose_covariance, reflector_ring
+from truepose.simulation.troubles import draw_troubles
 from truepose.simulation.truth import Conditions, Truth, draw_joints
 from truepose.trackers.reflectors import fit_rigid
 from truepose.verification import RP_PER_STD, mean_noise
@@ -35,12 +36,14 @@ class VirtualCell:
     preset : str or Preset
         ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation. ``"hard"``:
         every effect of method.md §7, orientations within ±15°. ``"ideal"``: noise alone, and the station to be found.
+        The others of `PRESETS` are ``"hard"`` with one trouble more.
     robot : str, optional
         Library name of another robot; work region, tool and payload are then scaled with it (`adapt`).
     seed : int
         Decides the truth, and the noise of all measurements in their order.
     effects : collection of str, optional
-        Those of `EFFECTS` that are on, instead of the preset's; what is drawn for one does not depend on the others.
+        Those of `EFFECTS` and `TROUBLES` that are on, instead of the preset's; what is drawn for one does not depend
+        on the others.
 
     Attributes
     ----------
@@ -74,13 +77,13 @@ class VirtualCell:
         if robot is not None and self.robot.name != self.preset.robot:
             self.preset = adapt(self.preset, self.robot)
         self.effects = frozenset(self.preset.effects if effects is None else effects)
-        if unknown := self.effects - set(EFFECTS):
-            raise DataError(f"no effect {min(unknown)!r}; there is: {', '.join(EFFECTS)}")
+        if unknown := self.effects - {*EFFECTS, *TROUBLES}:
+            raise DataError(f"no effect {min(unknown)!r}; there is: {', '.join((*EFFECTS, *TROUBLES))}")
         self.seed = seed
         self.tf_flange_tool = make_transform(euler("kuka", self.preset.tool_abc_deg), self.preset.tool_mm)
-        truth_seed, noise_seed, joint_seed = np.random.SeedSequence(seed).spawn(3)
+        truth_seed, noise_seed, joint_seed, trouble_seed = np.random.SeedSequence(seed).spawn(4)
         self._noise = np.random.default_rng(noise_seed)
-        self.truth = self._draw_truth(np.random.default_rng(truth_seed), np.random.default_rng(joint_seed))
+        self.truth = self._draw_truth(*map(np.random.default_rng, (truth_seed, joint_seed, trouble_seed)))
 
     @property
     def cell(self) -> Cell:
@@ -111,7 +114,10 @@ class VirtualCell:
 
     @property
     def noise_floor(self) -> float:
-        """Mean length of repeatability and reading noise, centre of the work region [mm]: no predictor does better."""
+        """Mean length of repeatability and reading noise, centre of the work region [mm]: no predictor does better.
+
+        Heavy tails and rounding are not in it.
+        """
         p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), np.array([self.preset.centre_mm]))
         covariance = float("tracker" in self.effects) * self.preset.tracker.covariance(p_tracker)
         return float(mean_noise(covariance + self._repeatability**2 * np.eye(3))[0])
@@ -166,6 +172,13 @@ class VirtualCell:
         """Return where the tool point goes without any noise, (n, 3) [mm], base frame; arguments as of `measure`."""
         return self.truth.forward(q, self._conditions(q, approach, payload_kg, time))[:, :3, 3]
 
+    def at_work(self, q: FloatArray) -> FloatArray:
+        """Return where the tool point goes at work, without any noise, (n, 3) [mm], base frame.
+
+        As `true_position`, but with the preset's payload and time of work.
+        """
+        return self.true_position(q, payload_kg=self.preset.work_payload_kg, time=self.preset.work_s)
+
     def visible(self, q: FloatArray) -> NDArray[np.bool_]:
         """Return whether the tracker sees the reflector's front at configurations (n, dof) [rad]: (n,)."""
         tf = self.robot.forward(q, tool=self.tf_flange_tool)
@@ -195,12 +208,13 @@ class VirtualCell:
         seed : int, optional
             Of this measurement's noise: the same again gives the same readings. Without it each call has its own.
         approach : array of -1, 0, +1 that broadcasts to (n, dof), or "order", optional
-            Sign of each joint's last motion. When not given every pose is approached with +1, as good measuring
-            programs do; ``"order"`` goes from each pose straight to the next, to the first from home.
+            Sign of each joint's last motion. When not given it is as the preset says: usually every pose is approached
+            with +1, as good measuring programs do; ``"order"`` goes from each pose straight to the next, to the first
+            from home.
         payload_kg : float or (n,) array, optional
             On the flange, instead of the preset's.
         time : (n,) array [s], optional
-            Of each reading, after a cold start. When not given the arm has run for an hour before the first.
+            Of each reading, after a cold start. When not given the arm has usually run for an hour before the first.
         reflectors : int
             1: positions. 3 or more, on a circle about the tool point: positions and orientations.
         line_of_sight : bool
@@ -228,10 +242,12 @@ class VirtualCell:
             known["load"] = conditions.payload_kg
         if time is not None or "thermal" in self.effects:
             known |= {"time": conditions.time, "temperature": conditions.temperature}
+        measured = self._pose(p, covariance)
+        measured["p_meas"] = self._as_in_file(measured["p_meas"])
         samples = Samples(
-            **self._pose(p, covariance),
-            q=np.array(q),
-            p_cmd=tf_base_tool[:, :3, 3],
+            **measured,
+            q=np.deg2rad(self._as_in_file(np.rad2deg(q), angles=True)) if "rounding" in self.effects else np.array(q),
+            p_cmd=self._as_in_file(tf_base_tool[:, :3, 3]),
             rotation_cmd=Rotation.from_matrix(tf_base_tool[:, :3, :3]),
             source=f"virtual cell, seed {self.seed}",
             **known,
@@ -260,6 +276,8 @@ class VirtualCell:
         time: ArrayLike | None = None,
     ) -> Conditions:
         preset, n = self.preset, len(q)
+        if approach is None and preset.approach == "order":
+            approach = "order"
         if isinstance(approach, str):
             if approach != "order":
                 raise DataError(f'approach {approach!r}; expected -1, 0, +1 for each joint, or "order"')
@@ -288,8 +306,18 @@ class VirtualCell:
         p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), p_base.reshape(-1, 3))
         covariance = self.preset.tracker.covariance(p_tracker)
         noise = np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.normal(size=p_tracker.shape))
+        if "heavy-tails" in self.effects:  # Student's t is a normal number over the root of chi squared / ν
+            nu = self.preset.degrees_of_freedom
+            noise /= np.sqrt(rng.chisquare(nu, size=(len(noise), 1)) / nu)
         on = float("tracker" in self.effects)
-        return (p_tracker + on * noise).reshape(p_base.shape), on * covariance.reshape(*p_base.shape, 3)
+        p_tracker = p_tracker + on * noise + np.repeat(self.truth.troubles.drift(conditions.time), reflectors, axis=0)
+        return p_tracker.reshape(p_base.shape), on * covariance.reshape(*p_base.shape, 3)
+
+    def _as_in_file(self, values: FloatArray, *, angles: bool = False) -> FloatArray:
+        """Return values [mm or deg] with the decimals of the file of samples."""
+        if "rounding" not in self.effects:
+            return values
+        return np.asarray(np.round(values, self.preset.decimals_deg if angles else self.preset.decimals_mm))
 
     def _pose(self, p: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """Return what `Samples` holds of readings: a position, or with several reflectors a pose."""
@@ -311,7 +339,9 @@ class VirtualCell:
     def _home(self) -> FloatArray:
         return np.deg2rad(self.preset.home_deg)
 
-    def _draw_truth(self, rng: np.random.Generator, joint_rng: np.random.Generator) -> Truth:
+    def _draw_truth(
+        self, rng: np.random.Generator, joint_rng: np.random.Generator, trouble_rng: np.random.Generator
+    ) -> Truth:
         preset, dof = self.preset, self.robot.dof
         error = {
             **{name: rng.normal(scale=preset.length_std, size=dof) for name in ("a", "d")},
@@ -331,6 +361,7 @@ class VirtualCell:
             robot=self._perturbed(error, 1.0),
             tf_flange_tool=tf_flange_tool,
             tf_base_tracker=make_transform(Rotation.from_euler("Z", rng.uniform(-180.0, 180.0), degrees=True), station),
+            troubles=draw_troubles(preset, dof, self.effects, trouble_rng),
             seed=self.seed,
             **joints,
         )
