@@ -249,7 +249,7 @@ class GlobalKriging(Predictor):
         self._reading = noise + self._nugget
         self._mean_e, self._mean_noise = points.average(self._e, self._reading)
         if not self._mean_noise.any():
-            points.refuse_near_contradictions(self._mean_e, models)
+            points.refuse_near_contradictions(self._mean_e, models, x)
 
         model, rise = with_pseudo_sill(models[0], x)
         signal = rise * np.array([m.partial_sill for m in models])

@@ -168,7 +168,7 @@ class NeighbourKriging(Predictor):
         self._reading = noise + self._nugget
         self._mean_e, self._mean_noise = points.average(self._e, self._reading)
         if not self._mean_noise.any():
-            points.refuse_near_contradictions(self._mean_e, models)
+            points.refuse_near_contradictions(self._mean_e, models, x)
         signal = np.array([m.partial_sill for m in models])
         self._total = signal + nugget
         self._correlation = Correlation.of(models[0], x.shape[1])

@@ -98,13 +98,18 @@ class Points:
                 "use exact=False, give noise_std, or average them"
             )
 
-    def refuse_near_contradictions(self, e: FloatArray, models: tuple[VariogramModel, ...]) -> None:
+    def refuse_near_contradictions(
+        self, e: FloatArray, models: tuple[VariogramModel, ...], coordinates: FloatArray
+    ) -> None:
         """Raise KrigingError, naming the rows, where near points differ more than the variograms allow.
 
         Parameters
         ----------
         e : (u, k) array
             Errors of the points, which have no noise.
+        models : tuple of k VariogramModel
+        coordinates : (u, d) array
+            The points in the coordinates of the variograms: without columns that are drift only.
         """
         if len(self.x) < 3:
             return
@@ -114,7 +119,7 @@ class Points:
         j = nearest[i]
         for c, model in enumerate(models):
             scale = e[:, c].var() / (model.nugget + model.sill) if model.bounded else 1.0
-            expected = 2 * scale * model.semivariance(distance[i])
+            expected = 2 * scale * model.semivariance_between(coordinates[i], coordinates[j])
             difference = np.abs(e[i, c] - e[j, c])
             ratio = np.where(difference > NEAR * e[:, c].std(), difference / np.sqrt(np.maximum(expected, 1e-30)), 0.0)
             if ratio.size and ratio.max() > CONTRADICTION:

@@ -210,6 +210,16 @@ class VariogramModel:
             gamma = gamma + part.sill * (1 - part._correlation(part._scaled(h, direction)))
         return gamma
 
+    def semivariance_between(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return γ [mm²] between each point of x (n, d) and the same row of y (n, d), in any direction: (n,)."""
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        self.check_dimensions(x.shape[1])
+        gamma = np.where((x == y).all(axis=1), 0.0, self.nugget)
+        for part in self.structures:
+            r = np.linalg.norm(part.coordinates(x - y), axis=1)
+            gamma = gamma + part.sill * (1 - part._correlation(r))
+        return gamma
+
     def covariance(self, h: ArrayLike, direction: ArrayLike | None = None) -> FloatArray:
         """Return Cov(h) = Cov(0) − γ(h) [mm²], equation (5), of the field with its nugget: Cov(0) = C0 + C."""
         h = np.asarray(h, dtype=np.float64)
