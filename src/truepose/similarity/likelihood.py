@@ -50,7 +50,10 @@ class LikelihoodFit:
     Attributes
     ----------
     log_likelihood : float
-        Logarithm of the criterion named by `method`, with its constant (−½ log 2π a contrast).
+        Logarithm of the criterion named by `method`, with its full constant. ``reml`` is the density of the n − p error
+        contrasts Aᵀe with orthonormal A, AᵀF = 0 (Harville 1974): it has the terms −½(n − p) log 2π and +½ log|FᵀF|,
+        and depends on the space that the drift spans, not on the scale of its columns. Software that leaves one of
+        these terms out differs by it. ``ml`` is the density of e, ``loo`` the product of n densities.
     bounds_hit : dict of str to {"lower", "upper"}
         Parameters that ended at a bound.
     samples : int
@@ -250,7 +253,10 @@ class _Problem:
     def log_likelihood(self, loss: float) -> float:
         n, c = self.e.shape
         freedom = n - self.drift.shape[1] if self.method == "reml" else n
-        return float(-loss - c * freedom * (1 + math.log(2 * math.pi)) / 2)
+        constant = -freedom * (1 + math.log(2 * math.pi)) / 2
+        if self.method == "reml":
+            constant += float(np.linalg.slogdet(self.drift.T @ self.drift)[1]) / 2
+        return -loss + c * constant
 
     def model(self, theta: FloatArray, judged: Judged, components: int) -> VariogramModel:
         """Return the model of the mean over all components, those that do not vary included."""

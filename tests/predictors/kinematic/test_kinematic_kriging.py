@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_normal
 
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.kinematic import KinematicKriging
@@ -246,6 +247,25 @@ def test_gradient_of_the_likelihood_in_the_basis():
     free = np.r_[0, 1, 4:8]  # lengths and ranges are the basis's own
     np.testing.assert_allclose(found[free], numeric[free], rtol=1e-5, atol=1e-5)
     assert not found[np.r_[2, 3, 8:14]].any()
+
+
+@pytest.mark.promise("the log-likelihood of kinematic Kriging is the normal density of the errors, in both solvers")
+@pytest.mark.parametrize("residual", ["joint", "none"])
+def test_the_log_likelihood_is_the_normal_density(residual):
+    q, e = simulate(12, np.random.default_rng(11))
+    terms = Terms(ROBOT, TOOL, residual=residual)
+    design, joints, values = terms.at(q), np.array([0, 2, 5]), hyper(3, len(terms.range_names))
+    noise = np.full((12, 3), 0.01) ** 2 + values.noise**2
+    form = CovarianceForm.of(terms, design, joints, values, e, noise)
+    covariance = form.factor @ form.factor.T
+    expected = multivariate_normal(cov=covariance).logpdf(e.reshape(-1))
+    likelihood = Likelihood(terms, design, joints, e, np.full((12, 3), 0.01), np.ones(12))
+    rounding = 1e-15 * np.linalg.cond(covariance) * abs(expected)
+    assert -likelihood(values)[0] - likelihood.constant == pytest.approx(expected, abs=rounding)
+    basis = Basis.of(terms, joints, values, design if terms.range_names else None, angles=q, knots=30, negligible=1e-12)
+    sums = Sums.of(basis, design, values, e, noise)
+    in_basis = -negative_log_likelihood(basis, sums, values, 1.0)[0] - sums.constant
+    assert in_basis == pytest.approx(expected, abs=0.1)
 
 
 @pytest.mark.parametrize(("n", "solver"), [(400, "covariance"), (1100, "basis")])

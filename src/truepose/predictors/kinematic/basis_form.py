@@ -8,6 +8,7 @@ prediction (FITC, Snelson and Ghahramani 2006): without it the basis would be to
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Self
@@ -188,30 +189,39 @@ def _root(correlation: FloatArray, negligible: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What of n samples enters the likelihood: ΦᵀWΦ, ΦᵀWe, eᵀWe with W = R⁻¹ at noise scale 1."""
+    """What of n samples enters the likelihood: ΦᵀWΦ, ΦᵀWe, eᵀWe with W = R⁻¹ at noise scale 1, and log|R|."""
 
     phi_phi: FloatArray
     phi_e: FloatArray
     e_e: float
     n: int
+    log_determinant: float
+
+    @property
+    def constant(self) -> float:
+        """What `negative_log_likelihood` leaves out: ½ log|R| + ½ 3n log 2π."""
+        return 0.5 * self.log_determinant + 1.5 * self.n * math.log(2 * math.pi)
 
     @classmethod
     def of(cls, basis: Basis, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray) -> Self:
         """Sum over samples with errors and noise variances (n, 3), in parts."""
         p = sum(count for _, count in basis.groups)
-        phi_phi, phi_e, e_e = np.zeros((p, p), order="F"), np.zeros(p), 0.0
+        phi_phi, phi_e, e_e, log_determinant = np.zeros((p, p), order="F"), np.zeros(p), 0.0, 0.0
         for start in range(0, len(e), _CHUNK):
             part = slice(start, start + _CHUNK)
-            phi, y, _ = basis.whitened(take(design, part), hyper, e[part], noise_variance[part])
+            phi, y, noise = basis.whitened(take(design, part), hyper, e[part], noise_variance[part])
             phi_phi = blas.dsyrk(1.0, phi.T, beta=1.0, c=phi_phi, overwrite_c=1)
             phi_e += phi.T @ y
             e_e += float(y @ y)
+            log_determinant += float(np.linalg.slogdet(noise)[1].sum())
         upper = np.triu(phi_phi)
-        return cls(upper + np.triu(upper, 1).T, phi_e, e_e, len(e))
+        return cls(upper + np.triu(upper, 1).T, phi_e, e_e, len(e), log_determinant)
 
 
 def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float) -> tuple[float, FloatArray, float]:
     """Return the value, its gradient by the logarithms of the weights' prior variances, and by log of the noise scale.
+
+    Without `Sums.constant`.
 
     Parameters
     ----------

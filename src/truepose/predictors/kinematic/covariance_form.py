@@ -5,6 +5,7 @@ Cov(e(q), e(q')) = J Σ0 J'ᵀ + Σ_j s_j² ρ(q_j, q'_j) (∂P/∂q_j)(∂P'/�
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
@@ -41,7 +42,8 @@ def tolerances(terms: Terms, hyper: Hyper) -> FloatArray:
 class Likelihood:
     """Negative log marginal likelihood of (10), the drift integrated out, with its gradient: REML under priors.
 
-    With wide priors of base and tool the marginal likelihood is the restricted likelihood, up to a constant.
+    With wide priors of base and tool the marginal likelihood is the restricted likelihood, up to a constant that the
+    samples do not change. The term ½ 3n log 2π of the normal density is `constant`.
 
     Parameters
     ----------
@@ -68,6 +70,7 @@ class Likelihood:
         self._place, self._range_of, self._ranges = design.place, terms.range_of, len(terms.range_names)
         self._reading = (noise_std**2 / weight[:, None]).reshape(-1)
         self._weight = np.repeat(weight, 3)
+        self.constant = 0.5 * len(self._y) * math.log(2 * math.pi)
 
     def __call__(self, hyper: Hyper) -> tuple[float, FloatArray]:
         """Return the value and its gradient by the logarithms of `Hyper.to_vector`."""

@@ -31,7 +31,8 @@ class Search:
     ----------
     hyper : Hyper
     log_likelihood : float
-        Marginal, of the errors, at `hyper`; without the priors of the hyperparameters.
+        Marginal, at `hyper`: the logarithm of the normal density of all 3n errors [mm], with its full constant, the
+        drift integrated out under its normal priors; without the priors of the hyperparameters.
     bounds_hit : list of str
         Hyperparameters at a bound.
     evaluations : int
@@ -51,7 +52,7 @@ def search(likelihood: Likelihood, starts: list[Hyper]) -> Search:
     KrigingError
         If no start has a finite likelihood.
     """
-    return _minimise(likelihood, starts)
+    return _minimise(likelihood, starts, likelihood.constant)
 
 
 def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
@@ -72,7 +73,10 @@ def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
 
     k, ranges = len(start.joint_std), len(start.rest_range)
     return _minimise(
-        likelihood, [start], held=np.r_[np.zeros(k), np.ones(k), np.zeros(3 + (ranges > 0)), np.ones(ranges)]
+        likelihood,
+        [start],
+        sums.constant,
+        held=np.r_[np.zeros(k), np.ones(k), np.zeros(3 + (ranges > 0)), np.ones(ranges)],
     )
 
 
@@ -88,9 +92,15 @@ def spread_starts(start: Hyper) -> list[Hyper]:
 
 
 def _minimise(
-    likelihood: Callable[[Hyper], tuple[float, FloatArray]], starts: list[Hyper], held: FloatArray | None = None
+    likelihood: Callable[[Hyper], tuple[float, FloatArray]],
+    starts: list[Hyper],
+    constant: float,
+    held: FloatArray | None = None,
 ) -> Search:
-    """Minimise; parameters that are held (1 of 0 and 1) stay where the first start has them."""
+    """Minimise; parameters that are held (1 of 0 and 1) stay where the first start has them.
+
+    `constant` is what the negative log likelihood leaves out.
+    """
     shape = starts[0]
     centre, std = shape.prior()
     bounds = shape.bounds()
@@ -125,7 +135,7 @@ def _minimise(
         if low < high and not low + 1e-9 < at < high - 1e-9
     ]
     pull = (theta - centre) / std
-    return Search(hyper, -(value - 0.5 * float(pull @ pull)), hit, evaluations)
+    return Search(hyper, 0.5 * float(pull @ pull) - value - constant, hit, evaluations)
 
 
 def _names(hyper: Hyper) -> list[str]:

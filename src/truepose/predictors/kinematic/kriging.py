@@ -111,7 +111,8 @@ class KinematicKriging(PosePredictor):
         Factor of the predicted variances that makes leave-one-out residuals of the samples standard, at least 1, and
         of what the hyperparameters take from the data.
     log_likelihood_ : float
-        NaN where hyperparameters were given.
+        Logarithm of the marginal density of the errors that the hyperparameters were searched on, with its full
+        constant: see `truepose.predictors.kinematic.fitting.Search`. NaN where hyperparameters were given.
     bounds_hit_ : list of str
     """
 
