@@ -135,3 +135,23 @@ def test_an_interrupt_is_told_and_leaves_nothing(run, program, monkeypatch):
     done = run("check", program)
     assert (done.code, done.out) == (130, "")
     assert done.err == "truepose: interrupted; files are written whole or not at all\n"
+
+
+@pytest.mark.promise("The last line of correct says how many motion targets are corrected and how many stay nominal.")
+def test_correct_ends_with_the_coverage(run, cell_files, near_samples, tmp_path):
+    options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--in-place", "--dry-run")
+    done = run("correct", cell_files.map, *near_samples, *options)
+    assert done.out.strip().splitlines()[-1] == "4 of 4 motion targets corrected, 0 stay nominal"
+    json = run("correct", cell_files.map, *near_samples, *options, "--json").json
+    assert json["coverage"] == {"corrected": 4, "targets": 4}
+
+
+@pytest.mark.promise("Nothing is written when a program misses the required share.")
+def test_correct_requires_a_share(run, cell_files, tmp_path):
+    path = tmp_path / "a.src"
+    path.write_text("DEF a()\nPTP {A1 0}\nEND\n")
+    out = tmp_path / "out"
+    failed = run("correct", cell_files.map, path, "--require", "95%", "--out", out).failed()
+    assert "0 of 1 motion targets corrected, 1 stays nominal, but 95 % must be corrected" in failed
+    assert not out.exists()
+    assert "expected a share" in run("correct", cell_files.map, path, "--require", "many", "--out", out).failed()

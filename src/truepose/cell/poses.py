@@ -6,16 +6,19 @@ from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from truepose.errors import DataError
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
+from truepose.units import parse_share
 
 FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Share = Annotated[float, BeforeValidator(parse_share)]
+"""Between 0 and 1; written as a number or as a text such as "95%"."""
 
 ANGLE_KEYS: Final[dict[str, tuple[str, ...]]] = {
     "kuka": ("a_deg", "b_deg", "c_deg"),

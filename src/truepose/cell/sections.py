@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section
+from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section, Share
 
 FloatArray = NDArray[np.float64]
 Fit = Literal["none", "position", "pose"]
@@ -109,7 +109,10 @@ class Frames(Section):
 
 
 class Correction(Section):
-    """``[correction]``: what a correction may be, and what happens where it may not. None: found from the samples."""
+    """``[correction]``: what a correction may be, and what happens where it may not. None: found from the samples.
+
+    ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
+    """
 
     max_std_mm: Positive | None = None
     max_correction_mm: Positive = 5.0
@@ -118,6 +121,7 @@ class Correction(Section):
     max_tool_mm: Positive = 50.0
     max_rotation_mrad: Positive = 10.0
     max_rotation_std_mrad: Positive = 3.0
+    require: Share = 0.0
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"
 
 

@@ -132,6 +132,9 @@ def correct(
     orientation: Annotated[
         bool, typer.Option("--orientation", help="Correct orientations, too; the map must know them.")
     ] = False,
+    require: Annotated[
+        str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
+    ] = None,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
     ] = False,
@@ -144,7 +147,7 @@ def correct(
 
     from truepose.cell import load_cell
     from truepose.error_map import load_map
-    from truepose.programs import correct_program, read_programs
+    from truepose.programs import Coverage, correct_program, read_programs
 
     error_map = load_map(map_path)
     cell = error_map.cell if cell_path is None else load_cell(cell_path)
@@ -157,15 +160,24 @@ def correct(
         raise unread(found.unreadable)
     with counting("targets") as progress:
         corrected = [
-            correct_program(program, error_map, on_guard=policy, orientation=orientation, progress=progress)
+            correct_program(
+                program, error_map, cell, on_guard=policy, orientation=orientation, require=require, progress=progress
+            )
             for program in found.programs
         ]
     _check_names(corrected, in_place)
     written: list[Path] = []
     for one in [] if dry_run else corrected:
         written += one.write_in_place() if in_place else one.write(out)
+    coverage = Coverage.of(program.targets for program in corrected)
     if as_json:
-        emit_json({"written": written, "programs": [program.sidecar() for program in corrected]})
+        emit_json(
+            {
+                "written": written,
+                "coverage": coverage._asdict(),
+                "programs": [program.sidecar() for program in corrected],
+            }
+        )
         return
     for program in corrected:
         if dry_run:
@@ -181,6 +193,7 @@ def correct(
         _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
     for file in written:
         say(f"Wrote {file}")
+    say(str(coverage))
 
 
 def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: str | None) -> FrameTable:

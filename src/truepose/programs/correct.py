@@ -20,6 +20,7 @@ from truepose.errors import DataError, RefusedError
 from truepose.programs import sidecar
 from truepose.programs.columns import Columns
 from truepose.programs.configurations import changed_words
+from truepose.programs.coverage import Coverage
 from truepose.programs.digits import moved
 from truepose.programs.orientations import turned
 from truepose.programs.outcomes import DONE, Outcomes, digit_step
@@ -28,6 +29,7 @@ from truepose.programs.reading import read_program
 from truepose.programs.source import Source, printable, prove, unified_diff
 from truepose.programs.target import FloatArray, Verdict
 from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
+from truepose.units import parse_share
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
@@ -121,9 +123,14 @@ class CorrectedProgram:
         """Every file of the program by its original path, changed or not."""
         return {source.path: b"".join(self.content(source)) for source in self.program.sources}
 
+    @property
+    def coverage(self) -> Coverage:
+        """How many motion targets there are, and how many of them are corrected."""
+        return Coverage.of([self.targets])
+
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
-        return self.targets.summary()
+        return {**self.targets.summary(), "motion_targets": self.coverage.targets}
 
     def sidecar(self) -> dict[str, Any]:
         """Return the record of this correction for JSON; see `truepose.programs.sidecar`."""
@@ -169,6 +176,7 @@ def correct_program(
     resolution: float = 1e-3,
     options: ReadOptions | None = None,
     orientation: bool = False,
+    require: float | str | None = None,
     progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
     """Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
@@ -190,6 +198,9 @@ def correct_program(
     options : ReadOptions, optional
     orientation : bool
         Correct orientations, too. Without it their digits never change.
+    require : float or str, optional
+        The share of the program's motion targets that must be corrected, such as 0.95 or "95%". By default that of
+        the cell's ``[correction]``, or of the map's own cell.
     progress : callable
         Takes how many targets are done, and how many there are, as it goes on.
 
@@ -202,7 +213,8 @@ def correct_program(
     FileError
         If a file is missing or broken.
     RefusedError
-        If a target is refused under ``refuse``, nothing can be corrected, or the program was corrected already.
+        If a target is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are corrected,
+        or the program was corrected already.
     """
     if on_guard not in ("refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
@@ -240,10 +252,19 @@ def correct_program(
     for j, i in linked(program.circles, left_out).items():
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
+    Coverage.of([outcomes]).check(_required(require, cell, error_map), program.path)
     warnings = _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = {source.path: _prove(source, outcomes, resolution) for source in program.sources}
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, tuple(warnings))
+
+
+def _required(require: float | str | None, cell: Cell | None, error_map: Corrector) -> float:
+    """Return the share of motion targets that must be corrected: as asked for, or as a cell file says."""
+    if require is not None:
+        return parse_share(require)
+    stated: Cell | None = cell or getattr(error_map, "cell", None)
+    return 0.0 if stated is None else stated.correction.require
 
 
 _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, str]]
