@@ -130,4 +130,66 @@ FANUC = {
         2,
         3,
     ),
+    "without-line-numbers": Example(
+        {
+            "auto.ls": ls(
+                """    :UFRAME_NUM=1;
+    :UTOOL_NUM=1;
+    :J P[1] 100% FINE;
+    :L P[2] 100mm/sec FINE;
+    :C P[3]
+    : P[4] 80cm/min CNT100;
+    :  !L P[9] 1mm/sec FINE
+    :L P[5] 100mm/sec CNT50
+    :  TA .10sec,DO[1]=ON;
+""",
+                "".join(lp(n) for n in range(1, 6)),
+            )
+        },
+        5,
+    ),
+    "tracking": Example(
+        {
+            "weld.ls": ls(
+                """   1:J P[1] 50% CNT100    ;
+   2:  Search Start[1] PR[1] ;
+   3:L P[2] 10mm/sec FINE Search[Z]    ;
+   4:  Search End ;
+   5:  Touch Offset PR[1] ;
+   6:L P[3] 250mm/sec FINE    ;
+    :  Arc Start[1,1]    ;
+   7:  Track TAST[1] RPM[1] ;
+   8:L P[4] 80cm/min CNT100    ;
+   9:  Track End ;
+  10:L P[5] 80cm/min FINE
+    :  Arc End[1,1]    ;
+  11:  Touch Offset End ;
+  12:  MP Offset PR[2] RPM[1] ;
+  13:L P[6] 80cm/min FINE    ;
+  14:  MP Offset End ;
+  15:L P[7] 80cm/min FINE    ;
+""",
+                "".join(lp(n) for n in range(1, 8)),
+            )
+        },
+        2,
+        1,
+        4,
+    ),
+    "palletising-pattern": Example(
+        {
+            "stack.ls": ls(
+                """   1:  PALLETIZING-B_1 ;
+   2:J PAL_1[A_1] 30% CNT50    ;
+   3:L PAL_1[BTM] 100mm/sec FINE    ;
+   4:L PAL_1[R_1] 100mm/sec CNT50    ;
+   5:  PALLETIZING-END_1 ;
+   6:J P[1] 50% FINE    ;
+""",
+                lp(1),
+            )
+        },
+        1,
+        3,
+    ),
 }

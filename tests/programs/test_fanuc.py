@@ -27,10 +27,10 @@ def position(number: int = 1, body: str = XYZ, uf: str = "2", head: str = "", mo
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
     def reading(code: str, positions: str | None = None, frames: FrameTable = FRAMES, **options: Any) -> Program:
-        lines = "".join(
-            f"{k:4}:{line} ;\n" if not line.startswith(":") else f"    {line} ;\n"
-            for k, line in enumerate(code.split("\n"), 1)
-        )
+        numbered = [line if line.startswith(":") else f"{k}:{line}" for k, line in enumerate(code.split("\n"), 1)]
+        lines = "".join(f"{line:>4} ;\n" for line in numbered).replace(
+            " ;\n:", "\n:"
+        )  # an open line goes on in the next
         path = tmp_path / "a.ls"
         path.write_text(f"/PROG  A\n/ATTR\n/MN\n{lines}/POS\n{position() if positions is None else positions}/END\n")
         return read_program(path, frames, ReadOptions(**options))
@@ -190,3 +190,100 @@ def test_truncated_and_other_files(tmp_path: Path) -> None:
     path.write_text("DEF a()\nEND\n")
     with pytest.raises(FileError, match="has no /PROG"):
         read_program(path)
+
+
+def raw(tmp_path: Path, mn: str, positions: str) -> Program:
+    path = tmp_path / "raw.ls"
+    path.write_text(f"/PROG  RAW\n/ATTR\n/MN\n{mn}/POS\n{positions}/END\n")
+    return read_program(path, FRAMES)
+
+
+@pytest.mark.promise("FANUC: an instruction line without a number is an instruction of its own")
+def test_lines_without_numbers(tmp_path: Path, record_property: Any) -> None:
+    positions = "".join(position(n) for n in range(1, 5))
+    listings = {
+        "all": "    :J P[1] 100% FINE;\n    :L P[2] 100mm/sec FINE;\n    :L P[3] 100mm/sec FINE;\n    :L P[4] 9mm/sec FINE;\n",
+        "mixed": "   1:J P[1] 100% FINE    ;\n    :L P[2] 100mm/sec FINE    ;\n   :L P[3] 1mm/sec FINE ;\n   2:L P[4] 9mm/sec FINE ;\n",
+        "no colon": "J P[1] 100% FINE ;\nL P[2] 100mm/sec FINE ;\nL P[3] 1mm/sec FINE ;\nL P[4] 9mm/sec FINE ;\n",
+        "continued": "   1:J P[1]\n    : 100% FINE ;\n   2:C P[2]\n    :  P[3] 80cm/min FINE\n\n    :  ACC50 ;\n    :L P[4] 9mm/sec FINE ;\n",
+        "comment": "   1:J P[1:a;b] 100% FINE\n    : ;\n   2:  !note\n    :L P[2] 9mm/sec FINE ;\n    :  --x ;\n   :L P[3] 9mm/sec\n: FINE ;\n   :L P[4] 9mm/sec FINE ;\n",
+    }
+    record_property("cases", len(listings))
+    for name, mn in listings.items():
+        program = raw(tmp_path, mn, positions)
+        assert verdicts(program) == dict.fromkeys(("P[1]", "P[2]", "P[3]", "P[4]"), "correct"), name
+        assert [len(target.motions) for target in program.targets] == [1] * 4, name
+
+
+@pytest.mark.promise("FANUC: a motion inside any other instruction refuses the program")
+def test_a_motion_inside_another_instruction(tmp_path: Path, record_property: Any) -> None:
+    listings = [
+        "   1:J P[1] 100% FINE\n    :L P[2] 100mm/sec FINE ;\n",
+        "   1:J P[1] 100% FINE ; L P[2] 100mm/sec FINE ;\n",
+        "   1:  IF R[1]=1,L P[2] 100mm/sec FINE ;\n",
+        "   1:  Independent GP ;\n    :  GP1 J P[1] 100% FINE ;\n",
+        "   1:  R[1]=2\n    :J PR[2] 100% FINE ;\n",
+    ]
+    record_property("cases", len(listings))
+    for mn in listings:
+        with pytest.raises(FileError, match=r"raw\.ls:\d+: a motion inside another instruction"):
+            raw(tmp_path, mn, position(1) + position(2))
+    quoted = (
+        "   1:J P[1] 100% FINE ;\n   2:  MESSAGE[GO L P[2]] ;\n   3:  !L P[2] 9% FINE ;\n   4:  CALL A('L P[2]') ;\n"
+    )
+    assert verdicts(raw(tmp_path, quoted, position(1))) == {"P[1]": "correct"}
+
+
+@pytest.mark.promise("FANUC: points in reach of a run-time shift are refused by its name")
+def test_run_time_shifts(read: Read, tmp_path: Path, record_property: Any) -> None:
+    regions = [
+        ("Touch Offset PR[2]", "Touch Offset End"),
+        ("Touch Offset[2]", "TOUCH OFFSET END"),
+        ("Track TAST[1]", "Track End"),
+        ("Track {AVC}[1]".replace("{", "").replace("}", ""), "Track End"),
+        ("Track Sensor[1]", "Track End"),
+        ("Track DPM[1]", "Track End"),
+        ("Track TAST[1] RPM[1]", "Track End"),
+        ("MP Offset PR[3] RPM[1]", "MP Offset End"),
+        ("SOFTFLOAT[1]", "SOFTFLOAT END"),
+        ("FORCE CTRL[1]", "FORCE CTRL End"),
+        ("LINE[1] ON", ""),
+        ("SETTRIG LNSCH[1] R[5]", ""),
+        ("SELBOUND LNSCH[1] BOUND[2]", ""),
+    ]
+    record_property("cases", len(regions) + 4)
+    three = position() + position(2) + position(3)
+    for begin, end in regions:
+        code = f"J P[1] 100% FINE\n{begin}\nL P[2] 9mm/sec FINE\n{end or 'LBL[9]'}\nL P[3] 9mm/sec FINE"
+        program = read(code, three)
+        behind = "correct" if end else "refuse"
+        assert verdicts(program) == {"P[1]": "correct", "P[2]": "refuse", "P[3]": behind}, begin
+        assert only(program, "P[2]").reason.upper().startswith(begin.upper()[:5]), begin
+    both = read(
+        "Track TAST[1]\nMP Offset PR[1]\nTrack End\nL P[1] 9mm/sec FINE\nMP Offset End\nL P[2] 9mm/sec FINE", three
+    )
+    assert [(t.verdict, t.reason[:9]) for t in both.targets][:2] == [("refuse", "MP Offset"), ("correct", "")]
+    loop = read("LBL[1]\nL P[1] 9mm/sec FINE\nTrack TAST[1]\nL P[2] 9mm/sec FINE\nJMP LBL[1]", three)
+    assert verdicts(loop)["P[1]"] == "refuse"  # the second time round
+    assert only(read("L P[1] 9mm/sec FINE Search[X]")).verdict == "skip"
+    path = tmp_path / "conveyor.ls"
+    head = "/APPL\n  LINE_TRACK ;\n    LINE_TRACK_SCHEDULE_NUMBER : 1 ;\n"
+    path.write_text(f"/PROG  C\n/ATTR\n{head}/MN\n   1:L P[1] 9mm/sec FINE ;\n/POS\n{position()}/END\n")
+    target = only(read_program(path, FRAMES))
+    assert (target.verdict, target.reason[:20]) == ("refuse", "LINE_TRACK (line 4) ")
+
+
+@pytest.mark.promise("FANUC: motions to palletising positions are listed")
+def test_palletising_positions_are_listed(read: Read) -> None:
+    program = read(
+        "PALLETIZING-B_1\nJ PAL_1[A_1] 30% FINE\nL PAL_1[BTM] 9mm/sec FINE\nL PAL_1[R_1] 9mm/sec FINE\nJ P[1] 9% FINE"
+    )
+    assert verdicts(program) == {"PAL_1[A_1]": "skip", "PAL_1[BTM]": "skip", "PAL_1[R_1]": "skip", "P[1]": "correct"}
+    assert program.targets[0].reason == "position of a palletising pattern, known at run time only"
+    assert verdicts(read("L XP[1] 9mm/sec FINE"))["L:4"] == "refuse"
+
+
+@pytest.mark.promise("FANUC: a position that a motion to another one names is not corrected")
+def test_a_second_position_in_a_motion(read: Read) -> None:
+    program = read("L P[1] 9mm/sec FINE DB 10mm,P[2]\nL P[2] 9mm/sec FINE", position() + position(2))
+    assert verdicts(program) == {"P[1]": "correct", "P[2]": "refuse"}

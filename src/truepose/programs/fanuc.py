@@ -11,14 +11,19 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from truepose.errors import FileError
+from truepose.programs import shifts
 from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
 from truepose.programs.source import PLAIN_LEXER, Source, printable
 from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
-_NUMBERED = re.compile(rb"[ \t]*\d*[ \t]*:")
-_CONTINUED = re.compile(rb"[ \t]*:")
+_NUMBERED = re.compile(rb"[ \t]*(\d*)[ \t]*:")
+_LABELS = re.compile(rb"'[^']*'|\"[^\"]*\"|\[[^\]\[]*\]")
+"""Texts and brackets, whose comments may hold anything."""
+_MESSAGE = re.compile(rb"\b(MESSAGE|PROMPT_BOX_?\w*|STATUS|UALM)\s*\[[^\]]*\]", re.I)
+_TRACKED = re.compile(rb"[ \t]*(\w*_TRACK)\b", re.I)
+"""A header of line tracking: the whole program follows a conveyor."""
 _REMARK = re.compile(rb"\s*(?:!|//|--)")
 _TEXT = re.compile(rb"'[^']*'|\"[^\"]*\"")
 _P = rb"(?<![\w$])P[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|([^\]\[]*\[[^\]]*\][^\]]*|[^\]\d][^\]]*))\]"
@@ -27,6 +32,9 @@ _GOAL = re.compile(
     rb"(?<![\w$])P(R?)[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|[^\]\[]*(?:\[[^\]]*\][^\]\[]*)*)\]", re.I
 )
 _MOTION = re.compile(rb"\s*([JLCAS])\s+(?=P\s*R?\s*\[)", re.I)
+_HIDDEN_MOTION = re.compile(rb"(?<![\w$\[:])[JLCAS]\s+P\s*R?\s*\[", re.I)
+_OTHER_MOTION = re.compile(rb"\s*([JLCAS])\s+(PAL_?\d*\s*\[[^\]]*\]|[A-Z]\w*\s*\[[^\]]*\])", re.I)
+"""A motion to something that is no position: `J PAL_1[A_1]` goes to where a pattern of palletising leads."""
 _SPEED = re.compile(
     rb"\d\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|\]\s*(?:mm/sec|cm/min|%)|\b(?:FINE|CNT\s*\d+)\b", re.I
 )
@@ -35,6 +43,7 @@ _SHIFTS: Final = (
     (re.compile(rb"(?<!_)\bOffset\b", re.I), Problem("skip", "Offset: shifted by a register at run time")),
     (re.compile(rb"\bINC\b", re.I), Problem("skip", "INC: starts from a target that is corrected already")),
     (re.compile(rb"\bVOFFSET\b", re.I), Problem("skip", "VOFFSET: shifted by what a camera sees")),
+    (re.compile(rb"\bSearch\s*\[", re.I), Problem("skip", "Search: the motion ends at what it touches")),
     (re.compile(rb"\b(?:RTCP|REMOTE_TCP)\b", re.I), Problem("refuse", "remote TCP: tool and frame change roles")),
     (re.compile(rb"\bCOORD\b", re.I), Problem("refuse", "COORD: the frame moves with another group; it has no model")),
 )
@@ -90,12 +99,15 @@ class _Reader:
         self._circles: list[list[Point]] = []
         self._arc: list[Point] = []
         self._changed: dict[tuple[str, Key | None], int] = {}
+        self._tracked = ""
 
     def program(self, path: Path, frames: FrameTable) -> Program:
         instructions, position_start, position_end = self._sections()
         self._read_positions(position_start, position_end)
         labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
         self._flow.begin_routine("MAIN", outside=True)
+        if self._tracked:
+            self._flow.shift("program", self._tracked)
         line = 1
         try:
             for line, code in instructions:
@@ -115,6 +127,7 @@ class _Reader:
         data, section, seen = self._source.data, b"", set()
         instructions: list[_Instruction] = []
         start = end = len(data)
+        goes_on = False
         for line, a, b in self._source.lines():
             if m := _SECTION.match(data, a, b):
                 section = m[1].upper()
@@ -126,22 +139,29 @@ class _Reader:
                 elif section == b"END":
                     end = a
                     break
+            elif section == b"APPL" and (m := _TRACKED.match(data, a, b)) and not self._tracked:
+                self._tracked = f"{m[1].decode().upper()} (line {line})"
             elif section == b"MN":
-                code = data[a:b]
-                if _CONTINUED.match(code) and instructions:
-                    last = instructions.pop()
-                    code = last.code + b" " + code.split(b":", 1)[1]
-                    line = last.line
-                elif m := _NUMBERED.match(code):
-                    code = code[m.end() :]
-                elif not code.strip():
-                    continue
-                instructions.append(_Instruction(line, code))
+                goes_on = self._take_line(instructions, line, data[a:b], goes_on)
         if b"PROG" not in seen:
             raise FileError(self._source.path, "has no /PROG: it is no FANUC program in text form (.ls)")
         if b"END" not in seen:
             raise FileError(self._source.path, "has no /END: the file is truncated")
         return instructions, min(start, end), end
+
+    def _take_line(self, instructions: list[_Instruction], line: int, text: bytes, goes_on: bool) -> bool:
+        """Add a line to the instructions; return whether the last instruction has no ``;`` yet.
+
+        A line without a number continues an instruction only if that is open (`goes_on`); else it is one of its own.
+        """
+        if not text.strip():
+            return goes_on
+        m = _NUMBERED.match(text)
+        code = text[m.end() :] if m else text
+        if goes_on and not (m and m[1]):
+            line, code = instructions[-1].line, instructions.pop().code + b" " + code
+        instructions.append(_Instruction(line, code))
+        return not _REMARK.match(code) and b";" not in _LABELS.sub(b"", code)
 
     def _instruction(self, line: int, code: bytes, labels: set[bytes]) -> None:
         if _REMARK.match(code):
@@ -150,11 +170,20 @@ class _Reader:
         if m := _LABEL.match(code):
             flow.label(m[1].decode())
             return
-        if (m := _MOTION.match(code)) is not None:
+        m = _MOTION.match(code)
+        if hidden := _HIDDEN_MOTION.search(_MESSAGE.sub(b"", code), m.end() if m else 0):
+            reason = f"a motion inside another instruction ({_shown(code[hidden.start() :])}): end each with ;"
+            raise self._source.error(line, f"{reason} and write it on its own line")
+        if m:
             self._motion(line, m[1].decode().upper(), code)
+        elif other := _OTHER_MOTION.match(code):
+            self._end_arc()
+            self._motion_elsewhere(line, code, other[1].decode().upper(), other[2])
         elif _POINT.search(code):
             self._end_arc()
             self._point_elsewhere(line, code)
+        else:
+            shifts.follow(flow, shifts.FANUC, code, line)
         self._frames(line, code)
         for name in _CALL.findall(code):
             flow.call(name.decode("latin-1").upper(), f"{name.decode('latin-1')} was called, which is not in this file")
@@ -182,6 +211,9 @@ class _Reader:
         goals = list(_GOAL.finditer(code))
         wanted = 2 if word == "C" else 1
         problem = next((p for pattern, p in _SHIFTS if pattern.search(code)), None)
+        for m in goals[wanted:]:
+            if not m[1] and m[2] and (beyond := self._points.get(int(m[2]))):
+                beyond.reads.append((line, "read by a motion to another position"))
         goals = goals[:wanted]
         if len(goals) < wanted:
             self._other(word, line, "refuse", "a motion that is not understood: a circle needs two positions")
@@ -218,6 +250,14 @@ class _Reader:
         point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line)])
         self._others.append(point)
         return point
+
+    def _motion_elsewhere(self, line: int, code: bytes, word: str, operand: bytes) -> None:
+        """Take a motion to something that is neither a position nor a register."""
+        if operand.upper().startswith(b"PAL"):
+            reason = "position of a palletising pattern, known at run time only"
+            self._other(word, line, "skip", reason, operand.decode("latin-1"))
+        else:
+            self._other(word, line, "refuse", f"looks like a motion that is not known: {_shown(code)}")
 
     def _point_elsewhere(self, line: int, code: bytes) -> None:
         """Take an instruction with a position that is no known motion."""
@@ -265,6 +305,7 @@ class _Reader:
                     other, own = _NUMBERS[which]
                     reason = f"{other} {min(numbers)} is in force (line {line}), but it was taught in {own} {frame.key}"
                     problem = Problem("refuse", reason)
+            problem = shifts.problem_of(state.shifts) or problem
             point.uses.append(Use(word, line, tool, base, problem))
 
     def _read_positions(self, start: int, end: int) -> None:

@@ -39,6 +39,21 @@ class Frames(NamedTuple):
     ipo: str
 
 
+class Shift(NamedTuple):
+    """Something that shifts motions at run time: a conveyor, a sensor, a compliant axis.
+
+    Attributes
+    ----------
+    kind : str
+        What ends it ends all of its kind.
+    text : str
+        As the program says it, with its line.
+    """
+
+    kind: str
+    text: str
+
+
 class State(NamedTuple):
     """All that may be in force at a node."""
 
@@ -46,10 +61,17 @@ class State(NamedTuple):
     base: frozenset[InForce]
     ipo: frozenset[str]
     fdat: frozenset[Frames]
+    shifts: frozenset[Shift] = frozenset()
 
     def join(self, other: State) -> State:
         """Return what may be in force where two ways meet."""
-        return State(self.tool | other.tool, self.base | other.base, self.ipo | other.ipo, self.fdat | other.fdat)
+        return State(
+            self.tool | other.tool,
+            self.base | other.base,
+            self.ipo | other.ipo,
+            self.fdat | other.fdat,
+            self.shifts | other.shifts,
+        )
 
 
 UNSET: Final = InForce("unset", "the program sets none")
@@ -62,7 +84,13 @@ START: Final = State(frozenset([UNSET]), frozenset([UNSET]), frozenset(["BASE"])
 class _Node:
     changes: dict[str, frozenset[object]] = field(default_factory=dict)
     applies_fdat: bool = False
+    begins: Shift | None = None
+    ends: str = ""
     followers: list[int] = field(default_factory=list)
+
+    @property
+    def changes_state(self) -> bool:
+        return bool(self.changes or self.applies_fdat or self.begins or self.ends)
 
 
 @dataclass(slots=True)
@@ -148,6 +176,16 @@ class Flow:
         """Take tool, base and ipo from FDAT_ACT."""
         self._advance()
         self._nodes[self.node].applies_fdat = True
+
+    def shift(self, kind: str, text: str) -> None:
+        """Begin something that shifts motions at run time; see `Shift`."""
+        self._advance()
+        self._nodes[self.node].begins = Shift(kind, text)
+
+    def unshift(self, kind: str) -> None:
+        """End all shifts of a kind."""
+        self._advance()
+        self._nodes[self.node].ends = kind
 
     def call(self, name: str, text: str) -> None:
         """Call a subprogram; whether it is in this file turns out at the end. `text` says so where it is not."""
@@ -258,7 +296,7 @@ class Flow:
         changing = {
             name
             for name, (first, last) in ranges.items()
-            if any(node.changes or node.applies_fdat for node in self._nodes[first : last + 1])
+            if any(node.changes_state for node in self._nodes[first : last + 1])
         }
         owners = [
             (name, called, bool(text) and called not in self._routines)
@@ -275,18 +313,24 @@ class Flow:
 
     def _transfer(self, node: int, state: State) -> State:
         piece = self._nodes[node]
+        if piece.begins:
+            return state._replace(shifts=state.shifts | {piece.begins})
+        if piece.ends:
+            return state._replace(shifts=frozenset(shift for shift in state.shifts if shift.kind != piece.ends))
         if piece.applies_fdat:
             return State(
                 frozenset(f.tool for f in state.fdat),
                 frozenset(f.base for f in state.fdat),
                 frozenset(f.ipo for f in state.fdat),
                 state.fdat,
+                state.shifts,
             )
         return state._replace(**piece.changes) if piece.changes else state  # type: ignore[arg-type]
 
     def _ambient(self) -> State:
         tool: set[InForce] = set()
         base: set[InForce] = set()
+        shifts: set[Shift] = set()
         for name in self.handlers:
             if name not in self._routines:
                 unknown = InForce("call", f"the interrupt program {name}() is not in this file")
@@ -296,4 +340,7 @@ class Flow:
             for node in self._routines[name][1]:
                 tool |= self.states[node].tool - {UNSET}
                 base |= self.states[node].base - {UNSET}
-        return State(frozenset(tool), frozenset(base), frozenset(), frozenset())
+            first, last = self._routines[name][0], self._last.get(name, len(self._nodes))
+            # motions elsewhere go on while a handler or a thread runs: what it ends itself counts, too
+            shifts |= {node.begins for node in self._nodes[first : last + 1] if node.begins}
+        return State(frozenset(tool), frozenset(base), frozenset(), frozenset(), frozenset(shifts))
