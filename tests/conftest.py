@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import json
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,3 +27,41 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("needs the shared/ folder beside the repository")
     return folder
+
+
+@dataclass(frozen=True)
+class Run:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+    def failed(self) -> str:
+        """Return the one line on stderr of a command that refused or failed."""
+        assert self.code == 1, self
+        assert self.err.count("\n") == 1, self.err
+        assert "Traceback" not in self.err
+        assert self.err.startswith("truepose: ")
+        return self.err
+
+
+def _run(*arguments: object) -> Run:
+    from truepose.cli import main
+
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["truepose", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return Run(code, out.getvalue(), err.getvalue())
+
+
+@pytest.fixture(scope="session")
+def run() -> Callable[..., Run]:
+    """Run ``truepose`` with arguments, as the installed command does, and return what it printed."""
+    return _run

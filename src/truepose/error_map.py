@@ -18,13 +18,14 @@ from scipy.spatial.transform import Rotation
 
 from truepose import files
 from truepose.cell import Cell
-from truepose.compensation import Corrections, Guards, Limits, Policy, Solution, apply_policy, solve
-from truepose.errors import DataError, RobotError
+from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, Solution, apply_policy, solve
+from truepose.errors import DataError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
+from truepose.guarding import arm_branches, found_limits, stated_limits
 from truepose.predictors import PREDICTORS, PosePredictor, Predictor
 from truepose.registering import check_limits, reading_noise
-from truepose.robots import Robot, status_turn
+from truepose.robots import Robot
 from truepose.samples import Poses, Samples
 from truepose.verification import RP_PER_STD, usual_groups
 from truepose.verification import held_out as verify
@@ -250,6 +251,7 @@ class ErrorMap:
         status: IntArray | None = None,
         turn: IntArray | None = None,
         on_guard: Policy | None = None,
+        limits: LimitsInForce | None = None,
         orientation: bool = False,
     ) -> Corrections:
         """Return the commands whose predicted outcome is the target (16), guarded.
@@ -263,8 +265,10 @@ class ErrorMap:
         status, turn : (n,) arrays of int, optional
             KUKA configuration of each target, −1 where it is not given.
         on_guard : {"refuse", "skip", "clip"}, optional
-            Policy; the cell file's when not given. Under ``refuse`` the verdicts say which targets refuse the program;
-            the caller stops then.
+            The policy, instead of the one that `limits` names. Under ``refuse`` the verdicts say which targets refuse
+            the program; the caller stops then.
+        limits : LimitsInForce, optional
+            See `limits_in_force`; by default those of the map's own cell.
         orientation : bool
             Solve for orientation together with position: R_c = exp(−ŵ) R_t.
 
@@ -285,6 +289,8 @@ class ErrorMap:
         """
         p_target, targets = self._targets(poses, positions_suffice=self.space == "cartesian" and not orientation)
         n = len(p_target)
+        limits = limits or self.limits_in_force()
+        guards = self.guards_of(limits.limits)
         tools = np.broadcast_to(self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool, (n, 4, 4))
         follower = self._follower(targets, tools, status, turn)
 
@@ -303,10 +309,9 @@ class ErrorMap:
         )
         x = solution.command[:, :3] if self.space == "cartesian" or follower is None else follower.q
         _, std = self._predict(x, tools, return_std=True, orientation=orientation)
-        reasons = self._reasons(x, std, solution, targets, tools, status, follower)
+        reasons = self._reasons(guards, x, std, solution, targets, tools, status, follower)
         change = solution.command - start
-        policy = on_guard or self.cell.correction.on_guard
-        share, verdict, reason = apply_policy(change, reasons, self.guards.limits, policy)
+        share, verdict, reason = apply_policy(change, reasons, guards.limits, on_guard or limits.on_guard)
         change *= share[:, None]
         return Corrections(
             p_target=p_target,
@@ -331,6 +336,7 @@ class ErrorMap:
 
     def _reasons(
         self,
+        guards: Guards,
         x: FloatArray,
         std: FloatArray,
         solution: Solution,
@@ -346,7 +352,7 @@ class ErrorMap:
             cartesian = {"rotation": rotation, "status": status}
         unit = "mm" if self.space == "cartesian" else "rad"
         points = None if self._knows_orientation else tools[:, :3, 3]
-        reasons = self.guards.reasons(x, unit, std, solution.converged, p_flange_tool=points, **cartesian)
+        reasons = guards.reasons(x, unit, std, solution.converged, p_flange_tool=points, **cartesian)
         if follower is None:
             return reasons
         if self.space == "cartesian":
@@ -425,27 +431,40 @@ class ErrorMap:
             raise DataError(f"a map of {self.predictor_name!r} needs poses (n, 4, 4), for their joints")
         return targets, None
 
+    def limits_in_force(self, cell: Cell | None = None, **options: Any) -> LimitsInForce:
+        """Return the limits of corrections and who stated each.
+
+        An option wins over the cell file, the cell file over this map's own cell, and that over the defaults; each
+        origin replaces only the settings that it states.
+
+        Parameters
+        ----------
+        cell : Cell, optional
+            A cell file that is used instead of the map's own.
+        **options
+            Settings of ``[correction]`` that were asked for, by key; None is not stated.
+
+        Raises
+        ------
+        DataError
+            If a stated limit can have no effect on this map.
+        """
+        limits = stated_limits(self.cell, cell, options, self.space)
+        return found_limits(limits, self.guards_of(limits.limits), self.space)
+
+    def guards_of(self, limits: Limits) -> Guards:
+        """Return the guards of corrections under some limits."""
+        if limits not in self._guards:
+            samples, rotation = self.samples, self.samples.rotation_cmd
+            if samples.q is not None:
+                rotation = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
+            status, point = arm_branches(self.robot, samples), self.tf_flange_sampled[:3, 3]
+            self._guards[limits] = Guards(self.coordinates(samples), self.e, limits, point, rotation, status)
+        return self._guards[limits]
+
     @cached_property
-    def guards(self) -> Guards:
-        """The guards of corrections, with the cell file's limits or those found from the samples."""
-        given, samples = self.cell.correction, self.samples
-        limits = Limits(
-            max_std=given.max_std_mm,
-            max_correction=given.max_correction_mm,
-            max_distance=given.max_distance_mm,
-            max_angle=float(np.deg2rad(given.max_angle_deg)),
-            max_tool=given.max_tool_mm,
-            max_rotation=1e-3 * given.max_rotation_mrad,
-            max_rotation_std=1e-3 * given.max_rotation_std_mrad,
-        )
-        rotation, status = samples.rotation_cmd, None
-        if samples.q is not None:
-            rotation = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
-            try:
-                status, _ = status_turn(self.robot, samples.q)
-            except RobotError:
-                status = None  # no KUKA arm: its programs name no Status
-        return Guards(self.coordinates(samples), self.e, limits, self.tf_flange_sampled[:3, 3], rotation, status)
+    def _guards(self) -> dict[Limits, Guards]:
+        return {}
 
     @cached_property
     def _bytes(self) -> bytes:

@@ -30,7 +30,7 @@ _REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swap
 def to_bytes(error_map: ErrorMap) -> bytes:
     """Return the bytes of a map's file; the same map always gives the same bytes."""
     samples, registration = error_map.samples, error_map.registration
-    cell = error_map.cell.model_dump(mode="json")
+    cell = error_map.cell.model_dump(mode="json", exclude_unset=True)  # what was stated stays told from defaults
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
         cell["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
     content = {

@@ -171,8 +171,8 @@ class Cell(Section):
         return {number: pose.matrix(self._controller) for number, pose in self.frames.bases.items()}
 
     def to_toml(self) -> str:
-        """Return the file's text, without what is the default; relative paths stay relative to the cell file."""
-        return "\n".join(tables((), self.model_dump(exclude_defaults=True))).lstrip("\n") + "\n"
+        """Return the file's text: what was stated, also where it is the default; relative paths stay as they are."""
+        return "\n".join(tables((), self.model_dump(exclude_unset=True, exclude_none=True))).lstrip("\n") + "\n"
 
 
 def load_cell(path: str | Path) -> Cell:

@@ -112,11 +112,13 @@ class Correction(Section):
     """``[correction]``: what a correction may be, and what happens where it may not. None: found from the samples.
 
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
+    ``max_distance_mm`` is for maps in Cartesian space, ``max_distance_deg`` for those in joint space.
     """
 
     max_std_mm: Positive | None = None
     max_correction_mm: Positive = 5.0
     max_distance_mm: Positive | None = None
+    max_distance_deg: Positive | None = None
     max_angle_deg: Positive = 20.0
     max_tool_mm: Positive = 50.0
     max_rotation_mrad: Positive = 10.0

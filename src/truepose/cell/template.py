@@ -80,6 +80,7 @@ on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" th
 # max_std_mm = 0.2       # largest predicted standard deviation; left out: three quarters of the samples' RMS error
 # max_distance_mm = 200  # to the nearest sample; left out: 1.5 times the widest gap between samples
 # require = "95%"        # of a program's motion targets must be corrected, or nothing is written
+# max_distance_deg = 30  # the same for maps in joint space
 max_angle_deg = 20.0     # between a target's orientation and that of the sample most alike
 max_tool_mm = 50.0       # between the tool point of a target and the measured one
 max_rotation_mrad = 10.0      # largest correction of orientation, where that is asked for

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from truepose.cell import Cell
+    from truepose.compensation import Policy
     from truepose.errors import FileError
     from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
 
@@ -41,7 +42,9 @@ Programs = Annotated[
     list[Path],
     typer.Argument(metavar="PROGRAM...", help="Programs or folders of them; KRL: the .src or .dat of a pair."),
 ]
-CellPath = Annotated[Path | None, typer.Option("--cell", help="Take frames and limits from this cell file.")]
+CellPath = Annotated[
+    Path | None, typer.Option("--cell", help="Take frames and limits from this cell file; by default the map's own.")
+]
 ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: take tools and bases from this file.")]
 Tool = Annotated[
     str | None, typer.Option("--tool", help="Number or name of the tool in force where a program sets none.")
@@ -150,10 +153,10 @@ def correct(
     from truepose.programs import Coverage, correct_program, read_programs
 
     error_map = load_map(map_path)
-    cell = error_map.cell if cell_path is None else load_cell(cell_path)
-    policy = on_guard.value if on_guard is not None else cell.correction.on_guard
-    frames = _frames(cell, config_dat, tool, base)
-    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
+    cell = None if cell_path is None else load_cell(cell_path)
+    frames = _frames(cell or error_map.cell, config_dat, tool, base)
+    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles, orientation)
+    policy: Policy | None = None if on_guard is None else on_guard.value
     # all are corrected before any is written: a refusal leaves nothing half-done
     found = read_programs(paths, frames, options)
     if found.unreadable:
@@ -188,6 +191,7 @@ def correct(
             f"{summary['skipped']} skipped, {summary['refused']} refused; largest correction "
             f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
         )
+        say(f"  Limits in force: {escape(program.limits.sentence())}")
         for warning in program.warnings[:_LISTED]:
             say(f"  {escape(warning)}")
         _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
@@ -200,11 +204,9 @@ def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: 
     """Return the frames that the cell and a $config.dat give; those of the cell file itself win."""
     from truepose.programs import FrameTable
 
-    known = FrameTable() if cell is None else FrameTable.from_cell(cell)
-    if config_dat is not None:
-        more = FrameTable.from_config_dat(config_dat)
-        own_tools, own_bases = ({}, {}) if cell is None else (cell.tools, cell.bases)
-        known = FrameTable({**known.tools, **more.tools, **own_tools}, {**known.bases, **more.bases, **own_bases})
+    if cell is not None:
+        return FrameTable.from_cell(cell, config_dat, tool, base)
+    known = FrameTable() if config_dat is None else FrameTable.from_config_dat(config_dat)
     return FrameTable(known.tools, known.bases, tool, base)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, RefusedError
+from truepose.guarding import stated_limits
 from truepose.programs import sidecar
 from truepose.programs.columns import Columns
 from truepose.programs.configurations import changed_words
@@ -33,6 +34,7 @@ from truepose.units import parse_share
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
+    from truepose.compensation import LimitsInForce
     from truepose.robots import Robot
 
 Policy = Literal["refuse", "skip", "clip"]
@@ -101,6 +103,8 @@ class CorrectedProgram:
     map_hash : str, optional
     hashes : dict of Path to str
         SHA-256 of every file as it becomes, proven.
+    limits : LimitsInForce
+        The settings of ``[correction]`` that held, with their origin.
     warnings : tuple of str
         What a user should look at: straight paths that bend (see `truepose.programs.paths`).
     """
@@ -111,6 +115,7 @@ class CorrectedProgram:
     resolution: float
     map_hash: str | None
     hashes: dict[Path, str]
+    limits: LimitsInForce
     warnings: tuple[str, ...] = ()
 
     def content(self, source: Source) -> Iterator[bytes]:
@@ -172,7 +177,7 @@ def correct_program(
     cell: Cell | None = None,
     *,
     frames: FrameTable | None = None,
-    on_guard: Policy = "refuse",
+    on_guard: Policy | None = None,
     resolution: float = 1e-3,
     options: ReadOptions | None = None,
     orientation: bool = False,
@@ -188,14 +193,17 @@ def correct_program(
     error_map : Corrector
         Such as `truepose.ErrorMap`.
     cell : Cell, optional
-        Whose tools and bases are used, unless `frames` are given.
+        The cell whose tools, bases, limits and policy hold; by default the map's own. A limit that it does not state
+        is that of the map's own cell.
     frames : FrameTable, optional
-    on_guard : {"refuse", "skip", "clip"}
-        What happens when a target is refused: no program at all (the default), or that target stays as it is. ``clip``
-        also shortens corrections that are too long.
+        The tools and bases, instead of the cell's.
+    on_guard : {"refuse", "skip", "clip"}, optional
+        What happens when a target is refused: no program at all, or that target stays as it is. ``clip`` also shortens
+        corrections that are too long. By default the cell's ``on_guard``; without a cell ``refuse``.
     resolution : float [mm]
         Step of a correction, where the number in the file is not finer.
     options : ReadOptions, optional
+        What the reader may allow. A program that was read already keeps the frames and options that it was read with.
     orientation : bool
         Correct orientations, too. Without it their digits never change.
     require : float or str, optional
@@ -212,19 +220,21 @@ def correct_program(
     ------
     FileError
         If a file is missing or broken.
+    DataError
+        If a setting can have no effect: frames or options for a program that was read already, or a limit that does not
+        apply to the map.
     RefusedError
         If a target is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are corrected,
         or the program was corrected already.
     """
-    if on_guard not in ("refuse", "skip", "clip"):
+    if on_guard not in (None, "refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
     if not 1e-6 <= resolution <= 1.0:
         raise DataError(f"resolution is {resolution!r} mm, expected 0.000001 to 1")
-    if frames is None and cell is not None:
-        frames = FrameTable.from_cell(cell)
-    if not isinstance(path, Program):
-        path = read_program(path, frames, replace(options or ReadOptions(), orientation=orientation))
-    program = path
+    asked_share = None if require is None else parse_share(require)
+    limits = _limits_in_force(error_map, cell, on_guard=on_guard, require=asked_share)
+    on_guard = limits.on_guard
+    program = _read(path, cell or getattr(error_map, "cell", None), frames, options, orientation)
     sidecar.check_not_corrected(program)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
@@ -237,7 +247,7 @@ def correct_program(
     refused: dict[int, str] = {}
     done = 0
     for rows, columns in program.correctable_columns():
-        asked = _ask(error_map, columns, on_guard, orientation)
+        asked = _ask(error_map, columns, on_guard, limits, orientation)
         change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
         why = {int(rows[k]): reason for k, reason in asked[4].items()}
         outcomes.why.update(why)
@@ -252,27 +262,48 @@ def correct_program(
     for j, i in linked(program.circles, left_out).items():
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
-    Coverage.of([outcomes]).check(_required(require, cell, error_map), program.path)
+    Coverage.of([outcomes]).check(limits.values["require"], program.path)
     warnings = _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = {source.path: _prove(source, outcomes, resolution) for source in program.sources}
     map_hash = getattr(error_map, "hash", None)
-    return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, tuple(warnings))
+    return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings))
 
 
-def _required(require: float | str | None, cell: Cell | None, error_map: Corrector) -> float:
-    """Return the share of motion targets that must be corrected: as asked for, or as a cell file says."""
-    if require is not None:
-        return parse_share(require)
-    stated: Cell | None = cell or getattr(error_map, "cell", None)
-    return 0.0 if stated is None else stated.correction.require
+def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:
+    """Return the limits that hold; a corrector without limits of its own takes those of the cell."""
+    ask = getattr(error_map, "limits_in_force", None)
+    if ask is None:
+        return stated_limits(None, cell, options)
+    limits: LimitsInForce = ask(cell, **options)
+    return limits
+
+
+def _read(
+    path: str | Path | Program,
+    cell: Cell | None,
+    frames: FrameTable | None,
+    options: ReadOptions | None,
+    orientation: bool,
+) -> Program:
+    """Return the program, read unless it was read already."""
+    if not isinstance(path, Program):
+        if frames is None and cell is not None:
+            frames = FrameTable.from_cell(cell)
+        return read_program(path, frames, replace(options or ReadOptions(), orientation=orientation))
+    if frames is not None or options is not None:
+        raise DataError(f"{path.path}: was read already: frames and options have no effect; pass them to read_program")
+    if orientation and path.options is not None and not path.options.orientation:
+        raise DataError(f"{path.path}: was read for positions; read it with ReadOptions(orientation=True)")
+    return path
 
 
 _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, str]]
 
 
-def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: bool) -> _Asked:
+def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, limits: LimitsInForce, orientation: bool) -> _Asked:
     """Ask the map about some targets: change in their own frames (n, 3 or 6), e, std, codes, and reasons by row."""
     poses, tools = columns.poses_base(), columns.tf_flange_tool(getattr(error_map, "tf_flange_tool", IDENTITY))
+    known: dict[str, Any] = {"limits": limits} if hasattr(error_map, "limits_in_force") else {}
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,
@@ -280,6 +311,7 @@ def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, orientation: 
         turn=columns.turn,
         on_guard=on_guard,
         orientation=orientation,
+        **known,
     )
     code = np.array([DONE.index(verdict) for verdict in np.asarray(answer.verdict).tolist()], np.int8)
     reasons = {k: reason for k, reason in enumerate(answer.reason) if reason}

@@ -91,8 +91,9 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
             raise FileError(path, why)
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
     module = importlib.import_module(f"truepose.programs.{dialect}")
-    program: Program = module.read(path, frames or FrameTable(), options or ReadOptions())
-    return program
+    options = options or ReadOptions()
+    program: Program = module.read(path, frames or FrameTable(), options)
+    return replace(program, options=options)
 
 
 def read_programs(
@@ -142,7 +143,7 @@ def read_programs(
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> Program:
     from truepose.programs.krl import read_project
 
-    return read_project(folder, files, frames, options)
+    return replace(read_project(folder, files, frames, options), options=options)
 
 
 def _members(folder: Path) -> tuple[list[Path], list[Path]]:

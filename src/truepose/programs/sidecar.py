@@ -53,6 +53,7 @@ def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[st
         ],
         "map_sha256": corrected.map_hash,
         "on_guard": corrected.on_guard,
+        "limits": corrected.limits.to_dict(),
         "resolution_mm": corrected.resolution,
         "summary": corrected.summary(),
         "warnings": list(corrected.warnings),

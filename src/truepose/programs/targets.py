@@ -122,10 +122,23 @@ class FrameTable:
         return cls(*read_config_dat(path))
 
     @classmethod
-    def from_cell(cls, cell: Cell) -> Self:
-        """Return the frames that a cell file gives, those of its ``$config.dat`` included; the cell file's own win."""
-        known = cls() if cell.config_dat is None else cls.from_config_dat(cell.config_dat)
-        return cls({**known.tools, **cell.tools}, {**known.bases, **cell.bases})
+    def from_cell(
+        cls, cell: Cell, config_dat: str | Path | None = None, tool: Key | None = None, base: Key | None = None
+    ) -> Self:
+        """Return the frames that a cell file gives, those of its ``$config.dat`` included; the cell file's own win.
+
+        Parameters
+        ----------
+        cell : Cell
+        config_dat : str or Path, optional
+            Another ``$config.dat``, which wins over that of the cell.
+        tool, base : int or str, optional
+            In force where a program sets none.
+        """
+        known = [cls.from_config_dat(path) for path in (cell.config_dat, config_dat) if path is not None]
+        tools = {key: tf for table in known for key, tf in table.tools.items()}
+        bases = {key: tf for table in known for key, tf in table.bases.items()}
+        return cls({**tools, **cell.tools}, {**bases, **cell.bases}, tool, base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +161,8 @@ class Program:
         The controller keeps no smaller step.
     root : Path, optional
         The folder that was named; without it, that of the file.
+    options : ReadOptions, optional
+        The options that it was read with.
     """
 
     path: Path
@@ -157,6 +172,7 @@ class Program:
     lexer: re.Pattern[bytes]
     finest: float = 0.0
     root: Path | None = None
+    options: ReadOptions | None = None
 
     @property
     def folder(self) -> Path:

@@ -1,0 +1,108 @@
+"""The limits in force for a correction: each setting with its value and with who stated it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Self
+
+import numpy as np
+
+from truepose.compensation.guards import Limits, Policy
+from truepose.errors import DataError
+
+_UNITS: Final = {"_mm": 1.0, "_mrad": 1e-3, "_deg": float(np.deg2rad(1.0))}
+_DISTANCE: Final = {"cartesian": "max_distance_mm", "joint": "max_distance_deg"}
+
+
+@dataclass(frozen=True)
+class LimitsInForce:
+    """The settings of ``[correction]`` that hold for one correction, with their origin.
+
+    Attributes
+    ----------
+    values : mapping of str to float, str or None
+        By the keys of ``[correction]``, in the units of the keys. None: no limit was stated and none was found yet.
+    origin : mapping of str to str
+        Who stated each value: ``default``, ``map``, ``cell file`` or ``option``; a default that depends on the samples
+        says how it was found.
+    """
+
+    values: Mapping[str, Any]
+    origin: Mapping[str, str]
+
+    @classmethod
+    def of(cls, *stated: tuple[str, Mapping[str, Any]], space: str = "cartesian") -> Self:
+        """Combine settings of several origins, the weakest first; a later origin replaces only the keys it states.
+
+        Parameters
+        ----------
+        *stated : (str, mapping)
+            An origin and the keys of ``[correction]`` that it states. None counts as not stated.
+        space : {"cartesian", "joint"}
+            The space of the map: distances to samples are millimetres in the one and degrees in the other.
+
+        Raises
+        ------
+        DataError
+            If only the distance of the other space was stated: it would have no effect.
+        """
+        values: dict[str, Any] = {}
+        origin: dict[str, str] = {}
+        for name, settings in stated:
+            for key, value in settings.items():
+                if value is not None or key not in values:
+                    values[key], origin[key] = value, name
+        mine = _DISTANCE[space]
+        for other in set(_DISTANCE.values()) & set(values) - {mine}:
+            if values[other] is not None and values.get(mine) is None:
+                raise DataError(
+                    f"[correction] {other} ({origin[other]}) has no effect on a map in {space} space; write {mine}"
+                )
+            del values[other], origin[other]
+        return cls(values, origin)
+
+    @property
+    def limits(self) -> Limits:
+        """The limits in mm and rad."""
+        known = {field.name for field in fields(Limits)}
+        found = {}
+        for key, value in self.values.items():
+            name, factor = _in_base_units(key)
+            if name in known and value is not None:
+                found[name] = value * factor
+        return Limits(**found)
+
+    @property
+    def on_guard(self) -> Policy:
+        """What happens to a target that a guard objects to."""
+        policy: Policy = self.values["on_guard"]
+        return policy
+
+    def with_found(self, found: Mapping[str, tuple[float, str]]) -> Self:
+        """Return these settings with limits found from the samples, as (value, how), where none is stated."""
+        new = {key: pair for key, pair in found.items() if self.values.get(key) is None}
+        values = {key: value for key, (value, _) in new.items()}
+        origin = {key: f"default: {how}" for key, (_, how) in new.items()}
+        return replace(self, values={**self.values, **values}, origin={**self.origin, **origin})
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Return value and origin of every setting by its key, for JSON."""
+        return {key: {"value": value, "origin": self.origin[key]} for key, value in self.values.items()}
+
+    def sentence(self) -> str:
+        """Return all settings in one line, each with its origin."""
+        texts = [f"{key} {_shown(value)} ({self.origin[key]})" for key, value in self.values.items()]
+        return ", ".join(texts)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _in_base_units(key: str) -> tuple[str, float]:
+    """Return a key without its unit, and the factor to mm or rad."""
+    for unit, factor in _UNITS.items():
+        if key.endswith(unit):
+            return key.removesuffix(unit), factor
+    return key, 1.0
