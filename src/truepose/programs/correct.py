@@ -270,10 +270,10 @@ def correct_program(
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:
-    """Return the limits that hold; a corrector without limits of its own takes those of the cell."""
+    """Return the limits that hold; those of a corrector other than a map are what the cells state."""
     ask = getattr(error_map, "limits_in_force", None)
     if ask is None:
-        return stated_limits(None, cell, options)
+        return stated_limits(getattr(error_map, "cell", None), cell, options)
     limits: LimitsInForce = ask(cell, **options)
     return limits
 
