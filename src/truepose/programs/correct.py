@@ -1,12 +1,11 @@
 """A program with its targets corrected: what each target becomes, the patches, and the proof.
 
 The error map speaks of the robot's base frame; the difference command − target is turned into each target's own frame
-and added to its digits. Nothing else changes, which `truepose.programs.source.prove` requires on every run.
+and added to its digits. Nothing else changes, which `truepose.programs.proof` requires on every run.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,8 +25,9 @@ from truepose.programs.digits import moved
 from truepose.programs.orientations import turned
 from truepose.programs.outcomes import DONE, Outcomes, digit_step
 from truepose.programs.paths import StraightPaths
+from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
-from truepose.programs.source import Source, printable, prove, unified_diff
+from truepose.programs.source import Source, printable, unified_diff
 from truepose.programs.target import FloatArray, Verdict
 from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
 from truepose.units import parse_share
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 Policy = Literal["refuse", "skip", "clip"]
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # refused targets that a message names
+_ROUNDED: Final = 1e-9  # [mm; deg] by doubles, beside the half digit
 
 
 class CorrectionsLike(Protocol):
@@ -264,7 +265,7 @@ def correct_program(
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
     Coverage.of([outcomes]).check(limits.values["require"], program.path)
     warnings = _write_digits(program, outcomes, change.shape[1], resolution)
-    hashes = {source.path: _prove(source, outcomes, resolution) for source in program.sources}
+    hashes = proven_hashes(outcomes, resolution)
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings))
 
@@ -376,20 +377,11 @@ def _digits(program: Program, columns: Columns, change: FloatArray, resolution: 
         old = before[:, axis] / unit
         new = moved(data, columns.spans[:, axis], old, (wanted - before)[:, axis] / unit, step)
         after[:, axis] = np.where(new == old, before[:, axis], new * unit)
-        missed = np.abs(after[:, axis] - wanted[:, axis]) > step * unit
+        missed = np.abs(after[:, axis] - wanted[:, axis]) > 0.5 * step * unit + _ROUNDED
         if missed.any():
             target = columns.target(int(np.argmax(missed)))
             raise RefusedError(f"{target.where}: {target.name}: its digits cannot hold the correction")
     return after
-
-
-def _prove(source: Source, outcomes: Outcomes, resolution: float) -> str:
-    """Prove piece by piece that only corrected numbers change; return the hash of what the file becomes."""
-    digest = hashlib.sha256()
-    for start, end, piece, patches in outcomes.pieces(source, resolution):
-        prove(source, start, end, piece, patches, outcomes.program.lexer)
-        digest.update(piece)
-    return digest.hexdigest()
 
 
 def _reasons(program: Program, verdict: Verdict | None = None) -> dict[int, str]:

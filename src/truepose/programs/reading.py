@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -92,8 +93,7 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
     module = importlib.import_module(f"truepose.programs.{dialect}")
     options = options or ReadOptions()
-    program: Program = module.read(path, frames or FrameTable(), options)
-    return replace(program, options=options)
+    return _again(partial(module.read, path, frames or FrameTable(), options), options)
 
 
 def read_programs(
@@ -143,7 +143,12 @@ def read_programs(
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> Program:
     from truepose.programs.krl import read_project
 
-    return replace(read_project(folder, files, frames, options), options=options)
+    return _again(partial(read_project, folder, files, frames, options), options)
+
+
+def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:
+    """Read a program; it keeps how, so that it can be read again."""
+    return replace(reader(), options=options, again=reader)
 
 
 def _members(folder: Path) -> tuple[list[Path], list[Path]]:

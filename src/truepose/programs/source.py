@@ -12,7 +12,9 @@ import math
 import operator
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -42,6 +44,23 @@ _BROKEN = re.compile(
     rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
 )
 _CONTEXT = 3
+_REPLACED: ContextVar[Mapping[Path, bytes] | None] = ContextVar("replaced", default=None)
+
+
+@contextmanager
+def replaced(contents: Mapping[Path, bytes]) -> Iterator[None]:
+    """Let `Source.read` find other bytes in files than are on disk, while the context is open.
+
+    Parameters
+    ----------
+    contents : mapping of Path to bytes
+        By the paths that programs name their files by.
+    """
+    token = _REPLACED.set(contents)
+    try:
+        yield
+    finally:
+        _REPLACED.reset(token)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +84,9 @@ class Source:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read a file; see `truepose.files.read_bytes` for the errors."""
-        return cls(Path(path), files.read_bytes(path))
+        """Read a file; see `truepose.files.read_bytes` for the errors, and `replaced`."""
+        contents = _REPLACED.get() or {}
+        return cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
 
     @cached_property
     def sha256(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
@@ -163,6 +163,8 @@ class Program:
         The folder that was named; without it, that of the file.
     options : ReadOptions, optional
         The options that it was read with.
+    again : callable, optional
+        Reads the program once more, with the same frames and options, for the proof.
     """
 
     path: Path
@@ -173,6 +175,7 @@ class Program:
     finest: float = 0.0
     root: Path | None = None
     options: ReadOptions | None = None
+    again: Callable[[], Program] | None = None
 
     @property
     def folder(self) -> Path:
