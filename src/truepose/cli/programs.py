@@ -138,6 +138,9 @@ def correct(
     require: Annotated[
         str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
     ] = None,
+    other_maker: Annotated[
+        bool, typer.Option("--other-maker", help="Correct programs of another maker than that of the map's robot.")
+    ] = False,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
     ] = False,
@@ -164,7 +167,14 @@ def correct(
     with counting("targets") as progress:
         corrected = [
             correct_program(
-                program, error_map, cell, on_guard=policy, orientation=orientation, require=require, progress=progress
+                program,
+                error_map,
+                cell,
+                on_guard=policy,
+                orientation=orientation,
+                require=require,
+                other_maker=other_maker,
+                progress=progress,
             )
             for program in found.programs
         ]

@@ -44,9 +44,7 @@ def changed_words(
     tools : (n, 4, 4) array [mm]
         Flange to tool.
     """
-    controller = robot.maker.lower()
-    if columns.controller != controller:
-        return {}
+    controller = columns.controller
     words = words_of(columns)
     named = np.flatnonzero([bool(word) for word in words])
     reasons: dict[int, str] = {}
@@ -62,6 +60,8 @@ def changed_words(
             border = _on_border(controller, robot, poses[rows[others]], tf_tool_flange[others], wanted[others])
             for i in others[border]:
                 reasons[int(rows[i])] = f"it lies on the border of its configuration {wanted[i]}"
+            if not len(known):
+                continue
             q_after = nearest_branch(find_branches(robot, (commands[rows] @ tf_tool_flange)[known]).q, q[known])
         except RobotError:
             return reasons  # an arm of another kind: its programs name no such words

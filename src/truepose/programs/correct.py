@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import DataError, RefusedError
 from truepose.guarding import stated_limits
 from truepose.programs import sidecar
+from truepose.programs.agreement import check_cell, check_maker
 from truepose.programs.columns import Columns
 from truepose.programs.configurations import changed_words
 from truepose.programs.coverage import Coverage
@@ -183,6 +184,7 @@ def correct_program(
     options: ReadOptions | None = None,
     orientation: bool = False,
     require: float | str | None = None,
+    other_maker: bool = False,
     progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
     """Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
@@ -210,6 +212,8 @@ def correct_program(
     require : float or str, optional
         The share of the program's motion targets that must be corrected, such as 0.95 or "95%". By default that of
         the cell's ``[correction]``, or of the map's own cell.
+    other_maker : bool
+        Correct a program of another maker than that of the map's robot.
     progress : callable
         Takes how many targets are done, and how many there are, as it goes on.
 
@@ -226,7 +230,7 @@ def correct_program(
         apply to the map.
     RefusedError
         If a target is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are corrected,
-        or the program was corrected already.
+        the program was corrected already, or the map is of another robot than the program or the cell.
     """
     if on_guard not in (None, "refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
@@ -236,6 +240,7 @@ def correct_program(
     limits = _limits_in_force(error_map, cell, on_guard=on_guard, require=asked_share)
     on_guard = limits.on_guard
     program = _read(path, cell or getattr(error_map, "cell", None), frames, options, orientation)
+    warnings = _check_robot(error_map, program, cell, other_maker)
     sidecar.check_not_corrected(program)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
@@ -264,7 +269,7 @@ def correct_program(
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
     Coverage.of([outcomes]).check(limits.values["require"], program.path)
-    warnings = _write_digits(program, outcomes, change.shape[1], resolution)
+    warnings += _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = proven_hashes(outcomes, resolution)
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings))
@@ -277,6 +282,16 @@ def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) ->
         return stated_limits(getattr(error_map, "cell", None), cell, options)
     limits: LimitsInForce = ask(cell, **options)
     return limits
+
+
+def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool) -> list[str]:
+    """Refuse a program or a cell of another robot than the map's; return what a user should know."""
+    robot: Robot | None = getattr(error_map, "robot", None)
+    if robot is None:
+        return []
+    own: Cell | None = getattr(error_map, "cell", None)
+    warnings = [] if cell is None or own is None else check_cell(own, robot, cell)
+    return warnings + check_maker(robot, program, other_maker=other_maker)
 
 
 def _read(

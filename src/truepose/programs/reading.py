@@ -84,8 +84,8 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
         return found.programs[0]
     if path.exists() and not path.is_file():
         raise FileError(path, "is no file but a device or a pipe; name a program")
-    dialect = _DIALECTS.get(path.suffix.lower())
-    if dialect is None:
+    dialect = dialect_of(path)
+    if not dialect:
         if not path.exists():
             raise FileError(path, "no such file")
         if why := _REFUSED.get(path.suffix.lower()):
@@ -94,6 +94,11 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     module = importlib.import_module(f"truepose.programs.{dialect}")
     options = options or ReadOptions()
     return _again(partial(module.read, path, frames or FrameTable(), options), options)
+
+
+def dialect_of(path: Path) -> str:
+    """Return the language that the ending of a file names; empty where it names none."""
+    return _DIALECTS.get(path.suffix.lower(), "")
 
 
 def read_programs(

@@ -1,0 +1,97 @@
+"""Whether a map belongs to a program and to a cell file: the maker of the robot, and what a cell file says of it."""
+
+from __future__ import annotations
+
+import unicodedata
+from typing import Final
+
+from truepose.cell import Cell
+from truepose.errors import RefusedError
+from truepose.programs.reading import dialect_of
+from truepose.programs.targets import Program
+from truepose.robots import Robot
+
+_MAKERS: Final = {
+    "krl": "KUKA",
+    "rapid": "ABB",
+    "fanuc": "FANUC",
+    "urscript": "Universal Robots",
+    "inform": "Yaskawa",
+    "val3": "Stäubli",
+}
+"""Makers by dialect; tables, APT and G-code belong to none."""
+
+
+_OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")
+"""Tables of a cell file that a map was fitted with, and that a correction does not read again."""
+
+
+def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
+    """Refuse a cell file of another robot; return which of its tables differ from the map's and have no effect.
+
+    Parameters
+    ----------
+    own : Cell
+        The cell that the map was fitted with.
+    robot : Robot
+        The robot of the map.
+    cell : Cell
+        The cell file that is used instead.
+
+    Raises
+    ------
+    RefusedError
+        If the robots differ.
+    """
+    other = cell.load_robot()
+    if other.name != robot.name and other.to_toml() != robot.to_toml():
+        raise RefusedError(f"the cell file is of {other.name}, the map of {robot.name}; take the cell file of this map")
+    differ = [f"[{name}]" for name in _OF_THE_MAP if getattr(own, name) != getattr(cell, name)]
+    if not differ:
+        return []
+    what = f"{', '.join(differ)} of the cell file differ from what the map was fitted with and have no effect"
+    return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
+
+
+def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) -> list[str]:
+    """Refuse a program of another maker than the robot's; return what a user should know where that is allowed.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the map.
+    program : Program
+    other_maker : bool
+        Accept another maker.
+
+    Returns
+    -------
+    list of str
+        Warnings; empty where the makers agree, and for programs that no maker's controller reads.
+
+    Raises
+    ------
+    RefusedError
+        If the makers differ.
+    """
+    made_for = _MAKERS.get(dialect_of(program.sources[0].path))
+    if made_for is None:
+        return []
+    where = f"{program.path}: a program for {made_for}"
+    judged = f"its words of configuration are judged as those of {made_for} wherever the arm can have them"
+    if not robot.maker:
+        return [f'{where}, but {robot.name} names no maker: {judged}; state maker = "{made_for}" in the robot\'s file']
+    if _plain(made_for) in _plain(robot.maker):
+        return []
+    if other_maker:
+        return [f"{where}, corrected with the map of a robot of {robot.maker} ({robot.name}): {judged}"]
+    raise RefusedError(
+        f"{where}, but the map is of {robot.name}, a robot of {robot.maker}; take the map of the robot that runs it, "
+        "or allow it (--other-maker, other_maker=True) if this robot does"
+    )
+
+
+def _plain(maker: str) -> str:
+    """Return a maker's name in lower case, without accents, blanks and hyphens."""
+    letters = unicodedata.normalize("NFKD", maker).lower()
+    return "".join(letter for letter in letters if letter.isalnum())
