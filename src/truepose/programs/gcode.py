@@ -15,8 +15,14 @@ from truepose.programs.source import Source, Span, is_broken, parse_number
 from truepose.programs.targets import FrameTable, Program, ReadOptions, frame_key
 
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
-LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + _NUMBER + rb"|[^\r\n]")
+_EXPONENT = rb"[EeDd][+-]?+[0-9]*+"
+LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + _NUMBER + rb"(?:[EeDd][+-]?+[0-9]++)?+|[^\r\n]")
+"""What may be a number with an exponent is one word here, whatever the reader makes of it."""
 _WORD = re.compile(rb"([A-Za-z])[ \t]*+(" + _NUMBER + rb")(?![.\d])")
+_WITH_EXPONENT = re.compile(rb"([XYZABCxyzabc])[ \t]*+(" + _NUMBER + _EXPONENT + rb")")
+"""An axis and `1.2E+02` or `20.D5`: one number, or a number and another word, depending on the control."""
+_ADHERING: Final = b"%+-*/_#[=,'\":<>@&$^"
+"""What turns the number before it into something else."""
 _EXPRESSION = re.compile(
     rb"([A-Za-z])[ \t]*+(=[^\r\n;(]*+(?:\([^)]*\))?|[+-]?[ \t]*+[#\[][^\r\nXYZABCIJKFxyzabcijkf]*+|[+-]?R\d++)"
 )
@@ -39,8 +45,28 @@ _WHOLE: Final = (0, 1, 2, 3, 4, 9, *range(17, 22), 28, 30, *range(40, 44), 49, *
 _KNOWN: Final = frozenset([*map(str, (*_WHOLE, *range(93, 100), 500)), "43.4", "43.5"])
 _CHANGES: Final = frozenset(["10", "16", "50", "51", "51.1", "52", "54.1", "68", "68.2", "92"])
 _CALLS: Final = frozenset(["M98", "M97", "G65", "G66"])
-_TRANSFORMS: Final = (b"TRANS", b"ATRANS", b"ROT", b"AROT", b"SCALE", b"MIRROR", b"CYCLE800", b"PLANE", b"TOFRAME")
+_TRANSFORMS: Final = (
+    b"TRANS",
+    b"ATRANS",
+    b"ROT",
+    b"AROT",
+    b"SCALE",
+    b"MIRROR",
+    b"AMIRROR",
+    b"ASCALE",
+    b"CYCLE800",
+    b"PLANE",
+    b"TOFRAME",
+    b"SUPA",
+    b"DIAM",
+    b"TRACYL",
+    b"TRAANG",
+    b"FTOC",
+)
 _STRAY: Final = [b"%c" % c for c in b":,*\"'@$&.<>_-"]
+_CURVES: Final = (b"CIP", b"CT", b"ASPLINE", b"BSPLINE", b"CSPLINE", b"POLY", b"INVCW", b"INVCCW")
+_EXPONENTS: Final = "exponent "
+"""Of an axis: its place among what is strange in a line."""
 _ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
 
 
@@ -104,7 +130,7 @@ class _Reader:
         self._words += sum(key in "GM" for key, _ in words)
         codes = [f"{key}{_plain(value)}" for key, value in words if key in "GMO"]
         axes = {key: value for key, value in words if key in _AXES}
-        loose = [key for key in strange if key in _AXES]
+        loose = [key.removeprefix(_EXPONENTS) for key in strange if key.removeprefix(_EXPONENTS) in _AXES]
         if any(_VECTOR.match(name) for name in strange.values()):
             loose += [key for key in "ABC" if key not in loose]
         if [key for key, _ in words if key in _AXES] != list(dict.fromkeys(key for key, _ in words if key in _AXES)):
@@ -112,6 +138,8 @@ class _Reader:
         self._modal(line, codes)
         if any(name.startswith(_TRANSFORMS) for name in strange.values()):
             self._problem = Problem("refuse", f"coordinates are changed in line {line}")
+        if curves := [name for name in strange.values() if name in _CURVES]:
+            self._problem = Problem("refuse", f"{curves[0].decode()} (line {line}) is a motion that is not supported")
         gs = [c[1:] for c in codes if c[0] == "G"]
         if "4" in gs or not (axes or loose):
             return
@@ -122,7 +150,7 @@ class _Reader:
                 self._add(line, Problem("skip", "an orientation alone: the position stays as before"))
             return
         self._turn(axes, loose)
-        problem = self._judge(line, gs, axes, loose)
+        problem = _ambiguous(strange) or self._judge(line, gs, axes, loose)
         point = self._add(line, problem)
         if all(key in axes for key in "XYZ") and all(key in self._angles for key in "ABC"):
             point.values = tuple(axes[key] for key in "XYZ") + tuple(self._angles[key] for key in "ABC")
@@ -230,8 +258,14 @@ class _Reader:
             elif m := _VECTOR.match(code, position):
                 strange[f"name{position}"] = m[0].upper()
                 position = m.end()
+            elif m := _WITH_EXPONENT.match(code, position):
+                strange[_EXPONENTS + m[1].decode().upper()] = m[2]
+                position = m.end()
             elif m := _WORD.match(code, position):
                 key = m[1].decode().upper()
+                if key in _AXES and _adheres(code, m.end()):
+                    shown = code[m.start(2) : m.end() + 10].decode("latin-1")
+                    raise self._source.error(line, f"{key} {shown} is not a number; correct the file")
                 try:
                     value = float(m[2]) if key not in _AXES else parse_number(m[2])
                 except ValueError as error:
@@ -255,6 +289,23 @@ class _Reader:
                     line, f"is not understood: {code[position : position + 20].decode('latin-1')!r}"
                 )
         return words, spans, strange
+
+
+def _adheres(code: bytes, position: int) -> bool:
+    """Return whether something behind a number belongs to it and is no word of its own."""
+    c = code[position : position + 1]
+    return (c != b"" and c in _ADHERING) or (
+        c.isalpha() and not _WORD.match(code, position) and not _EXPRESSION.match(code, position)
+    )
+
+
+def _ambiguous(strange: dict[str, bytes]) -> Problem | None:
+    """Return why a line with an exponent is refused; None without one."""
+    for key, text in strange.items():
+        if key.startswith(_EXPONENTS):
+            shown = f"{key.removeprefix(_EXPONENTS)}{text.decode()}"
+            return Problem("refuse", f"{shown}: one number or two words; write it without exponent, or a blank between")
+    return None
 
 
 def _plain(value: float) -> str:

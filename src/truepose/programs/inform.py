@@ -123,6 +123,9 @@ class _Reader:
             point.problem = Problem("refuse", f"{shown}: the frame of its numbers is not known")
         if tool_frame is None and point.problem is None:
             point.problem = Problem("refuse", f"///TOOL {tool or 'missing'}: its tool is not known")
+        if len(pieces) > 6:
+            reason = f"{len(pieces)} numbers: a seventh axis, which has no model, or a number that a comma splits"
+            point.problem = Problem("refuse", reason)
         self._frames_of[id(point)] = (tool_frame, frame)
 
     def _read(self, instructions: list[tuple[int, bytes]]) -> None:

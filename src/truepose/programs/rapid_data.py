@@ -32,6 +32,8 @@ def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, li
             return Point(name, source, line, problem=Problem("skip", "an expression, known at run time only"))
         raise source.error(line, f"{name}: a robtarget has [3, 4, 4, 6] numbers, this has {sizes}; correct the file")
     leaves: list[list[Token]] = [leaf for group in groups for leaf in group]  # type: ignore[misc]
+    if any(not isinstance(token, Token) for leaf in leaves for token in leaf):
+        raise source.error(line, f"{name}: a list inside the numbers of a robtarget; correct the file")
     line = source.line(leaves[0][0].start) if leaves[0] else line
     point = Point(name, source, line)
     texts = [source.data[leaf[0].start : leaf[-1].end] if leaf else b"" for leaf in leaves]
