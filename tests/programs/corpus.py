@@ -28,7 +28,7 @@ def sample(*names: str) -> dict[str, str]:
     return {name: (SAMPLES / name).read_bytes().decode("latin-1") for name in names}
 
 
-LENIENT = ReadOptions(calls_keep_frames=True, angles="kuka")
+LENIENT = ReadOptions(calls_keep_frames=True, angles="kuka", whole_task=True)
 MANY = {
     "k1": Example(sample("k1.src"), 3, 10, 1, options=LENIENT),
     "k2": Example(sample("k2.src", "k2.dat"), 2, options=LENIENT),

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tests.programs.example import Example, crlf
 
+from truepose.programs import ReadOptions
+
 RT = "[[612.50,-31.20,845.00],[0.0123,-0.7071,0.7069,0.0098],[0,-1,0,1],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"
-RAPID = {
+_MODULES = {
     "studio": Example(
         {
             "Module1.mod": crlf(f"""MODULE Module1
@@ -190,3 +194,5 @@ ENDMODULE
         3,
     ),
 }
+# each file is all that its task has
+RAPID = {name: replace(example, options=ReadOptions(whole_task=True)) for name, example in _MODULES.items()}

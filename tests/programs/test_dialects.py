@@ -78,6 +78,7 @@ DIALECTS = {
             (f"CONST robtarget k<i>:={RT};\n", "IF x=1 MoveLDO k<i>,v100,z1,tGrip\\WObj:=wFix,do1,1;\n"),
             (f"CONST robtarget g<i>:={RT};\n", "ArcLStart g<i>\\ID:=11,v100,seam1,weld1\\Weave:=w1,fine,tGrip;\n"),
         ),
+        options=ReadOptions(whole_task=True),
     ),
     "fanuc": Dialect(
         ".ls",

@@ -19,7 +19,7 @@ from truepose.errors import TrueposeError
 from truepose.programs import CorrectedProgram, ReadOptions, correct_program
 
 Draw = Any
-TRUSTING = ReadOptions(calls_keep_frames=True)
+TRUSTING = ReadOptions(whole_task=True, calls_keep_frames=True)
 
 WORDS = ["PTP", "LIN", "SPTP", "SLIN", "SPL"]
 NUMBER_TOKENS = st.one_of(

@@ -16,6 +16,7 @@ from truepose.programs import FrameTable, Program, ReadOptions, correct_program,
 RT = "[[600,0,800],[0,0,-1,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 FRAMES = FrameTable(tools={"tGrip": np.eye(4)}, bases={"wFix": np.eye(4), "wOther": np.eye(4)})
 Read = Callable[..., Program]
+WHOLE = ReadOptions(whole_task=True)
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def read(tmp_path: Path) -> Read:
         path = tmp_path / "a.mod"
         text = f"MODULE m\n{data}\nPROC main()\n{code}\nENDPROC\nENDMODULE\n" if "MODULE" not in code else code
         path.write_bytes(text.encode("latin-1"))
-        return read_program(path, frames, ReadOptions(**options))
+        return read_program(path, frames, ReadOptions(**{"whole_task": True, **options}))
 
     return reading
 
@@ -227,7 +228,7 @@ def test_headers_letters_comments_and_case_are_kept(tmp_path: Path, make_map: An
     ).encode("latin-1")
     path = tmp_path / "a.PRG"
     path.write_bytes(text)
-    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]), frames=FRAMES)
+    corrected = correct_program(path, make_map([0.5, 0.25, -0.125]), frames=FRAMES, options=WHOLE)
     first, rest = text.split(b":=[[600,0,800]", 1)
     assert corrected.files[path] == first + b":=[[600.5,0.25,799.875]" + rest
 

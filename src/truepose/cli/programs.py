@@ -67,6 +67,10 @@ ExternalAxes = Annotated[
 Offsets = Annotated[
     bool, typer.Option("--offsets", help="One correction for a point and its constant offsets (RAPID Offs, RelTool).")
 ]
+WholeTask = Annotated[
+    bool,
+    typer.Option("--whole-task", help="A file given alone is the whole task or project: no other uses its points."),
+]
 Angles = Annotated[
     str,
     typer.Option(
@@ -87,6 +91,7 @@ def check(
     external_axes: ExternalAxes = False,
     offsets: Offsets = False,
     angles: Angles = "",
+    whole_task: WholeTask = False,
     as_json: Json = False,
 ) -> None:
     """Tell which targets of programs could be corrected and which not, and why; needs no map."""
@@ -97,7 +102,9 @@ def check(
     from truepose.programs import read_programs
 
     frames = _frames(None if cell_path is None else load_cell(cell_path), config_dat, tool, base)
-    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles)
+    options = _options(
+        calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles, whole_task=whole_task
+    )
     found = read_programs(paths, frames, options)
     if as_json:
         emit_json(
@@ -132,6 +139,7 @@ def correct(
     external_axes: ExternalAxes = False,
     offsets: Offsets = False,
     angles: Angles = "",
+    whole_task: WholeTask = False,
     orientation: Annotated[
         bool, typer.Option("--orientation", help="Correct orientations, too; the map must know them.")
     ] = False,
@@ -158,7 +166,16 @@ def correct(
     error_map = load_map(map_path)
     cell = None if cell_path is None else load_cell(cell_path)
     frames = _frames(cell or error_map.cell, config_dat, tool, base)
-    options = _options(calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles, orientation)
+    options = _options(
+        calls_keep_frames,
+        ambiguous,
+        absolute_accuracy,
+        external_axes,
+        offsets,
+        angles,
+        orientation,
+        whole_task=whole_task,
+    )
     policy: Policy | None = None if on_guard is None else on_guard.value
     # all are corrected before any is written: a refusal leaves nothing half-done
     found = read_programs(paths, frames, options)
@@ -228,6 +245,8 @@ def _options(
     offsets: bool,
     angles: str,
     orientation: bool = False,
+    *,
+    whole_task: bool = False,
 ) -> ReadOptions:
     from truepose.programs import ReadOptions
 
@@ -239,6 +258,7 @@ def _options(
         offsets=offsets,
         angles=angles,
         orientation=orientation,
+        whole_task=whole_task,
     )
 
 

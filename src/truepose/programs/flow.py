@@ -103,6 +103,15 @@ class _Block:
     branches: int = 0
 
 
+@dataclass(slots=True)
+class _Part:
+    """Nodes that control may enter from anywhere; `returns` hand back to where it came from."""
+
+    first: int
+    last: int = -1
+    returns: list[int] = field(default_factory=list)
+
+
 class Structure(Exception):  # noqa: N818 - becomes a FileError where file and line are known
     """A block that is closed but not open, or left open."""
 
@@ -125,6 +134,8 @@ class Flow:
         self._open: set[int] = set()
         self._exits: list[int] = []
         self._routine = ""
+        self._parts: list[_Part] = []
+        self._interrupting = False
         self.handlers: list[str] = []
         self.states: list[State] = []
         self._new()
@@ -165,7 +176,31 @@ class Flow:
             self._nodes[node].followers.append(self._labels[label])
         self._gotos = []
         self._last[self._routine] = self.node
+        self._close_part()
+        self._interrupting = False
         self._new()
+
+    def part(self) -> None:
+        """Begin what control may enter from anywhere: an error handler, behind the body that ends before it."""
+        self._close_part()
+        self._exits.append(self.node)
+        self._parts.append(_Part(self._new()))
+
+    def interrupt_program(self) -> None:
+        """Say of the routine that begins here that an interrupt may call it from anywhere, and that it goes back."""
+        self._interrupting = True
+        self._parts.append(_Part(self._advance()))
+
+    def resume(self) -> None:
+        """Go back to where control came from: RETRY and the like."""
+        if self._parts and self._parts[-1].last < 0:
+            self._parts[-1].returns.append(self.node)
+        self._new()
+
+    def _close_part(self) -> None:
+        if self._parts and self._parts[-1].last < 0:
+            self._parts[-1].last = self.node
+            self._parts[-1].returns += [self.node] if self._interrupting else []
 
     def change(self, **values: object) -> None:
         """Set tool, base, ipo or fdat to one value from here on."""
@@ -192,6 +227,16 @@ class Flow:
         before = self.node
         after = self._new()
         self._calls.append((name, before, after, text))
+
+    def call_one_of(self, names: list[str]) -> None:
+        """Call one of several subprograms of this program, or none."""
+        before = self.node
+        after = self._advance()
+        self._calls += [(name, before, after, "") for name in names]
+
+    def stop(self) -> None:
+        """End the program, or leave it by an error: nothing follows."""
+        self._new()
 
     def begin(self, kind: str, line: int) -> None:
         """Open IF, SWITCH or a loop."""
@@ -241,7 +286,14 @@ class Flow:
     def leave(self) -> None:
         """RETURN or RESUME."""
         self._exits.append(self.node)
+        if self._interrupting:
+            self._parts[-1].returns.append(self.node)
         self._new()
+
+    def again(self) -> None:
+        """Begin the routine that ends here over again: a main program runs in cycles."""
+        for node in [*self._exits, self.node]:
+            self._nodes[node].followers.append(self._routines[self._routine][0])
 
     def label(self, name: str) -> None:
         """Note a target of GOTO."""
@@ -276,6 +328,7 @@ class Flow:
                     self._nodes[after].changes = {
                         "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
                     }  # fmt: skip
+        self._connect_parts(changing)
         entries = {entry for entry, _ in self._routines.values()}
         self.states = [NOWHERE] * len(self._nodes)
         before_node = [NOWHERE] * len(self._nodes)
@@ -310,6 +363,20 @@ class Flow:
             size = len(changing)
             changing |= {name for name, called, _ in owners if called in changing}
         return changing
+
+    def _connect_parts(self, changing: set[str]) -> None:
+        """Let control enter the parts from every node, and go back to every node where they change what is in force."""
+        if not self._parts:
+            return
+        nodes, n = self._nodes, len(self._nodes)
+        nodes += [_Node(followers=[part.first for part in self._parts]), _Node(followers=list(range(n)))]
+        for node in nodes[:n]:
+            node.followers.append(n)
+        for part in self._parts:
+            calls = any(name in changing and part.first <= before <= part.last for name, before, _, _ in self._calls)
+            if calls or any(node.changes_state for node in nodes[part.first : part.last + 1]):
+                for back in part.returns:
+                    nodes[back].followers.append(n + 1)
 
     def _transfer(self, node: int, state: State) -> State:
         piece = self._nodes[node]

@@ -121,7 +121,8 @@ def _check_pair(module: Module) -> None:
 def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: FrameTable) -> Program:
     """Judge what was read, and put it in order."""
     ambient = shared.flow.solve()
-    judge = Judge(frames, shared.options, shared.flow.states, ambient, shared.changed, project=shared.project)
+    whole = shared.project or shared.options.whole_task
+    judge = Judge(frames, shared.options, shared.flow.states, ambient, shared.changed, whole=whole)
     targets: list[Target | Run] = []
     place: dict[int, int] = {}
     for i, numbers in enumerate(shared.numbers):

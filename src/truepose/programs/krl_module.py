@@ -43,6 +43,7 @@ _ROUTINE = re.compile(
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 """Those that other modules do not see, and the first."""
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
+_PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
 _FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
@@ -143,6 +144,7 @@ class Module:
         for word, line, start, rest, end in statements(dat):
             if word == "DEFDAT":
                 opened = line
+                self._names.public = _PUBLIC.search(dat.data, rest, end) is not None
             elif word == "ENDDAT":
                 opened = None
             elif word in ("DECL", "GLOBAL", "CONST", "IMPORT") or (

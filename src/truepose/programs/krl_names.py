@@ -35,6 +35,8 @@ class Names:
     numbers : list of Numbers
         Every literal that may be a target, in the order of reading.
     fdats : dict of str to Frames
+    public : bool
+        The data list is PUBLIC: other modules may import its points.
     """
 
     def __init__(self, numbers: list[Numbers], everywhere: dict[str, Variable] | None = None) -> None:
@@ -44,6 +46,7 @@ class Names:
         self.everywhere = everywhere
         self.numbers = numbers
         self.fdats: dict[str, Frames] = {}
+        self.public = False
         self._imports: list[tuple[str, str, str]] = []
 
     def find(self, name: str) -> Variable | None:
@@ -96,6 +99,7 @@ class Names:
                 d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
             )
             variable.fdats = self.fdats if origin == "dat" else None
+            variable.is_public = self.public and origin == "dat"
             shared = self.everywhere if is_global and self.everywhere is not None else {}
             if (old := shared.setdefault(name, variable)) is not variable:
                 raise source.error(line, f"{name} is GLOBAL here and in line {old.line} of another file; keep one")

@@ -57,6 +57,7 @@ class Variable:
     line: int
     origin: Literal["dat", "src", "import", "nowhere"]
     is_global: bool = False
+    is_public: bool = False
     array: bool = False
     fdats: Mapping[str, Frames] | None = None
     moves: defaultdict[Index, list[Use]] = field(default_factory=lambda: defaultdict(list))
@@ -105,7 +106,7 @@ class Judge:
         What interrupts may set anywhere.
     changed : mapping of ("tool" or "base", number or None) to str
         Where the program changes a numbered frame; None: some number.
-    project : bool
+    whole : bool
         Every module that there is was read.
     """
 
@@ -117,11 +118,11 @@ class Judge:
         ambient: State,
         changed: Mapping[tuple[str, int | None], str],
         *,
-        project: bool = False,
+        whole: bool = False,
     ) -> None:
         self._frames, self._options = frames, options
         self._states, self._ambient = states, ambient
-        self._changed, self._project = changed, project
+        self._changed, self._whole = changed, whole
         self._known: dict[object, tuple[InForce, InForce] | _Verdict] = {}
         self._tf: dict[tuple[str, InForce], FloatArray] = {}
 
@@ -188,8 +189,11 @@ class Judge:
             raise _Verdict("skip", f"{how} (line {line})")
         if writes:
             raise _Verdict("skip", f"{writes[0][1]} at run time (line {writes[0][0]})")
-        if variable.is_global and not self._project:
+        if variable.is_global and not self._whole:
             raise _Verdict("refuse", "GLOBAL: other modules may use it under other frames; give the whole project")
+        if variable.is_public and not self._whole:
+            reason = "its data list is PUBLIC: other modules may import it; give the whole project"
+            raise _Verdict("refuse", reason)
         if not uses:
             raise _Verdict("skip", "no motion of this program goes to it")
 

@@ -22,6 +22,15 @@ AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
 
 
+Place = int | str
+"""A line; or, in a program of several files, a file with its line."""
+
+
+def at(place: Place) -> str:
+    """Return a place in words."""
+    return f"line {place}" if isinstance(place, int) else place
+
+
 class Problem(NamedTuple):
     """Why a target is not corrected."""
 
@@ -55,7 +64,7 @@ class Use(NamedTuple):
     """A motion to a point; without tool or frame, the one that the user says is in force."""
 
     word: str
-    line: int
+    line: Place
     tool: Frame | None = None
     frame: Frame | None = None
     problem: Problem | None = None
@@ -78,7 +87,7 @@ class Point:
     configuration : str
         As the program says it.
     uses : list of Use
-    reads, writes : list of (line, how)
+    reads, writes : list of (place, how)
     """
 
     name: str
@@ -89,8 +98,8 @@ class Point:
     problem: Problem | None = None
     configuration: str = ""
     uses: list[Use] = field(default_factory=list)
-    reads: list[tuple[int, str]] = field(default_factory=list)
-    writes: list[tuple[int, str]] = field(default_factory=list)
+    reads: list[tuple[Place, str]] = field(default_factory=list)
+    writes: list[tuple[Place, str]] = field(default_factory=list)
 
 
 class _Stop(Exception):  # noqa: N818 - ends the questions about one target
@@ -130,8 +139,8 @@ class Judge:
         Of the position's digits.
     tool_default, frame_default : Frame, optional
         What a motion that names none has, if the user says nothing else. None: such a target is refused.
-    changed : mapping of ("tool" or "base", key or None) to int
-        Lines where the program changes a frame; None: some frame.
+    changed : mapping of ("tool" or "base", key or None) to place
+        Where the program changes a frame; None: some frame.
     """
 
     def __init__(
@@ -143,7 +152,7 @@ class Judge:
         unit: float = 1.0,
         tool_default: Frame | None = None,
         frame_default: Frame | None = None,
-        changed: Mapping[tuple[str, Key | None], int] | None = None,
+        changed: Mapping[tuple[str, Key | None], Place] | None = None,
     ) -> None:
         self._frames, self._options = frames, options
         self._controller, self.unit = controller, unit
@@ -189,11 +198,11 @@ class Judge:
             line, how = point.reads[0]
             if point.uses:
                 use = point.uses[0]
-                raise _Stop(self._options.ambiguous, f"both moved to (line {use.line}) and {how} (line {line})")
-            raise _Stop("skip", f"{how} (line {line})")
+                raise _Stop(self._options.ambiguous, f"both moved to ({at(use.line)}) and {how} ({at(line)})")
+            raise _Stop("skip", f"{how} ({at(line)})")
         if point.writes:
             line, how = point.writes[0]
-            raise _Stop("skip", f"{how} at run time (line {line})")
+            raise _Stop("skip", f"{how} at run time ({at(line)})")
         if not point.uses:
             raise _Stop("skip", "no motion of this program goes to it")
         if not point.values:
@@ -206,7 +215,7 @@ class Judge:
         assert first.problem is not None
         if None in problems and first.problem.verdict == "skip":
             other = next(use for use in point.uses if use.problem is None)
-            reason = f"moved to (line {other.line}) and, in line {first.line}, {first.problem.reason}: teach two points"
+            reason = f"moved to ({at(other.line)}) and, in {at(first.line)}, {first.problem.reason}: teach two points"
             raise _Stop(self._options.ambiguous, reason)
         raise _Stop(*first.problem)
 
@@ -217,7 +226,7 @@ class Judge:
         if len(found) > 1:
             (first, a), (second, b) = list(found.items())[:2]
             k = 0 if first[0] != second[0] else 1
-            reason = f"moved to under {first[k].text} (line {a.line}) and {second[k].text} (line {b.line})"
+            reason = f"moved to under {first[k].text} ({at(a.line)}) and {second[k].text} ({at(b.line)})"
             raise _Stop(self._options.ambiguous, f"{reason}: teach two points")
         return next(iter(found))
 
@@ -238,7 +247,7 @@ class Judge:
         key = None if frame.key is None else frame_key(frame.key)
         line = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
         if line and key is not None:
-            raise _Stop("refuse", f"{frame.text} is changed by the program (line {line})")
+            raise _Stop("refuse", f"{frame.text} is changed by the program ({at(line)})")
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:

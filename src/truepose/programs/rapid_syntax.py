@@ -252,13 +252,28 @@ def position_of(mark: str, items: list[Token]) -> int:
     return 0
 
 
-def parameters(head: list[Token]) -> list[str]:
-    """Return the names of a routine's parameters."""
+class Parameter(NamedTuple):
+    """A routine's parameter; `writable` if the routine may change what it is given."""
+
+    name: str
+    type: str
+    writable: bool
+    optional: bool
+
+
+def parameters(head: list[Token]) -> tuple[Parameter, ...]:
+    """Return a routine's parameters."""
     start = next((i for i, token in enumerate(head) if token.text == "("), len(head))
-    names = []
+    found = []
     for piece in split(head[start + 1 : -1]):
+        words: list[str] = []
+        optional = False
         for k, token in enumerate(piece):
-            last = k + 1 == len(piece) or piece[k + 1].text in ("|", "{")
-            if token.kind == "word" and last:
-                names.append(token.text)
-    return names
+            if token.text in ("\\", "|"):
+                words, optional = [], optional or token.text == "\\"
+            elif token.kind == "word":
+                words.append(token.text)
+                if k + 1 == len(piece) or piece[k + 1].text in ("|", "{", "\\"):
+                    writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
+                    found.append(Parameter(token.text, words[-2] if len(words) > 1 else "", writable, optional))
+    return tuple(found)

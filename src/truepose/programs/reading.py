@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,9 +15,10 @@ from truepose.errors import FileError
 from truepose.programs.targets import FrameTable, Program, ReadOptions
 
 _KRL: Final = (".src", ".dat")
+_RAPID: Final = (".mod", ".prg", ".sys", ".modx")
 _DIALECTS: Final = {
     **dict.fromkeys(_KRL, "krl"),
-    **dict.fromkeys((".mod", ".prg", ".sys", ".modx"), "rapid"),
+    **dict.fromkeys(_RAPID, "rapid"),
     ".ls": "fanuc",
     ".script": "urscript",
     ".jbi": "inform",
@@ -25,6 +27,7 @@ _DIALECTS: Final = {
     **dict.fromkeys((".apt", ".cls"), "apt"),
     **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
 }
+_TASK: Final = re.compile(r"TASK\d+", re.I)
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
@@ -106,8 +109,9 @@ def read_programs(
 ) -> Reading:
     """Read programs and folders of programs; one that cannot be read does not keep the others from it.
 
-    All KRL modules of a folder are one program. Links in a folder are left alone; its CSV files are taken only where
-    there is nothing else, because most tables are no targets.
+    All KRL modules of a folder are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
+    TASK2 … of a controller's backup. RAPID modules that are named together are one task, too. Links in a folder are
+    left alone; its CSV files are taken only where there is nothing else, because most tables are no targets.
 
     Parameters
     ----------
@@ -130,25 +134,69 @@ def read_programs(
         except FileError as error:
             unreadable.append(error)
 
-    for path in map(Path, paths):
-        if not path.is_dir():
-            take(path)
-            continue
-        krl, others = _members(path)
+    def take_all(read: Callable[[], list[Program]]) -> None:
         try:
-            if krl:
-                programs.append(_project(path, krl, frames or FrameTable(), options or ReadOptions()))
+            programs.extend(read())
         except FileError as error:
             unreadable.append(error)
-        for file in others:
-            take(file, path)
+
+    known, allowed = frames or FrameTable(), options or ReadOptions()
+    given = [Path(path) for path in paths]
+    together = [path for path in given if path.suffix.lower() in _RAPID and not path.is_dir()]
+    together = together if len(together) > 1 else []
+    for path in given:
+        if path in together:
+            if path is together[0]:
+                take_all(partial(_named_together, together, known, allowed))
+        elif not path.is_dir():
+            take(path)
+        else:
+            krl, rapid, others = _members(path)
+            if krl:
+                take_all(partial(_project, path, krl, known, allowed))
+            if rapid:
+                take_all(partial(_tasks, path, rapid, known, allowed))
+            for file in others:
+                take(file, path)
     return Reading(programs, unreadable)
 
 
-def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> Program:
+def _named_together(files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
+    """Read the modules of a task that were named one by one; it is called after the first."""
+    root = files[0].parent
+    if any(file.parent != root for file in files):
+        files = [file.parent.resolve() / file.name for file in files]  # a link stays one
+        root = Path(os.path.commonpath([file.parent for file in files]))
+    return _rapid([(files[0], files)], root, frames, options)
+
+
+def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
+    """Read the RAPID modules of a folder: one task, or one for each TASKn of a backup."""
+    tasks: dict[Path, list[Path]] = {}
+    for file in files:
+        parts = file.relative_to(folder).parts[:-1]
+        k = next((i for i, part in enumerate(parts, 1) if _TASK.fullmatch(part)), 0)
+        tasks.setdefault(folder.joinpath(*parts[:k]), []).append(file)
+    return _rapid(list(tasks.items()), folder, frames, options)
+
+
+def _rapid(
+    tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions
+) -> list[Program]:
+    """Read RAPID tasks; each program keeps how, so that it can be read again."""
+    from truepose.programs.rapid import read_tasks
+
+    def again(k: int) -> Program:
+        return replace(read_tasks(tasks, frames, options)[k], root=root, options=options)
+
+    programs = read_tasks(tasks, frames, options)
+    return [replace(one, root=root, options=options, again=partial(again, k)) for k, one in enumerate(programs)]
+
+
+def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
     from truepose.programs.krl import read_project
 
-    return _again(partial(read_project, folder, files, frames, options), options)
+    return [_again(partial(read_project, folder, files, frames, options), options)]
 
 
 def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:
@@ -156,8 +204,8 @@ def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:
     return replace(reader(), options=options, again=reader)
 
 
-def _members(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the KRL files of a folder, and its other programs."""
+def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
+    """Return the KRL and RAPID files of a folder, and its other programs."""
     found: list[Path] = []
 
     def fail(error: OSError) -> None:
@@ -174,11 +222,13 @@ def _members(folder: Path) -> tuple[list[Path], list[Path]]:
         for file in found
         if endings[file] in _KRL and (file.stem.lower() in sources or endings[file] == ".src" or _is_data_list(file))
     ]
-    others = [f for f in found if endings[f] in _DIALECTS and endings[f] not in (*_KRL, ".csv")]
-    others = others or [f for f in found if endings[f] == ".csv" and not krl and ".corrections." not in f.name]
-    if not krl and not others:
+    rapid = [f for f in found if endings[f] in _RAPID]
+    others = [f for f in found if endings[f] in _DIALECTS and endings[f] not in (*_KRL, *_RAPID, ".csv")]
+    if not (krl or rapid or others):
+        others = [f for f in found if endings[f] == ".csv" and ".corrections." not in f.name]
+    if not (krl or rapid or others):
         raise FileError(folder, f"holds no robot program; known endings: {', '.join(_DIALECTS)}")
-    return krl, others
+    return krl, rapid, others
 
 
 def _is_data_list(file: Path) -> bool:

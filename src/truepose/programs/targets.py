@@ -60,6 +60,9 @@ class ReadOptions:
         lies: "z" along the tool's z, "-z" against it.
     orientation : bool
         Orientations are to be corrected, too: targets whose orientation stands in another line are left out.
+    whole_task : bool
+        A file that is read by itself is the whole task (RAPID), project (KRL) or application (VAL3): no other file
+        uses its points.
     """
 
     ambiguous: Literal["refuse", "skip"] = "refuse"
@@ -69,6 +72,7 @@ class ReadOptions:
     offsets: bool = False
     angles: str = ""
     orientation: bool = False
+    whole_task: bool = False
 
 
 @dataclass(frozen=True, eq=False)
