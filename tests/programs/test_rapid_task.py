@@ -253,7 +253,6 @@ def test_a_point_that_a_constant_of_another_module_copies(tmp_path: Path) -> Non
         ('%"rB"% wFix;', "wobjdata w", "refuse"),
         ("rB wFix;", "wobjdata w", "correct"),
         ("rB wOther;", "INOUT wobjdata w", "correct"),
-        ("WaitWObj wFix;", "", "refuse"),
         ('SetDataVal "wFix",x;', "", "refuse"),
         ("SetDataVal n,x;", "", "refuse"),
         ("wFix:=wOther;", "", "refuse"),
@@ -279,6 +278,27 @@ def test_a_work_object_that_is_declared_twice_is_refused(tmp_path: Path) -> None
     data = 'PERS wobjdata wFix:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
     a = module("A", data, f"MoveL {RT},v1,z1,tGrip\\WObj:=wFix;", routine="main")
     assert "wFix is declared twice" in task(tmp_path, a, module("B", data)).targets[0].reason
+
+
+@pytest.mark.promise("Motions of RAPID that a conveyor, a sensor or forces may shift at run time are refused.")
+@pytest.mark.parametrize(
+    ("on", "off"),
+    [
+        ("WaitWObj wCnv;", "DropWObj wCnv;"),
+        ("ActUnit CNV1;", "DeactUnit CNV1;"),
+        ("CorrCon id;", "CorrDiscon id;"),
+        ("SyncToSensor s\\On;", "SyncToSensor s\\Off;"),
+        ("EGMActPose id;", "EGMReset id;"),
+        ("SoftAct 1,50;", "SoftDeact;"),
+        ("CSSAct s;", "CSSDeactMoveL;"),
+        ("FCAct f,tGrip;", "FCDeact;"),
+    ],
+)
+def test_run_time_shifts(tmp_path: Path, on: str, off: str) -> None:
+    a = module("A", "", f"{MOVE}\nrB;\n{MOVE}\n{off}\n{MOVE}", routine="main")
+    program = task(tmp_path, a, module("B", "", on))
+    assert judged(program) == ["correct", "refuse", "correct"]
+    assert "(b.mod, line 4) may shift it at run time" in program.targets[1].reason
 
 
 @pytest.mark.promise("A path that a sensor corrects at run time is refused.")

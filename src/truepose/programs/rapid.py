@@ -17,6 +17,7 @@ from truepose.programs.flow import UNSET, State, Structure
 from truepose.programs.points import Judge, Problem, at
 from truepose.programs.rapid_module import Module
 from truepose.programs.rapid_names import Task, Variable
+from truepose.programs.shifts import problem_of as shifted_by
 from truepose.programs.source import PLAIN_LEXER, Source
 from truepose.programs.targets import FrameTable, Program, ReadOptions
 
@@ -105,8 +106,11 @@ def _attach(task: Task) -> None:
     for point, use, node in task.moves:
         problem, variable = use.problem, owner.get(id(point))
         shift = min(_shifts(task.flow.states[node]), default="")
-        if shift and (problem is None or problem.verdict == "skip"):
-            problem = Problem("refuse", f"a displacement may be active: {shift}; corrections do not know it")
+        hindered = shifted_by(task.flow.states[node].shifts)
+        if shift:
+            hindered = Problem("refuse", f"a displacement may be active: {shift}; corrections do not know it")
+        if hindered and (problem is None or problem.verdict == "skip"):
+            problem = hindered
         if problem == Problem("skip", "") and variable is not None:
             size = f"{variable.offset:g} mm" if variable.offset_known else "known at run time only"
             reason = f"moved to with an offset (largest {size}, {at(variable.offset_place)}); allow offsets"
@@ -128,7 +132,6 @@ def _shifts(state: State) -> Iterator[str]:
     """Yield what may shift a motion."""
     yield from (text for text in state.ipo if text != "BASE")
     yield from (value.text for value in state.tool if value != UNSET)
-    yield from (shift.text for shift in state.shifts)
 
 
 def _unseen(task: Task, variable: Variable | None) -> Problem | None:

@@ -9,6 +9,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs import rapid_syntax as syntax
+from truepose.programs import shifts
 from truepose.programs.flow import UNSET, InForce, Structure
 from truepose.programs.points import Place, Point, Problem, at
 from truepose.programs.rapid_data import frame_data, robtarget
@@ -18,7 +19,6 @@ from truepose.programs.rapid_syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid_words import (
     DATA,
     DISPLACEMENTS,
-    FORCES,
     HANDLERS,
     INSTRUCTIONS,
     JOINT_MOTIONS,
@@ -236,8 +236,10 @@ class Module:
             return
         name = statement[0].text
         arguments = syntax.arguments(statement[1:])
-        if name in DISPLACEMENTS or name in FORCES:
-            self._shift(name, line)
+        code = self.source.data[statement[0].start : statement[-1].end]
+        shifts.follow(self._flow, shifts.RAPID, code, self.place(line))
+        if name in DISPLACEMENTS:
+            self._displace(name, line)
             self.read_by(statement[1:], line)
         elif name in JOINT_MOTIONS:
             self.read_by(statement[1:], line)
@@ -247,16 +249,10 @@ class Module:
         else:
             self._call(statement, arguments, line)
 
-    def _shift(self, name: str, line: int) -> None:
-        """Take an instruction that shifts the motions behind it, or ends that."""
+    def _displace(self, name: str, line: int) -> None:
+        """Take an instruction that displaces the motions behind it, or ends that."""
         text = f"{name} ({at(self.place(line))})"
-        if name in FORCES:
-            kind = name[:2]
-            if FORCES[name]:
-                self._flow.shift(kind, text)
-            else:
-                self._flow.unshift(kind)
-        elif DISPLACEMENTS[name] == "ipo":
+        if DISPLACEMENTS[name] == "ipo":
             self._flow.change(ipo="BASE" if name.endswith("OFF") else text)
         else:
             self._flow.change(tool=UNSET if name.endswith("OFF") else InForce("unknown", text))
@@ -274,7 +270,7 @@ class Module:
         self.read_by(statement[1:], line, how if named else "read")
         if name in LOADS:
             self._load(statement, line)
-        elif name in ("WAITWOBJ", "SETDATAVAL", "SETALLDATAVAL", "GETDATAVAL"):
+        elif name in ("SETDATAVAL", "SETALLDATAVAL", "GETDATAVAL"):
             self._by_name(name, positional, line)
         elif late or name == "CALLBYVAR":
             by_name = by_name if late else (positional or [[]])[0]
@@ -334,11 +330,7 @@ class Module:
             self._task.loads = f"{self.cased(statement[0])} ({at(self.place(line))})"
 
     def _by_name(self, name: str, positional: list[list[Token]], line: int) -> None:
-        """Take an instruction that moves a workobject, or that reads or writes data whose name is a text."""
-        if name == "WAITWOBJ":
-            if positional and positional[0]:
-                self._change(positional[0][0].text, line)
-            return
+        """Take an instruction that reads or writes data whose name is a text."""
         start, exact = late_bound(positional[0]) if positional and name != "SETALLDATAVAL" else ("", False)
         if name == "GETDATAVAL":
             self._task.read_by_name.append((start if exact else "", self.place(line)))

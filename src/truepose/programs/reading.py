@@ -180,9 +180,7 @@ def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOpt
     return _rapid(list(tasks.items()), folder, frames, options)
 
 
-def _rapid(
-    tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions
-) -> list[Program]:
+def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions) -> list[Program]:
     """Read RAPID tasks; each program keeps how, so that it can be read again."""
     from truepose.programs.rapid import read_tasks
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from truepose.programs.flow import Flow, Shift
-from truepose.programs.points import Problem
+from truepose.programs.points import Place, Problem, at
 from truepose.programs.source import printable
 
 
@@ -85,13 +85,13 @@ RAPID: Final = (
 """Conveyors, path correction generators, sensors, externally guided motion, soft servo, force control."""
 
 
-def follow(flow: Flow, kinds: Iterable[Kind], code: bytes, line: int) -> None:
+def follow(flow: Flow, kinds: Iterable[Kind], code: bytes, place: Place) -> None:
     """Note in the flow what an instruction begins or ends."""
     for k, kind in enumerate(kinds):
         if kind.ends is not None and kind.ends.search(code):
             flow.unshift(str(k))
         elif m := kind.begins.search(code):
-            flow.shift(str(k), f"{_shown(m[0])} (line {line})")
+            flow.shift(str(k), f"{_shown(m[0])} ({at(place)})")
 
 
 def begun(kinds: Iterable[Kind], instructions: Iterable[tuple[int, bytes]]) -> list[Shift]:
