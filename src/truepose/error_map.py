@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -62,6 +62,9 @@ class ErrorMap:
         What ``auto`` itself leaves on samples that it has not seen; empty when a predictor was named.
     excluded : list of dict
         Samples left out of the fit, by ``row``, with the reason.
+    campaign : dict
+        What the tests of the measuring campaign found: ``tested`` samples, ``limit_mm`` and ``faults``, each with its
+        ``words``; see `truepose.campaign.CampaignCheck`. Empty for a map that was saved before there were such tests.
     p_flange_sampled : (3,) array [mm], optional
         Where the samples were measured, if the tool has been changed since: see `update`.
     """
@@ -76,6 +79,7 @@ class ErrorMap:
     ranking: list[dict[str, Any]]
     expected: dict[str, Any]
     excluded: list[dict[str, Any]]
+    campaign: dict[str, Any] = field(default_factory=dict)
     p_flange_sampled: FloatArray | None = None
 
     @property

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.campaign import check_campaign
 from truepose.cell import Cell
 from truepose.choosing import CellSamples
 from truepose.error_map import ErrorMap
@@ -29,6 +30,7 @@ def fit_cell(
     rng: int = 0,
     workers: int = 1,
     progress: Callable[[str], Any] = str,
+    accept_campaign: bool = False,
 ) -> ErrorMap:
     """Register, fit the tool if the cell asks for it, and fit an error model.
 
@@ -42,6 +44,8 @@ def fit_cell(
         Of ``auto``, see `truepose.choose`.
     progress : callable
         Takes a line about what is being done.
+    accept_campaign : bool
+        Fit also samples of a campaign that `truepose.campaign.check_campaign` refuses; the map keeps what was found.
 
     Returns
     -------
@@ -50,10 +54,14 @@ def fit_cell(
     Raises
     ------
     DataError, IdentifiabilityError, RobotError, KrigingError
-        If the samples cannot bear what is asked of them.
+        If the samples cannot bear what is asked of them; `DataError` also where the tracker moved during the campaign,
+        lengths have a scale, or errors drift, by more than `CampaignCheck.limit`.
     """
     measured = CellSamples(cell, cell.load_robot(), samples)
     registration, tf_flange_tool = measured.register()
+    campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
+    if not accept_campaign:
+        campaign.refuse(samples.source)
     ranking: list[dict[str, Any]] = []
     expected: dict[str, Any] = {}
     if predictor == "auto":
@@ -75,6 +83,7 @@ def fit_cell(
         ranking=ranking,
         expected=expected,
         excluded=_excluded(samples, registration, gross, weighed_down),
+        campaign=campaign.to_dict(),
     )
 
 

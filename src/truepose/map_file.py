@@ -46,6 +46,7 @@ def to_bytes(error_map: ErrorMap) -> bytes:
         "ranking": error_map.ranking,
         "expected": error_map.expected,
         "excluded": error_map.excluded,
+        "campaign": error_map.campaign,
     }
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
@@ -92,6 +93,7 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
             ranking=content["ranking"],
             expected=content["expected"],
             excluded=content["excluded"],
+            campaign=content.get("campaign", {}),
             p_flange_sampled=arrays.get("p_flange_sampled"),
         )
         x = predictor_coordinates(PREDICTORS[name].space, samples, error_map.p_cmd)

@@ -29,6 +29,12 @@ def fit(
         str, typer.Option(help="What auto leaves out: points, blocks, branches, with commas between.")
     ] = "points,blocks",
     workers: Annotated[int, typer.Option(help="Processes of auto; 0: as many as processors.", min=0)] = 0,
+    accept_campaign: Annotated[
+        bool,
+        typer.Option(
+            "--accept-campaign", help="Fit also where the tracker moved, lengths have a scale, or errors drift."
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Register, fit the tool if asked, and fit an error model; writes a map."""
@@ -36,6 +42,7 @@ def fit(
 
     from truepose.cell import load_cell
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
+    from truepose.cli.campaign import show_campaign
     from truepose.cli.choice import show_choice
     from truepose.fitting import fit_cell
     from truepose.samples import read_samples
@@ -50,6 +57,7 @@ def fit(
             splits=splits.split(","),
             workers=workers or os.cpu_count() or 1,
             progress=progress,
+            accept_campaign=accept_campaign,
         )
         error_map.save(out)
     registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
@@ -70,6 +78,7 @@ def fit(
         "ranking": error_map.ranking,
         "expected": error_map.expected,
         "excluded": error_map.excluded,
+        "campaign": error_map.campaign,
     }
     if calibration is not None:
         data["calibration"] = calibration_data(calibration)
@@ -82,6 +91,7 @@ def fit(
         say(f"Tool found with the station, flange to measured point: {parts} mm")
     if error_map.registration.hint:
         say(f"[yellow]Note[/]: {error_map.registration.hint}.")
+    show_campaign(error_map.campaign)
     for row in error_map.excluded:
         say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
     if error_map.ranking:
@@ -120,6 +130,7 @@ def validate(
     map_path: MapPath, test_path: Annotated[Path, typer.Argument(metavar="TEST")], as_json: Json = False
 ) -> None:
     """Compare errors before and after on poses that the map has not seen."""
+    from truepose.cli.campaign import show_campaign
     from truepose.error_map import load_map
     from truepose.samples import read_samples
 
@@ -128,6 +139,7 @@ def validate(
     data, found = error_map.validate(samples), error_map.recheck(samples)
     if as_json:
         data["holding"] = found.holding.to_dict()
+        data["campaign"] = error_map.campaign
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data})
         return
     low, high = data["intervals_95"]["after_mean_mm"]
@@ -156,5 +168,6 @@ def validate(
     for name, group in data["groups"].items():
         low, high = group["interval_95_mean_mm"]
         say(f"95 % interval of the mean after, other {name} drawn: {low:.3f} … {high:.3f} mm.")
+    show_campaign(error_map.campaign)
     if data["seen"]:
         say(f"[yellow]Warning[/]: {data['seen']} of these poses took part in the fit; the figures flatter the map.")

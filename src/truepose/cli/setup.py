@@ -102,6 +102,12 @@ def import_readings(
     two_stations: Annotated[
         bool, typer.Option("--two-stations", help="Accept readings that look as if the tracker had been moved.")
     ] = False,
+    accept_campaign: Annotated[
+        bool,
+        typer.Option(
+            "--accept-campaign", help="Accept also a scale, a drift, or reference points that do not come back."
+        ),
+    ] = False,
     columns: Annotated[
         str | None,
         typer.Option(
@@ -124,7 +130,9 @@ def import_readings(
     import numpy as np
 
     from truepose import trackers
+    from truepose.campaign import check_campaign
     from truepose.cell import load_cell
+    from truepose.cli.campaign import show_campaign
     from truepose.registering import register_samples
     from truepose.samples import write_samples
 
@@ -143,11 +151,15 @@ def import_readings(
         keep=keep,
         reorder=reorder,
         missing=missing,
-        two_stations=two_stations,
+        two_stations=two_stations or accept_campaign,
     )
     if not as_json:
         say(*understood.sentences())
-    registration, _, _ = register_samples(cell, cell.load_robot(), samples)
+    robot = cell.load_robot()
+    registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
+    campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
+    if not accept_campaign:
+        campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
     length = np.linalg.norm(registration.residuals, axis=1)
     assert samples.row is not None
     outliers = [
@@ -165,10 +177,12 @@ def import_readings(
                 "summary": asdict(understood),
                 "registration": figures,
                 "outliers": outliers,
+                "campaign": campaign.to_dict(),
             }
         )
         return
     say(f"After registration the error is {figures['mean_mm']:.3f} mm in the mean, {figures['max_mm']:.3f} mm at most.")
+    show_campaign(campaign.to_dict())
     for outlier in outliers:
         say(
             f"[yellow]Large residual[/]: row {outlier['row']}, {outlier['residual_mm']:.3f} mm; "

@@ -110,9 +110,28 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "samples": say(with_joints, n=len(samples), source=samples.source),
         "held_out": told,
         "region": say("cell.region_told", **bounds),
+        "campaign": _campaign(error_map.campaign, say),
         "excluded": "; ".join(excluded) or say("cell.excluded_none"),
     }
     return Section(say("cell.title"), [_facts("cell", rows, say)])
+
+
+def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
+    """Return the faults of the measuring campaign, or that there are none."""
+    if not campaign.get("tested"):
+        return say("cell.campaign_untested")
+    parts = {"turn": 1e3, "turn_std": 1e3, "scale": 100.0, "scale_std": 100.0}
+    told = [
+        say(
+            f"cell.campaign_{fault['kind']}",
+            **{name: factor * fault[name] for name, factor in {"shift": 1.0, "shift_std": 1.0, **parts}.items()},
+            first=fault["rows"][0],
+            last=fault["rows"][1],
+            points=fault["points"],
+        )
+        for fault in campaign["faults"]
+    ]
+    return "; ".join(told) or say("cell.campaign_none", n=campaign["tested"])
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str:

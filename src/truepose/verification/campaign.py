@@ -1,0 +1,461 @@
+"""Was a measuring campaign sound? A moved tracker, a wrong scale, a drift, reference points that do not come back.
+
+The errors e (n, 3) of a campaign are modelled as
+
+    e = X x + H θ + g + r,        x ~ N(0, T²),   g ~ GP(0, γ² k(u, u′)) per component,   r ~ N(0, σ²)
+
+X are the columns of what an arm may deviate by (kinematic parameters with their tolerances T; the station is free), g
+is a smooth field over the coordinates u (joints or positions) that takes what X leaves, and H are the columns of a
+fault: six for a rigid motion between two parts of the campaign, six for a rigid motion that grows with time, one for
+a scale. σ, γ and the length of k are found by restricted likelihood (Patterson and Thompson 1971) with H in the model,
+so a fault does not hide behind the noise that it would cause. θ is tested by an F test against its covariance, which
+holds what X and g can imitate: where a plan visits the region in order, a drift is hardly distinguishable from the
+arm's own errors, and its standard error says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.spatial.distance import cdist
+
+from truepose.geometry.station import cross_matrix
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Kind = Literal["moved", "drift", "scale", "reference"]
+
+SIGNIFICANT: Final = 1e-6
+"""Largest chance, under no fault, of an effect as large as one that is named."""
+SMALLEST_MM: Final = 0.05
+"""Smallest effect that is named: root mean square displacement of the samples [mm]."""
+SMALLEST_SCALE: Final = 1e-3
+"""Smallest scale that is named: links are made to about a millimetre in a metre."""
+FEWEST: Final = 16
+"""Samples below which nothing is tested."""
+
+_SIDE: Final = 8  # samples on either side of a move
+_MOST: Final = 300  # samples used; more are thinned at random
+_CUTS: Final = 48  # places of a move that are looked at before the best is refined
+_LENGTHS: Final = (0.15, 0.4, 1.0)  # of k, in units of the spread of the coordinates
+_RATIOS: Final = (0.3, 3.0, 30.0, 300.0)  # γ²/σ², beside 0
+_STEPS: Final = 4  # for σ
+_WORTH: Final = 0.01  # chance below which a fault is looked at closely
+_DEGREE: Final = 3
+_GROSS: Final = 40.0  # squared distance beyond which a sample is gross: χ² of three passes it once in 10⁸
+_ROUNDS: Final = 4
+_KINDS: Final = ("moved", "drift", "scale")
+_DIFFUSE: Final = 1e-6  # weight of what is free [1/mm²]
+_SPREAD: Final = 10.0  # mm: reference points nearer to a line tell no rotation
+_KNOWN: Final = 100.0  # degrees of freedom of a noise that is known beforehand
+_FLOOR: Final = 1e-4  # of σ [mm]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A fault of a campaign.
+
+    Attributes
+    ----------
+    kind : {"moved", "drift", "scale", "reference"}
+        The tracker moved; a motion that grows with time; a scale; reference points that changed.
+    shift, shift_std : float [mm]
+        Length of the displacement of the samples' centre, from before to after or from first to last.
+    turn, turn_std : float [rad]
+        Angle of the rotation.
+    scale, scale_std : float
+        Measured over commanded lengths, less 1.
+    size, size_std : float [mm]
+        Root mean square displacement of the samples.
+    p_value : float
+        Chance of an effect as large as this without a fault.
+    rows : tuple of int
+        Of a move the last sample before and the first after it; else the first and the last sample.
+    points : int
+        Reference points; else 0.
+    """
+
+    kind: Kind
+    shift: float
+    shift_std: float
+    turn: float
+    turn_std: float
+    scale: float
+    scale_std: float
+    size: float
+    size_std: float
+    p_value: float
+    rows: tuple[int, int]
+    points: int = 0
+
+    @property
+    def notable(self) -> bool:
+        """Whether it is significant and large enough to be named."""
+        large = abs(self.scale) > SMALLEST_SCALE if self.kind == "scale" else self.size > SMALLEST_MM
+        return large and self.p_value < SIGNIFICANT
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A campaign's errors, in the order of time.
+
+    Attributes
+    ----------
+    e : (n, 3) array [mm], base frame
+    p : (n, 3) array [mm], base frame
+        Commanded positions.
+    coordinates : (n, d) array
+        Over which the arm's errors are smooth.
+    columns : (n, 3, k) array
+        What one tolerance of each of the arm's parameters adds to the errors [mm].
+    when : (n,) array
+        Time, or the place in the order.
+    """
+
+    e: FloatArray
+    p: FloatArray
+    coordinates: FloatArray
+    columns: FloatArray
+    when: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.e)
+
+    def __getitem__(self, rows: IntArray) -> Campaign:
+        return Campaign(self.e[rows], self.p[rows], self.coordinates[rows], self.columns[rows], self.when[rows])
+
+    @cached_property
+    def rigid(self) -> FloatArray:
+        """Columns of a rigid motion about the samples' centre, (n, 3, 6): translation [mm], rotation [rad]."""
+        turned = -cross_matrix(self.p - self.p.mean(axis=0))
+        return np.concatenate([np.tile(np.eye(3), (len(self), 1, 1)), turned], axis=2)
+
+    @cached_property
+    def smooth(self) -> FloatArray:
+        """Columns of fields that are cubic in the position, (n, 3, 57) [mm]: 1 mm over the degree, RMS."""
+        unit = (self.p - self.p.mean(axis=0)) / np.maximum(self.p.std(axis=0), 1.0)
+        powers = [w for w in product(range(_DEGREE + 1), repeat=3) if 0 < sum(w) <= _DEGREE]
+        terms = np.stack([np.prod(unit**w, axis=1) for w in powers], axis=1)
+        terms = terms / np.maximum(np.sqrt(np.mean(terms**2, axis=0)), 1e-9) / np.sum(powers, axis=1)
+        return np.asarray(np.einsum("nk,ab->nakb", terms, np.eye(3)).reshape(len(self), 3, -1))
+
+    @cached_property
+    def spectra(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Uᵀ and the eigenvalues of the Matérn 3/2 correlation of the samples, for each length of k."""
+        spread = float(np.sqrt(self.coordinates.var(axis=0).sum())) or 1.0
+        distance = cdist(self.coordinates, self.coordinates) / spread
+        found = []
+        for length in _LENGTHS:
+            r = np.sqrt(3.0) * distance / length
+            value, vectors = np.linalg.eigh((1.0 + r) * np.exp(-r))
+            found.append((np.asarray(vectors.T), np.maximum(value, 0.0)))
+        return found
+
+    @property
+    def growing(self) -> FloatArray:
+        """Columns of a rigid motion that grows by 1 from the first sample to the last, (n, 3, 6)."""
+        span = np.ptp(self.when)
+        return np.asarray(self.rigid * ((self.when - self.when.mean()) / (span or 1.0))[:, None, None])
+
+    @property
+    def stretched(self) -> FloatArray:
+        """Column of a scale, (n, 3, 1)."""
+        return np.asarray((self.p - self.p.mean(axis=0))[:, :, None])
+
+    def moved(self, at: int) -> FloatArray:
+        """Return the columns of a rigid motion from a sample on, (n, 3, 6)."""
+        return np.asarray(self.rigid * (np.arange(len(self)) >= at)[:, None, None])
+
+
+def changes(campaign: Campaign) -> list[Change]:
+    """Return the faults of a campaign, the clearest first; empty below `FEWEST` samples.
+
+    Faults are added one at a time, the most significant first, and each is tested beside those found before.
+    """
+    n = len(campaign)
+    if n < FEWEST:
+        return []
+    rows = _thinned(n)
+    rows = rows[_sound(campaign[rows])]
+    if len(rows) < FEWEST:
+        return []
+    part = campaign[rows]
+    found: list[_Cause] = []
+    for _ in _KINDS:
+        known = [cause.columns for cause in found]
+        tested = [
+            (change.p_value, cause)
+            for cause in _causes(part, known)
+            if cause.kind not in {one.kind for one in found} and (change := _change(part, cause, known)).notable
+        ]
+        if not tested:
+            break
+        found.append(min(tested, key=lambda one: one[0])[1])
+    told = [_change(part, one, [other.columns for other in found if other is not one]) for one in found]
+    return [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in told]
+
+
+def _thinned(n: int) -> IntArray:
+    return np.sort(np.random.default_rng(0).choice(n, min(n, _MOST), replace=False))
+
+
+def noise(campaign: Campaign) -> float:
+    """Return the standard deviation of what neither the arm's parameters nor a smooth field explain [mm]."""
+    return _fit(campaign[_thinned(len(campaign))], []).sigma
+
+
+def reference_change(
+    e: FloatArray, p: FloatArray, before: IntArray, after: IntArray, noise_std: float | None = None
+) -> Change | None:
+    """Compare the readings of reference points before and after.
+
+    Their scatter about the common motion is the noise where it is larger than the known one, or nothing else tells it;
+    four points or more that are not on a line may turn.
+
+    Parameters
+    ----------
+    e, p : (n, 3) arrays [mm], base frame
+        Errors and commanded positions in the order of time.
+    before, after : (m,) arrays of int
+        Samples of the same command, at the begin and at the end.
+    noise_std : float [mm], optional
+        Of one reading, in each direction, robot included. Needed for fewer than three points.
+
+    Returns
+    -------
+    Change or None
+        None without points, or where nothing tells the noise.
+    """
+    m = len(before)
+    if not m or (m < 3 and noise_std is None):
+        return None
+    centred = p[before] - p[before].mean(axis=0)
+    columns = np.tile(np.eye(3), (m, 1, 1))
+    if m >= 4 and np.linalg.svd(centred, compute_uv=False)[1] > _SPREAD:
+        columns = np.concatenate([columns, -cross_matrix(centred)], axis=2)
+    flat, moved = columns.reshape(3 * m, -1), (e[after] - e[before]).reshape(-1)
+    estimate = np.asarray(np.linalg.lstsq(flat, moved, rcond=None)[0], np.float64)
+    freedom = float(3 * m - flat.shape[1])
+    left = moved - flat @ estimate
+    std = float(np.sqrt(left @ left / freedom)) if m >= 3 else 0.0
+    if noise_std is not None:
+        std, freedom = max(std, np.sqrt(2.0) * noise_std), _KNOWN
+    covariance = np.asarray(max(std, _FLOOR) ** 2 * np.linalg.inv(flat.T @ flat), np.float64)
+    ends = int(before.min()), int(after.max())
+    told = _told("reference", estimate, covariance, columns, freedom, 1, ends)
+    return replace(told, points=m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """The fitted model: of the columns added last, θ and its covariance; σ; and what tests of more need."""
+
+    sigma: float
+    freedom: float
+    theta: FloatArray
+    covariance: FloatArray
+    turned: FloatArray  # Uᵀ of the eigenvectors of k
+    weight: FloatArray  # 1 / variance of each eigenvector
+    design: FloatArray  # Uᵀ X, (n, 3, k)
+    factor: FloatArray  # Cholesky factor of the normal matrix
+    pulled: FloatArray  # (n, 3): weighted residuals, turned
+
+    def chance(self, columns: FloatArray, tries: int = 1) -> float:
+        """Return the chance of what further columns explain, to first order: variances are those without them."""
+        explained, k = _explained(*self.against(columns)), columns.shape[2]
+        left = max(self.freedom - explained, 1e-9)
+        return min(1.0, tries * float(stats.f.sf(explained / k / left * self.freedom, k, self.freedom)))
+
+    def against(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return Hᵀ P H and Hᵀ P e of further columns (n, 3, k), P the precision after the model's own columns."""
+        n, k = len(columns), columns.shape[2]
+        turned = (self.turned @ columns.reshape(n, -1)).reshape(n * 3, k)
+        weighted = turned * np.repeat(self.weight, 3)[:, None]
+        half = solve_triangular(self.factor, self.design.reshape(n * 3, -1).T @ weighted, lower=True)
+        return weighted.T @ turned - half.T @ half, turned.T @ self.pulled.reshape(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cause:
+    """A fault to test: from which sample on, its columns, in how many places it was looked for."""
+
+    kind: Kind
+    at: int
+    columns: FloatArray
+    tries: int = 1
+
+
+def _fit(campaign: Campaign, added: list[FloatArray], smooth: bool = True) -> _Model:
+    """Fit σ, γ and the length of k by restricted likelihood, with columns added that have no prior."""
+    n = len(campaign)
+    free = np.concatenate([campaign.rigid, *added], axis=2)
+    unit = np.maximum(np.sqrt(np.mean(free**2, axis=(0, 1))), 1e-12)
+    own = [campaign.columns, campaign.smooth] if smooth else [campaign.columns]
+    design = np.concatenate([*own, free / unit], axis=2)
+    prior = np.r_[np.ones(design.shape[2] - free.shape[2]), np.full(free.shape[2], _DIFFUSE)]
+    best: tuple[float, Any] = (np.inf, None)
+    start = float(np.median(np.abs(campaign.e))) + _FLOOR
+    for i, (turned, value) in enumerate(campaign.spectra):
+        x = (turned @ design.reshape(n, -1)).reshape(n * 3, -1)
+        y = (turned @ campaign.e).reshape(-1)
+        for ratio in _RATIOS if i else (0.0, *_RATIOS):
+            shape = np.repeat(1.0 + ratio * value, 3)
+            loss, rest = _scaled(x, y, prior, shape, start)
+            if loss < best[0]:
+                best = loss, (turned, x, y, shape, *rest)
+    turned, x, y, shape, sigma, factor, beta, freedom = best[1]
+    weight = 1.0 / (sigma**2 * shape)
+    k = free.shape[2] - 6
+    covariance = cho_solve((factor, True), np.eye(len(factor)))[len(factor) - k :, len(factor) - k :]
+    unit = unit[6:]
+    return _Model(
+        sigma=sigma,
+        freedom=freedom,
+        theta=beta[len(beta) - k :] / unit,
+        covariance=covariance / np.outer(unit, unit),
+        turned=turned,
+        weight=weight[::3],
+        design=x.reshape(n, 3, -1),
+        factor=factor,
+        pulled=(weight * (y - x @ beta)).reshape(n, 3),
+    )
+
+
+def _scaled(
+    x: FloatArray, y: FloatArray, prior: FloatArray, shape: FloatArray, sigma: float
+) -> tuple[float, tuple[float, FloatArray, FloatArray, float]]:
+    """Find σ for one shape of the variances; return the restricted −log likelihood and σ, factor, x̂, freedom."""
+    scaled, seen = x / shape[:, None], x.T @ (x / shape[:, None])
+    right = scaled.T @ y
+    for _ in range(_STEPS):
+        normal = seen / sigma**2 + np.diag(prior)
+        factor = np.asarray(cholesky(normal, lower=True))
+        beta = np.asarray(cho_solve((factor, True), right / sigma**2))
+        left = y - x @ beta
+        used = float(np.trace(cho_solve((factor, True), seen))) / sigma**2
+        freedom = max(len(y) - used, 1.0)
+        before, sigma = sigma, max(float(np.sqrt(left**2 @ (1.0 / shape) / freedom)), _FLOOR)
+    squares = float(left**2 @ (1.0 / shape)) / before**2 + float(prior @ beta**2)
+    logs = float(np.log(shape).sum()) + len(y) * np.log(before**2) + 2.0 * float(np.log(np.diag(factor)).sum())
+    return 0.5 * (squares + logs), (before, factor, beta, freedom)
+
+
+def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
+    """Return the faults that are worth a fit of their own."""
+    cuts = np.arange(_SIDE, len(campaign) - _SIDE + 1)
+    field, arm = _fit(campaign, known), _fit(campaign, known, smooth=False)
+    at = _best_cut(campaign, field, cuts)
+    listed = [(field, _Cause("moved", at, campaign.moved(at), len(cuts)))]
+    if np.ptp(campaign.when) > 0:
+        listed.append((field, _Cause("drift", 0, campaign.growing)))
+    listed.append((arm, _Cause("scale", 0, campaign.stretched)))
+    return [cause for model, cause in listed if model.chance(cause.columns, cause.tries) < _WORTH]
+
+
+def _best_cut(campaign: Campaign, model: _Model, cuts: IntArray) -> int:
+    """Return the place of a move that explains most.
+
+    All motions from the edges of segments on are sums of the segments' own columns, so one product serves them all;
+    the places near the best are then tried one by one.
+    """
+    rough = np.unique(np.linspace(cuts[0], cuts[-1], min(_CUTS, len(cuts))).astype(np.intp))
+    segment = np.searchsorted(rough, np.arange(len(campaign)), side="right")
+    parts = campaign.rigid[:, :, None, :] * (segment[:, None] == np.arange(1, len(rough) + 1))[:, None, :, None]
+    squares, right = model.against(parts.reshape(len(campaign), 3, -1))
+    k = len(rough)
+    blocks = squares.reshape(k, 6, k, 6)[::-1, :, ::-1].cumsum(axis=0).cumsum(axis=2)[::-1, :, ::-1]
+    sums = right.reshape(k, 6)[::-1].cumsum(axis=0)[::-1]
+    explained = [_explained(blocks[i, :, i], sums[i]) for i in range(k)]
+    i = int(np.argmax(explained))
+    near = cuts[(cuts > rough[max(i - 1, 0)]) & (cuts < rough[min(i + 1, k - 1)])]
+    tried = {int(rough[i]): explained[i]}
+    tried |= {int(at): _explained(*model.against(campaign.moved(int(at)))) for at in near if at not in tried}
+    return max(tried, key=tried.__getitem__)
+
+
+def _explained(squares: FloatArray, right: FloatArray) -> float:
+    return float(right @ np.linalg.lstsq(squares, right, rcond=1e-10)[0])
+
+
+def _sound(campaign: Campaign) -> NDArray[np.bool_]:
+    """Return the samples that are not gross (n,): single readings far off hide all else.
+
+    What is far off as long as nothing moved is judged again beside the best motion.
+    """
+    keep = np.ones(len(campaign), np.bool_)
+    for _ in range(_ROUNDS):
+        rows = np.flatnonzero(keep)
+        part, moved = campaign[rows], list[FloatArray]()
+        if len(rows) < FEWEST or not (gross := _gross(_fit(part, moved))).any():
+            break
+        cuts = np.arange(_SIDE, len(part) - _SIDE + 1)
+        gross &= _gross(_fit(part, [part.moved(_best_cut(part, _fit(part, moved), cuts))]))
+        if not gross.any():
+            break
+        keep[rows[gross]] = False
+    return keep
+
+
+def _gross(model: _Model) -> NDArray[np.bool_]:
+    distance = _left_out(model)
+    return np.asarray(distance > _GROSS * max(float(np.median(distance)) / stats.chi2.median(3), 1e-12))
+
+
+def _left_out(model: _Model) -> FloatArray:
+    """Return the squared standardised distance of each sample from what the others predict, (n,)."""
+    n = len(model.pulled)
+    pulled = model.turned.T @ model.pulled  # P e
+    weighted = model.design * model.weight[:, None, None]
+    half = solve_triangular(
+        model.factor, (model.turned.T @ weighted.reshape(n, -1)).reshape(n * 3, -1).T, lower=True
+    ).reshape(-1, n, 3)
+    own = np.einsum("ki,k,ki->i", model.turned, model.weight, model.turned)[:, None, None] * np.eye(3)
+    own = own - np.einsum("pia,pib->iab", half, half)
+    return np.asarray(np.einsum("ia,ia->i", pulled, np.linalg.solve(own, pulled[..., None])[..., 0]))
+
+
+def _change(campaign: Campaign, cause: _Cause, known: list[FloatArray]) -> Change:
+    """Return a fault, tested beside others that are known."""
+    model, k = _fit(campaign, [*known, cause.columns], smooth=cause.kind != "scale"), cause.columns.shape[2]
+    columns = campaign.stretched if cause.kind == "scale" else campaign.rigid
+    ends = (cause.at - 1, cause.at) if cause.kind == "moved" else (0, len(campaign) - 1)
+    return _told(cause.kind, model.theta[-k:], model.covariance[-k:, -k:], columns, model.freedom, cause.tries, ends)
+
+
+def _told(
+    kind: Kind,
+    theta: FloatArray,
+    covariance: FloatArray,
+    columns: FloatArray,
+    freedom: float,
+    tries: int,
+    rows: tuple[int, int],
+) -> Change:
+    k = len(theta)
+    squares = float(theta @ np.linalg.solve(covariance, theta))
+    chance = min(1.0, tries * float(stats.f.sf(squares / k, k, freedom)))
+    mean_square = np.einsum("nap,naq->pq", columns, columns) / len(columns)
+    size = float(np.sqrt(theta @ mean_square @ theta))
+    slope = mean_square @ theta / max(size, 1e-12)
+    size_std = float(np.sqrt(slope @ covariance @ slope))
+    shift, turn, scale = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+    if kind == "scale":
+        scale = float(theta[0]), float(np.sqrt(covariance[0, 0]))
+    else:
+        shift = _length(theta[:3], covariance[:3, :3])
+        turn = _length(theta[3:6], covariance[3:6, 3:6]) if k == 6 else (0.0, 0.0)
+    return Change(kind, *shift, *turn, *scale, size, size_std, chance, rows)
+
+
+def _length(vector: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Return the length of a vector, and its standard deviation to first order."""
+    length = float(np.linalg.norm(vector))
+    along = vector / max(length, 1e-12)
+    return length, float(np.sqrt(along @ covariance @ along))
