@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +27,7 @@ def fit(
     splits: Annotated[
         str, typer.Option(help="What auto leaves out: points, blocks, branches, with commas between.")
     ] = "points,blocks",
-    workers: Annotated[int, typer.Option(help="Processes of auto; 0: as many as processors.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Processes of auto; 0: one for each usable processor.", min=0)] = 0,
     accept_campaign: Annotated[
         bool,
         typer.Option(
@@ -46,6 +45,7 @@ def fit(
     from truepose.cli.choice import show_choice
     from truepose.fitting import fit_cell
     from truepose.samples import read_samples
+    from truepose.similarity.threads import cores
     from truepose.verification import summary
 
     with working() as progress:
@@ -55,7 +55,7 @@ def fit(
             predictor,
             candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
             splits=splits.split(","),
-            workers=workers or os.cpu_count() or 1,
+            workers=workers or cores(),
             progress=progress,
             accept_campaign=accept_campaign,
         )

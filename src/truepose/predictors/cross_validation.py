@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.context
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -17,7 +18,7 @@ from truepose.errors import DataError, TrueposeError
 from truepose.predictors.base import Predictor
 from truepose.predictors.gross import fit_without_gross
 from truepose.predictors.named import PREDICTORS, Arm, make_predictor
-from truepose.similarity.threads import blas_threads
+from truepose.similarity.threads import become_worker, blas_threads, cores
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -172,8 +173,8 @@ def cross_validate(
     job : Job
     candidates : sequence of str
     workers : int
-        Processes. They are started anew (spawn): a script that asks for more than one needs the usual
-        ``if __name__ == "__main__":``.
+        Processes, with one thread each; at most as many as processors that this process may use. They are started
+        anew: a script that asks for more than one needs the usual ``if __name__ == "__main__":``.
     progress : callable
         Takes a line after each fit.
 
@@ -194,7 +195,7 @@ def cross_validate(
         for fold in np.unique(label)
     ]
     found: dict[Task, Outcome] = {}
-    with _runner(job, workers) as run:
+    with _runner(job, min(workers, cores(), len(tasks))) as run:
         for outcome in run(tasks):
             found[outcome.task] = outcome
             progress(f"Cross-validation: {len(found)} of {len(tasks)} fits, {outcome.task.candidate}")
@@ -203,12 +204,12 @@ def cross_validate(
 
 @contextmanager
 def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[Task]], Iterator[Outcome]]]:
-    """Yield what runs tasks, in any order; processes end with the context, at once when it is left by an error."""
+    """Yield what runs tasks, in any order; all worker processes have ended when the context is left."""
     if workers <= 1:
         yield lambda tasks: map(job.run, tasks)
         return
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start, (job,))
+    pool = ProcessPoolExecutor(workers, _context(), _start, (job,))
 
     def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
         # the last candidates are the slowest: they go first, so that no worker waits for them in the end
@@ -219,9 +220,9 @@ def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[Task]], Itera
         yield run
         pool.shutdown()
     except BaseException as error:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
+        pool.shutdown(cancel_futures=True)  # waits until the pool itself has seen the end of each process
         if isinstance(error, BrokenProcessPool):
             raise DataError(
                 f"cross-validation: one of {workers} worker processes died, perhaps for want of memory; take 1"
@@ -229,15 +230,22 @@ def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[Task]], Itera
         raise
 
 
+def _context() -> multiprocessing.context.BaseContext:
+    """Return how processes start: from a server that has imported the code once, where the system has that."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
+
+
 _job: Job | None = None  # of a worker process
 
 
 def _start(job: Job) -> None:
-    import numba
-
     global _job
+    become_worker()
     _job = job
-    numba.set_num_threads(1)  # as many workers as processors are at work already
 
 
 def _work(task: Task) -> Outcome:

@@ -20,6 +20,7 @@ from truepose.predictors.estimating import estimate_model, own_scales
 from truepose.predictors.kriging import VariogramLike
 from truepose.predictors.repeats import Points
 from truepose.similarity import VariogramModel
+from truepose.similarity.threads import threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -249,7 +250,7 @@ class NeighbourKriging(Predictor):
         rows = max(64, CHUNK // (k * (k + 1) // 2))
         for start in range(0, len(X), rows):
             part = slice(start, min(start + rows, len(X)))
-            found = self._tree.query(scaled[part], np.arange(1, k + 1), workers=-1)
+            found = self._tree.query(scaled[part], np.arange(1, k + 1), workers=threads())
             yield part, np.asarray(found[1], dtype=np.int64), np.asarray(found[0])
 
     def _slope(self, X: FloatArray, near: IntArray, group: Group) -> FloatArray:

@@ -23,6 +23,7 @@ from truepose.predictors.kriging import VariogramLike
 from truepose.predictors.neighbour_kriging import CHUNK, Group, NeighbourKriging
 from truepose.predictors.system import System, dependent
 from truepose.similarity import VariogramModel
+from truepose.similarity.threads import threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -228,7 +229,7 @@ def predecessors(u: FloatArray, k: int, rows: int) -> Iterator[tuple[IntArray, I
 def _before(tree: KDTree, u: FloatArray, rows: IntArray, k: int) -> IntArray:
     """Return the k nearest points of a tree whose number is below that of the row; all are searched where few are."""
     asked = min(2 * k + 16, tree.n)
-    near = np.asarray(tree.query(u, np.arange(1, asked + 1), workers=-1)[1], dtype=np.int64)
+    near = np.asarray(tree.query(u, np.arange(1, asked + 1), workers=threads())[1], dtype=np.int64)
     earlier = near < rows[:, None]
     out = np.take_along_axis(near, np.argsort(~earlier, axis=1, kind="stable")[:, :k], axis=1)
     for i in np.flatnonzero(earlier.sum(axis=1) < k):

@@ -1,23 +1,40 @@
-"""Threads of the linear algebra: a small matrix only waits for a second one, the more so on a busy machine."""
+"""Threads of linear algebra and of compiled kernels: never more than this process may use, one where work is small."""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
+from multiprocessing import parent_process
 from typing import Any, Final
 
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 LARGE: Final = 512
 
+_is_worker = False
 
-def blas_threads(n: int, large: int = LARGE) -> AbstractContextManager[Any]:
+
+@cache
+def cores() -> int:
+    """Return how many processors this process may use: its CPU affinity and its container's limit count."""
+    import joblib  # type: ignore[import-untyped]
+
+    return int(joblib.cpu_count())
+
+
+def threads() -> int:
+    """Return how many threads a computation may use: all `cores`, or one in a worker process."""
+    return 1 if _is_worker else cores()
+
+
+def blas_threads(n: int, large: float = LARGE) -> AbstractContextManager[Any]:
     """Return a context in which BLAS works on n-row matrices: in one thread where they are small."""
-    if n >= large:
-        return nullcontext()
-    one: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
-    return one
+    limit: AbstractContextManager[Any] = _controller().limit(limits=threads() if n >= large else 1, user_api="blas")
+    return limit
 
 
 @contextmanager
@@ -26,11 +43,30 @@ def kernel_threads(n: int, large: int = LARGE) -> Iterator[None]:
     import numba
 
     before = numba.get_num_threads()
-    numba.set_num_threads(before if n >= large else 1)
+    numba.set_num_threads(min(before, threads()) if n >= large else 1)
     try:
         yield
     finally:
         numba.set_num_threads(before)
+
+
+def become_worker() -> None:
+    """Make this process a worker: one thread, an interrupt is left to its parent, and it ends when its parent ends."""
+    import numba
+
+    global _is_worker
+    _is_worker = True
+    numba.set_num_threads(1)
+    _controller().limit(limits=1)  # for the life of the process: the limiter is not used as a context
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @cache
