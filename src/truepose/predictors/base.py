@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from typing import Any, ClassVar, Literal, NamedTuple, Self, overload
 
 import numpy as np
@@ -18,6 +19,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truepose.errors import DataError
 from truepose.similarity import VariogramModel
+from truepose.similarity.threads import LARGE, blas_threads
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +49,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """
 
     of_arm: ClassVar[tuple[str, ...]] = ()
+
+    _blas_threads_from: ClassVar[float] = LARGE
+    """Samples from which BLAS gains by more than one thread."""
 
     def fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
         """Fit the model to samples.
@@ -80,7 +85,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         e = e.reshape(len(e), -1)
         noise = None if noise_std is None else checked_noise(noise_std, e.shape)
         self._given: tuple[FloatArray, FloatArray, FloatArray | None] = X, e, noise
-        self._fit(X, e, noise)
+        with self._blas():
+            self._fit(X, e, noise)
         return self
 
     @property
@@ -123,7 +129,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             If X has another number of columns than the samples, or a number is not finite.
         """
         check_is_fitted(self)
-        e, std = self._predict(self._validate(X)[0], return_std, include_nugget)
+        with self._blas():
+            e, std = self._predict(self._validate(X)[0], return_std, include_nugget)
         if std is None:
             return self._shaped(e)
         return self._shaped(e), self._shaped(std)
@@ -139,7 +146,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             residual, std: (n, k) or (n,) arrays [mm].
         """
         check_is_fitted(self)
-        residual, std = self._leave_one_out()
+        with self._blas():
+            residual, std = self._leave_one_out()
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
     def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
@@ -165,7 +173,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if labels.shape != (n,):
             raise DataError(f"blocks have shape {labels.shape}; expected ({n},), a label for each sample")
         try:
-            residual, std = self._leave_blocks_out(labels)
+            with self._blas():
+                residual, std = self._leave_blocks_out(labels)
         except np.linalg.LinAlgError:
             raise DataError("without one of the blocks the others cannot tell the model; take smaller blocks") from None
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
@@ -196,6 +205,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     @abstractmethod
     def _leave_one_out(self) -> LeaveOneOut: ...
+
+    def _blas(self) -> AbstractContextManager[Any]:
+        return blas_threads(len(self._given[0]), self._blas_threads_from)
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {}

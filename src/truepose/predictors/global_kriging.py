@@ -23,7 +23,6 @@ from truepose.predictors.repeats import Points
 from truepose.predictors.support import POINT, Support
 from truepose.predictors.system import WORST, System
 from truepose.similarity import VariogramModel
-from truepose.similarity.threads import blas_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -159,32 +158,13 @@ class GlobalKriging(Predictor):
         fields = self._predict(x, False, False)[0] + draw(self._covariance(x, include_nugget), size, rng)
         return fields[:, :, 0] if self._flat else fields
 
-    def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
+    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         """Predict the samples of each block from those of the others, from the one factorisation.
 
         Residual of a block I: (P_II)⁻¹ (P e)_I, with covariance (P_II)⁻¹; a point measured repeatedly is left out with
         all its repeats. Source: D. Ginsbourger & C. Schärer, Fast calculation of Gaussian process multiple-fold
         cross-validation residuals (2021).
-
-        Parameters
-        ----------
-        blocks : (n,) array_like
-            Label of each sample's block, as `block_folds` gives them.
-
-        Returns
-        -------
-        LeaveOneOut
-            residual, std: (n, k) or (n,) arrays [mm].
-
-        Raises
-        ------
-        KrigingError
-            If the labels are not as many as the samples, or without a block the drift cannot be told.
         """
-        check_is_fitted(self)
-        labels = np.asarray(blocks)
-        if labels.shape != (len(self._e),):
-            raise KrigingError(f"blocks have shape {labels.shape}; expected ({len(self._e)},), a label for each sample")
         residual, field = np.empty_like(self._e), np.empty_like(self._e)
         for label in np.unique(labels):
             rows = np.flatnonzero(labels == label)
@@ -196,7 +176,7 @@ class GlobalKriging(Predictor):
                 own = np.maximum(covariance.diagonal() - group.noise[points], 0.0)
                 residual[np.ix_(rows, c)] = self._e[np.ix_(rows, c)] - prediction[place]
                 field[np.ix_(rows, c)] = own[place, None] * self._total[c]
-        return LeaveOneOut(self._shaped(residual), self._shaped(np.sqrt(field + self._reading)))
+        return LeaveOneOut(residual, np.sqrt(field + self._reading))
 
     # --- what a subclass says ---------------------------------------------------------------------------------------
 
@@ -222,15 +202,14 @@ class GlobalKriging(Predictor):
         self._drift = None if kind is None else Drift.of(kind, self._points.x)
         self._offset = self._known_mean(k)
         given = given_models(self.variogram, k)
-        with blas_threads(u):
-            if given:
-                self._factorise(given, noise)
-                self.variogram_ = mean_model(given)
-            else:
-                self.variogram_ = estimate_model(
-                    self.variogram, self._coordinates(X), e, self._basis(X), noise, self._points, self.exact
-                )
-                self._factorise(own_scales(self.variogram_, self._factorise((self.variogram_,) * k, noise)), noise)
+        if given:
+            self._factorise(given, noise)
+            self.variogram_ = mean_model(given)
+        else:
+            self.variogram_ = estimate_model(
+                self.variogram, self._coordinates(X), e, self._basis(X), noise, self._points, self.exact
+            )
+            self._factorise(own_scales(self.variogram_, self._factorise((self.variogram_,) * k, noise)), noise)
 
     def _factorise(self, models: tuple[VariogramModel, ...], noise: FloatArray) -> FloatArray:
         """Store all that a prediction needs; return the scale that GLS finds of each component's model, (k,)."""

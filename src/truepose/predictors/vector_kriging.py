@@ -149,12 +149,6 @@ class VectorKriging(Predictor):
             fields = self._inner.simulate(x, size, rng=rng) @ self._back.T
         return fields[:, :, 0] if self._flat else fields
 
-    def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
-        """Predict the samples of each block from those of the others, as `OrdinaryKriging.leave_blocks_out` does."""
-        check_is_fitted(self)
-        residual, std = self._left_out(np.asarray(blocks))
-        return LeaveOneOut(self._shaped(residual), self._shaped(std))
-
     # --- fit --------------------------------------------------------------------------------------------------------
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
@@ -276,19 +270,16 @@ class VectorKriging(Predictor):
         return covariance + self._nugget if include_nugget else covariance
 
     def _leave_one_out(self) -> LeaveOneOut:
-        return LeaveOneOut(*self._left_out(self._points.inverse))
+        return self._leave_blocks_out(self._points.inverse)
 
-    def _left_out(self, groups: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
-        if groups.shape != (len(self._e),):
-            raise KrigingError(f"blocks have shape {groups.shape}; expected ({len(self._e)},), a label for each sample")
+    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         if self._full is not None:
-            labels = np.unique(groups, return_inverse=True)[1]
-            residual, variance = self._full.left_out(labels)
-            return residual, np.sqrt(variance)
-        inner = self._inner.leave_blocks_out(groups)
+            residual, variance = self._full.left_out(np.unique(labels, return_inverse=True)[1])
+            return LeaveOneOut(residual, np.sqrt(variance))
+        inner = self._inner.leave_blocks_out(labels)
         field = inner.std**2 - self._inner._reading
         variance = np.einsum("ac,nc->na", self._back**2, field) + self._reading
-        return inner.residual @ self._back.T, np.sqrt(variance)
+        return LeaveOneOut(inner.residual @ self._back.T, np.sqrt(variance))
 
     def _fitted_parameters(self) -> dict[str, Any]:
         models = tuple(replace(model, fit=None) for model in self.variograms_)

@@ -20,7 +20,6 @@ from truepose.predictors.kinematic.hyper import Hyper
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
-from truepose.similarity.threads import blas_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -32,7 +31,6 @@ _FIRST: Final = 150  # samples that the starts of the search are compared on
 _SUBSET: Final = 350  # samples that hyperparameters are searched on where there are more
 _ANCHORS: Final = 250  # samples that carry Z in a basis
 _FEWEST: Final = 6
-_LARGE: Final = 2000  # equations from which BLAS gains by threads, also on a busy machine
 _SURPRISE: Final = 11.34  # squared standardised length beyond which a reading is weighed down: 1 % of good ones
 _ROUNDS: Final = 4
 _GROSS: Final = 0.1  # weight below which a reading is called gross
@@ -117,6 +115,7 @@ class KinematicKriging(PosePredictor):
     """
 
     of_arm = ("robot", "tf_flange_tool")
+    _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
     def __init__(
         self,
@@ -160,16 +159,15 @@ class KinematicKriging(PosePredictor):
         self.unseen_ = sorted(set(range(X.shape[1])) - set(self.joints_.tolist())) if self.joint_errors else []
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
-        with blas_threads(3 * min(len(e), EXACT_UP_TO), large=_LARGE):
-            if self.hyper is not None:
-                self.hyper_ = Hyper.from_dict(self.hyper)
-                self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
-            else:
-                self._estimate(design)
-            self._solve(X)
-            self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
-            self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
-            self.parameters_ = self._parameters()
+        if self.hyper is not None:
+            self.hyper_ = Hyper.from_dict(self.hyper)
+            self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
+        else:
+            self._estimate(design)
+        self._solve(X)
+        self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
+        self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
+        self.parameters_ = self._parameters()
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         """Take samples, the columns at the nominal arm, and choose the solver."""
@@ -219,7 +217,7 @@ class KinematicKriging(PosePredictor):
         self.weight_ = np.concatenate([self.weight_, np.ones(len(e))])
         self._take(*self._given)
         fresh = slice(len(old_e), None)
-        with blas_threads(3 * min(len(self._e), EXACT_UP_TO), large=_LARGE):
+        with self._blas():
             for _ in range(_ROUNDS if self.robust else 0):
                 self._form = self._solved(self._terms.at(self._x))
                 weight = self._weights()[fresh]
@@ -413,19 +411,8 @@ class KinematicKriging(PosePredictor):
             curves.append(JointCurve(int(j), angle, own @ error, std))
         return curves
 
-    def leave_blocks_out(self, blocks: ArrayLike) -> LeaveOneOut:
-        """Predict each sample without its whole block, with the fitted hyperparameters, in closed form.
-
-        Parameters
-        ----------
-        blocks : (n,) array_like of int
-            Label of each sample's block.
-        """
-        check_is_fitted(self)
-        label = np.asarray(blocks)
-        if label.shape != (len(self._e),):
-            raise DataError(f"blocks have shape {label.shape}; expected one label for each of {len(self._e)} samples")
-        residual, covariance = self._form.left_out(label)
+    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
+        residual, covariance = self._form.left_out(labels)
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self) -> float:
@@ -440,7 +427,7 @@ class KinematicKriging(PosePredictor):
         return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept]))) * 3 * n / max(3 * n - k, n)
 
     def _leave_one_out(self) -> LeaveOneOut:
-        return self.leave_blocks_out(np.arange(len(self._e)))
+        return self._leave_blocks_out(np.arange(len(self._e)))
 
     def _parameters(self) -> list[dict[str, Any]]:
         estimate, covariance = self._form.drift_estimate()
