@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -11,8 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")  # before numpy is imported: each test worker, and its children, have one
+
 import numpy as np
 import pytest
+
+from truepose.similarity.threads import cores
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Return how many test workers ``-n auto`` starts: one for each usable processor."""
+    return cores()
 
 
 @pytest.fixture

@@ -1,14 +1,33 @@
 """The choice among predictors: ranking, nested loop, workers, failures."""
 
+import json
 import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from multiprocessing import parent_process
+from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import truepose as tp
 from truepose.errors import DataError
-from truepose.predictors import Arm, Errors, choose
+from truepose.predictors import (
+    Arm,
+    Errors,
+    InverseDistance,
+    KinematicKriging,
+    OrdinaryKriging,
+    choose,
+    cross_validation,
+)
 from truepose.predictors.ranking import HeldOut, difference_intervals, figures, take
+from truepose.similarity.threads import threads
 
 PLAIN = ("registration", "idw", "ordinary-kriging")
 
@@ -163,13 +182,99 @@ def test_figures(held_out):
     assert set(found["splits"]) == {"points", "blocks"}
 
 
-def test_an_interrupt_ends_the_workers(errors):
+@pytest.mark.promise("An interrupt leaves no worker process behind")
+def test_an_interrupt_ends_the_workers(errors, monkeypatch):
     def interrupt(line):
+        started.update(multiprocessing.active_children())
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(cross_validation, "cores", lambda: 2)
+    started = set()
     others = set(multiprocessing.active_children())
     with pytest.raises(KeyboardInterrupt):
         choose(errors, ["registration"], workers=2, progress=interrupt)
-    for process in set(multiprocessing.active_children()) - others:
-        process.join(timeout=20)
-        assert not process.is_alive()
+    assert len(started - others) == 2
+    assert not set(multiprocessing.active_children()) - others
+
+
+@pytest.mark.promise("A worker process ends when the program that started it is killed")
+def test_workers_end_with_a_killed_parent(tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(_KILLED, "utf-8")
+    done = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, timeout=100, check=False)
+    assert done.returncode == -signal.SIGKILL
+    # the pipe's end is read only when every process that holds it has ended: `run` returned, so they have
+    assert len(done.stdout.split()) == 2
+
+
+_KILLED = """
+import multiprocessing, os, signal
+import numpy as np
+from truepose.predictors import Errors, choose, cross_validation
+
+def kill(line):
+    print(*(process.pid for process in multiprocessing.active_children()), flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    cross_validation.cores = lambda: 2
+    x = np.random.default_rng(0).uniform(0, 1000, (80, 3))
+    choose(Errors({"cartesian": x}, np.sin(x / 400)), ["registration"], workers=2, progress=kill)
+"""
+
+
+@pytest.mark.promise("Worker processes times their threads never exceed the processors that truepose may use")
+@pytest.mark.parametrize("usable", [2, 3])
+def test_threads_times_workers(errors, monkeypatch, tmp_path, usable):
+    monkeypatch.setattr(cross_validation, "cores", lambda: usable)
+    choose(Noting(errors.coordinates, errors.e, folder=tmp_path), ["registration"], workers=8)
+    notes = [json.loads(path.read_text("utf-8")) for path in tmp_path.iterdir()]
+    assert 1 <= len(notes) <= usable  # a quick worker may do all there is before another has started
+    assert all(count == 1 for note in notes for count in note)
+
+
+@dataclass(frozen=True, eq=False)
+class Noting(Errors):
+    """Samples that note how many threads the worker processes have that register them."""
+
+    folder: Path | None = None
+
+    def registered_by(self, rows):
+        if parent_process() is not None:
+            counts = [numba.get_num_threads(), threads(), *(info["num_threads"] for info in threadpool_info())]
+            (self.folder / str(os.getpid())).write_text(json.dumps(counts), "utf-8")
+        return self
+
+
+@pytest.mark.promise("Linear algebra and compiled kernels use no more threads than the processors given to the process")
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity cannot be set on this system")
+def test_cores_are_those_of_the_affinity():
+    code = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
+    code += "from truepose.similarity.threads import cores; print(cores())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "1\n"
+
+
+@pytest.mark.promise("A fit of few samples uses one thread, whatever the machine has")
+@pytest.mark.parametrize(
+    "model", [OrdinaryKriging(), KinematicKriging(ARM.robot, ARM.tf_flange_tool), InverseDistance()]
+)
+def test_small_fits_use_one_thread(samples, monkeypatch, model):
+    seen = {}
+
+    def noting(name, asked):
+        def call(self, *arguments):
+            seen[name] = {info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas"}
+            return asked(self, *arguments)
+
+        return call
+
+    for name in ("_fit", "_predict", "_leave_one_out", "_leave_blocks_out"):
+        monkeypatch.setattr(type(model), name, noting(name, getattr(type(model), name)))
+    with threadpool_limits(2, user_api="blas"):
+        model.fit(samples.q[:30], samples.p_meas[:30] - samples.p_cmd[:30])
+        model.predict(samples.q)
+        model.leave_one_out()
+        model.leave_blocks_out(np.arange(30) // 10)
+    assert all(counts == {1} for counts in seen.values())
+    assert len(seen) == 4

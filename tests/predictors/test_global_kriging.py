@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from truepose.errors import KrigingError
+from truepose.errors import DataError, KrigingError
 from truepose.predictors import (
     LocalKriging,
     OrdinaryKriging,
@@ -193,7 +193,7 @@ def test_leave_blocks_out_of_folds(rng):
     np.testing.assert_allclose(one.residual, model.leave_one_out().residual, atol=1e-12)
     with pytest.raises(KrigingError, match="the others cannot tell the drift"):
         model.leave_blocks_out(np.zeros(60))
-    with pytest.raises(KrigingError, match=r"blocks have shape \(3,\); expected \(60,\)"):
+    with pytest.raises(DataError, match=r"blocks have shape \(3,\); expected \(60,\)"):
         model.leave_blocks_out([0, 1, 2])
 
 
