@@ -256,7 +256,7 @@ class _Problem:
         constant = -freedom * (1 + math.log(2 * math.pi)) / 2
         if self.method == "reml":
             constant += float(np.linalg.slogdet(self.drift.T @ self.drift)[1]) / 2
-        return -loss + c * constant
+        return float(c * constant - loss)
 
     def model(self, theta: FloatArray, judged: Judged, components: int) -> VariogramModel:
         """Return the model of the mean over all components, those that do not vary included."""
