@@ -95,4 +95,44 @@ end
         2,
         1,
     ),
+    "functions": Example(
+        {
+            "cell.script": """def cell():
+  global approach=p[0.3,-0.2,0.4,3.14,0,0]
+  global place=p[0.3,-0.2,0.3,3.14,0,0]
+  def go(approach, speed):
+    movel(approach, a=1.2, v=speed)
+  end
+  def park():
+    local place=p[0.1,-0.4,0.5,3.14,0,0]
+    movej(place)
+  end
+  movel(approach)
+  go(p[0.35,-0.2,0.4,3.14,0,0], 0.25)
+  go(place, 0.1)
+  park()
+end
+"""
+        },
+        2,
+        3,
+    ),
+    "shifts": Example(
+        {
+            "belt.script": """def belt():
+  movel(p[0.3,-0.2,0.4,3.14,0,0])
+  track_conveyor_linear(p[1,0,0,0,0,0], 5000, 0)
+  movel(p[0.3,-0.1,0.4,3.14,0,0])
+  force_mode(tool_pose(), [0,0,1,0,0,0], [0,0,5,0,0,0], 2, [1,1,0.1,1,1,1])
+  stop_conveyor_tracking()
+  movel(p[0.3,-0.2,0.3,3.14,0,0])
+  end_force_mode()
+  movel(p[0.3,-0.2,0.5,3.14,0,0])
+end
+"""
+        },
+        2,
+        0,
+        2,
+    ),
 }

@@ -139,7 +139,7 @@ DIALECTS = {
                 "",
             ),
             ("  servoj([<n>,0,0,0,0,0])\n  speedl([<n>,0,0,0,0,0], 0.5)\n", ""),
-            ("  wrench_<i> = p[<n>,<n>,<n>,0,0,0]\n  force_mode(wrench_<i>,[0,0,1,0,0,0])\n", ""),
+            ("  wrench_<i> = p[<n>,<n>,<n>,0,0,0]\n  force_mode(wrench_<i>,[0,0,1,0,0,0])\n  end_force_mode()\n", ""),
             ("  # gr\xfcn movel(p[1,2,3,0,0,0])\n", ""),
         ),
         unit=1000.0,

@@ -31,6 +31,12 @@ def verdicts(program: Program) -> dict[str, str]:
     return {target.name: target.verdict for target in program.targets}
 
 
+def of_all(program: Program) -> dict[str, str]:
+    """Verdicts by name, and by line where a name is there twice."""
+    names = [target.name for target in program.targets]
+    return {f"{t.name} (line {t.line})" if names.count(t.name) > 1 else t.name: t.verdict for t in program.targets}
+
+
 @pytest.mark.parametrize("call", ["movel({}, a=1.2, v=0.25)", "movej({})", "movep({}, r=0.05)", "movel( {} )"])
 def test_a_pose_is_a_target_by_its_use(read: Read, call: str) -> None:
     program = read(call.format(P))
@@ -136,3 +142,79 @@ def test_packed_programs_are_refused(tmp_path: Path) -> None:
 def test_broken_scripts(read: Read, code: str, message: str) -> None:
     with pytest.raises(FileError, match=message):
         read(code)
+
+
+Q = "p[0.4,-0.1,.25,0,3.14159,0]"
+
+
+@pytest.mark.promise("URScript: a parameter or local variable is never read as the global of its name")
+def test_parameters_and_local_variables_hide_globals(read: Read, record_property: Any) -> None:
+    cases = {
+        "parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})\nmovel(w)", {"w": "correct", "movel:4": "skip", "f:6 argument 1": "skip"}),
+        "only the parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})", {"movel:4": "skip", "f:6 argument 1": "skip"}),
+        "default value": (f"global w={P}\ndef f(a, w = 1):\nmovel(w)\nend\nmovel(w)", {"w": "correct", "movel:4": "skip"}),
+        "arithmetic on a parameter": (f"global w={P}\ndef f(w):\nmovel(pose_add(w,{Q}))\nend\nmovel(w)", {"w": "correct", "movel:4": "skip"}),
+        "assigned parameter": (f"global w={P}\ndef f(w):\nw=get_actual_tcp_pose()\nmovel(w)\nend\nmovel(w)", {"w": "correct", "movel:5": "skip"}),
+        "parameter of an outer function": (f"global w={P}\ndef f(w):\ndef g():\nmovel(w)\nend\ng()\nend\nmovel(w)", {"w": "correct", "movel:5": "skip"}),
+        "local": (
+            f"global w={P}\ndef f():\nlocal w={Q}\nmovel(w)\nend\nmovel(w)",
+            {"w (line 2)": "skip", "w (line 4)": "correct"},
+        ),
+        "two locals": (
+            f"def f():\nlocal w={P}\nmovel(w)\nend\ndef g():\nlocal w={Q}\nmovel(w)\nend",
+            {"w (line 3)": "correct", "w (line 7)": "correct"},
+        ),
+        "local from the run time": (f"def f():\nlocal w=get_actual_tcp_pose()\nmovel(w)\nend\nmovel({P})", {"movel:4": "skip", "movel:6": "correct"}),
+        "thread": (f"global w={P}\nthread t(w):\nmovel(w)\nend\nmovel(w)", {"w": "correct", "movel:4": "skip"}),
+        "assigned above": (f"w=get_actual_tcp_pose()\nmovel(w)\nw={P}\nmovel(w)", {"w": "skip"}),
+    }  # fmt: skip
+    record_property("cases", len(cases))
+    for name, (code, wanted) in cases.items():
+        program = read(f"def prog():\n{code}\nend\n")
+        assert of_all(program) == wanted, (name, [(t.name, t.line, t.reason) for t in program.targets])
+
+
+@pytest.mark.promise("URScript: targets in reach of a run-time shift are refused by its name")
+def test_run_time_shifts(read: Read, record_property: Any) -> None:
+    regions = {
+        "track_conveyor_linear(p[0,1,0,0,0,0], 100)": "stop_conveyor_tracking()",
+        "track_conveyor_circular(p[0,1,0,0,0,0], 100, True)": "stop_conveyor_tracking(a=15)",
+        "path_offset_enable()": "path_offset_disable()",
+        "path_offset_set([0,0,0.01,0,0,0], 3)": "path_offset_disable(a=20)",
+        "force_mode(tool_pose(), [0,0,1,0,0,0], [0,0,5,0,0,0], 2, [1,1,1,1,1,1])": "end_force_mode()",
+        "freedrive_mode()": "end_freedrive_mode()",
+        "screw_driving(5, 1)": "end_screw_driving()",
+    }
+    record_property("cases", len(regions) + 4)
+    for begin, end in regions.items():
+        program = read(f"movel({P})\n{begin}\nmovel({P})\nw={Q}\nmovel(w)\n{end}\nmovel({P})")
+        assert verdicts(program) == {"movel:2": "correct", "movel:4": "refuse", "w": "refuse", "movel:8": "correct"}, (
+            begin
+        )
+        assert program.targets[1].reason.startswith(begin.partition("(")[0] + " (line 3) may shift it")
+    both = read(
+        f"path_offset_enable()\nforce_mode(a,b)\npath_offset_disable()\nmovel({P})\nend_force_mode()\nmovel({P})"
+    )
+    assert verdicts(both) == {"movel:5": "refuse", "movel:7": "correct"}
+    called = read(f"def prog():\nstart()\nmovel({P})\nend\ndef start():\nforce_mode(a,b)\nend\n")
+    assert verdicts(called) == {"movel:3": "refuse"}
+    threaded = read(
+        f"def prog():\nthread t():\npath_offset_set(x,1)\npath_offset_disable()\nend\nrun t()\nmovel({P})\nend\n"
+    )
+    assert verdicts(threaded) == {"movel:7": "refuse"}
+    maybe = read(f"if x:\nforce_mode(a,b)\nend\nmovel({P})")
+    assert verdicts(maybe) == {"movel:5": "refuse"}
+
+
+@pytest.mark.promise("URScript: poses handed to functions of the program are listed")
+def test_poses_handed_to_own_functions_are_listed(read: Read) -> None:
+    code = f"def my_move(t):\nmovel(t)\nend\ndef prog():\nmy_move({P})\nw={Q}\nmy_move(w)\npick(3, {P}, pose_add({Q}, w))\nmovel({P})\nend\n"
+    program = read(code)
+    assert verdicts(program) == {
+        "movel:2": "skip", "my_move:5 argument 1": "skip", "w": "skip", "pick:8 argument 2": "skip",
+        "pick:8 argument 3": "skip", "movel:9": "correct",
+    }  # fmt: skip
+    assert program.targets[1].reason == "handed to my_move(): where that moves is known at run time only"
+    assert verdicts(read(f"w={P}\nmovel(w)\npick(w)")) == {"w": "refuse"}
+    assert verdicts(read(f"move_there({P})")) == {"move_there:2": "refuse"}
+    assert len(read(f'textmsg("a", {P})\nx=pose_dist({P},{Q})\nset_tcp({P})').targets) == 0

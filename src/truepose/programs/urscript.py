@@ -16,6 +16,7 @@ import numpy as np
 
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
+from truepose.programs import shifts
 from truepose.programs.flow import Flow, InForce, State, Structure
 from truepose.programs.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
 from truepose.programs.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
@@ -27,7 +28,8 @@ _PIECE = re.compile(
 _ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(([^)]*)\)\s*:")
 _BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
 _WORD = re.compile(rb"\s*(\w+)")
-_ASSIGN = re.compile(rb"\s*(?:(?:global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
+_ASSIGN = re.compile(rb"\s*(?:(global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
+_VARIABLE = re.compile(rb"[A-Za-z_]\w*")
 _NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
 _KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
 _MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
@@ -36,6 +38,15 @@ _AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl
 _TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
 _POSE = re.compile(rb"p\s*\[")
 _INVERSE = re.compile(rb"get_inverse_kin\s*\(")
+_TAKES_POSES: Final = frozenset(
+    """add_frame attach_frame convert_pose end_force_mode force_mode get_forward_kin get_inverse_kin
+    get_inverse_kin_has_solution get_list_length get_pose interpolate_pose is_within_safety_limits length move_frame norm
+    path_offset_set point_dist popup pose_add pose_dist pose_inv pose_sub pose_trans set_gravity set_payload
+    set_target_payload set_tcp size socket_send_line socket_send_string str_cat textmsg to_str track_conveyor_circular
+    track_conveyor_linear
+    wrench_trans""".split()
+)
+"""The language's own functions that may be given a pose and move nowhere; motions apart."""
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _BASE: Final = Frame("base", 0)
 
@@ -75,17 +86,20 @@ class _Reader:
         self._others: list[Point] = []
         self._circles: list[list[Point | str]] = []
         self._threads: list[str] = []
+        self._routine = ""
+        self._locals: dict[str, set[str]] = {"": set()}
+        self._outer: dict[str, str] = {}
+        self._assigned: list[tuple[str, int, str]] = []
 
     def program(self, path: Path, frames: FrameTable) -> Program:
         routines = self._routines()
         if not any(_MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
             raise FileError(self._source.path, "has neither a def nor a motion: it is no URScript")
-        for body in routines.values():  # a pose may be used above its assignment in the text
-            for statement in body:
-                self._assign(statement)
+        self._declare(routines)
         line = 1
         try:
             for name, body in routines.items():
+                self._routine = name
                 self._flow.begin_routine(name or "(file)", outside=True)
                 for statement in body:
                     line = statement.line
@@ -115,6 +129,8 @@ class _Reader:
                 if name in routines:
                     raise self._source.error(line, f"{name} is defined twice; give one another name")
                 routines[name] = []
+                self._outer[name] = owner
+                self._locals[name] = {p.split(b"=")[0].strip().decode("latin-1") for p in m[3].split(b",")}
                 if m[1] == b"thread":
                     self._threads.append(name)
                 stack.append(("def", name, line))
@@ -133,20 +149,39 @@ class _Reader:
             raise self._source.error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
         return routines
 
+    def _key(self, name: str) -> str:
+        """Return what a name means here: a parameter or local variable is of its routine, all else of the program."""
+        routine = self._routine
+        while routine and name not in self._locals[routine]:
+            routine = self._outer[routine]
+        return f"{routine}.{name}" if routine else name
+
+    def _declare(self, routines: dict[str, list[_Statement]]) -> None:
+        """Note the variables that hold poses; one may be used above its assignment in the text."""
+        for routine, body in routines.items():
+            for statement in body:
+                if routine and (m := _ASSIGN.match(statement.code)) and m[1] == b"local":
+                    self._routine = self._outer[routine]
+                    self._assigned.append((self._key(m[2].decode()), statement.line, "hidden by a local variable"))
+                    self._locals[routine].add(m[2].decode())
+        for self._routine, body in routines.items():
+            for statement in body:
+                self._assign(statement)
+        for key, line, how in self._assigned:
+            if key in self._named:
+                self._named[key].writes.append((line, how))
+
     def _assign(self, statement: _Statement) -> None:
-        """Note names that hold poses."""
         m = _ASSIGN.match(statement.code)
         if m is None:
             return
-        name, start = m[1].decode(), statement.start + m.end()
+        name, start = m[2].decode(), statement.start + m.end()
         end = statement.start + len(statement.code.rstrip())
-        pose = None if m[2] else self._literal(name, start, end, statement.line)
+        pose = None if m[3] else self._literal(name, start, end, statement.line)
         if pose is not None:
-            known = self._named.setdefault(name, _Named([], [], [], []))
-            known.points.append(pose)
-        elif name in self._named:
-            how = "component set" if m[2] else "assigned"
-            self._named[name].writes.append((statement.line, how))
+            self._named.setdefault(self._key(name), _Named([], [], [], [])).points.append(pose)
+        else:
+            self._assigned.append((self._key(name), statement.line, "component set" if m[3] else "assigned"))
 
     def _statement(self, statement: _Statement, routines: set[str]) -> None:
         code, line = statement.code, statement.line
@@ -156,7 +191,7 @@ class _Reader:
         if block in (b"elif", b"else"):
             flow.branch("ELSE", last=block == b"else")
         assigned = _ASSIGN.match(code)
-        pose_name = assigned is not None and assigned[1].decode() in self._named
+        pose_name = assigned is not None and self._key(assigned[2].decode()) in self._named
         masked = bytearray(code)
         if pose_name and assigned is not None:
             masked[: assigned.end()] = b" " * assigned.end()
@@ -164,16 +199,21 @@ class _Reader:
             self._tcp(statement)
         for m in _MOTION.finditer(code):
             self._motion(m, statement, masked)
-        if (m := _STRANGE.search(code)) and not _MOTION.match(code, m.start()):
+        shifts.follow(flow, shifts.UR, code, line)
+        strange = _STRANGE.search(code)
+        if (m := strange) and m[1].decode() not in routines and not _MOTION.match(code, m.start()):
             reason = f"looks like a motion that is not known: {_shown(code)}"
             self._other(m[1].decode(), line, Problem("refuse", reason))
         # the v of movel(p, v=0.25) is no variable
         for m in _NAME.finditer(_KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
-            if m[2] and name in routines:
-                flow.call(name, "")
-            elif not m[2] and name in self._named:
-                self._named[name].reads.append((line, "read by arithmetic"))
+            if m[2]:
+                if name in routines:
+                    flow.call(name, "")
+                if name in routines or not (strange or name in _TAKES_POSES or _MOTION.match(code, m.start())):
+                    self._handed(name, statement, m.end(), masked)
+            elif self._key(name) in self._named:
+                self._named[self._key(name)].reads.append((line, "read by arithmetic"))
         if block in (b"if", b"while"):
             flow.begin(block.decode().upper(), line)
         elif word == b"end" and code.strip() == b"end":
@@ -183,6 +223,16 @@ class _Reader:
             flow.exit()
         elif word in (b"return", b"halt"):
             flow.leave()
+
+    def _handed(self, name: str, statement: _Statement, start: int, masked: bytearray) -> None:
+        """List the poses that a function is given which the language does not have: it may move there."""
+        problem = Problem("skip", f"handed to {name}(): where that moves is known at run time only")
+        for k, (a, b) in enumerate(_arguments(bytes(masked), start), 1):
+            argument = masked[a:b].decode("latin-1")
+            if (key := self._key(argument)) in self._named:
+                self._named[key].reads.append((statement.line, f"handed to {name}()"))
+            elif re.search(r"(?<!\w)p\s*\[", argument):
+                self._other(name, statement.line, problem, f"{name}:{statement.line} argument {k}")
 
     def _tcp(self, statement: _Statement) -> None:
         code = statement.code
@@ -221,11 +271,13 @@ class _Reader:
     def _goal(self, name: str, word: str, statement: _Statement, a: int, b: int, masked: bytearray) -> Point | str:
         line, text = statement.line, statement.code[a:b]
         use = Use(word, line, None, _BASE)
-        variable = text.decode("latin-1")
+        variable = self._key(text.decode("latin-1"))
         if variable in self._named:
             masked[a:b] = b" " * (b - a)
             self._named[variable].uses.append((use, self._flow.node))
             return variable
+        if _VARIABLE.fullmatch(text) and "." in variable:
+            return self._other(word, line, Problem("skip", f"{_shown(text)} is known at run time only"), name)
         if _POSE.match(text):
             pose = self._literal(name, statement.start + a, statement.start + b, line)
             if pose is not None:
@@ -281,14 +333,17 @@ class _Reader:
             if len(known.points) > 1:
                 known.writes.append((known.points[1].line, "assigned again"))
             for point in known.points:
+                handed = any(how.startswith("handed") for _, how in known.reads)
                 point.uses += [self._with_tool(use, node, ambient) for use, node in known.uses]
-                point.reads += known.reads if known.uses else []
+                point.reads += known.reads if known.uses or handed else []
                 point.writes += known.writes
-                if known.uses:
+                if known.uses or handed:
                     points.append(point)
         return points
 
     def _with_tool(self, use: Use, node: int, ambient: State) -> Use:
+        if problem := shifts.problem_of(self._flow.states[node].shifts | ambient.shifts):
+            return use._replace(problem=problem)
         values = self._flow.states[node].tool | ambient.tool
         if len(values) > 1:
             shown = " or ".join(sorted(value.text for value in values)[:2])
