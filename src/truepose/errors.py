@@ -8,10 +8,39 @@ remedy.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
+
+_LONGEST: Final = 4000
+
+
+def one_line(text: str) -> str:
+    r"""Return a text as one line that any terminal and any encoding can show.
+
+    Blanks and line ends become single blanks. Control characters, and bytes of a file name that are not UTF-8, become
+    escapes such as ``\x1b`` and ``\xff``. The middle of a very long text is left out.
+
+    Examples
+    --------
+    >>> one_line("two\nlines, \udcff and \x1b[31m")
+    'two lines, \\xff and \\x1b[31m'
+    """
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 4 :]}"
+    text = " ".join(text.split())
+    return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    code -= 0xDC00 if 0xDC80 <= code <= 0xDCFF else 0  # a byte of a file name, see os.fsdecode
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 class TrueposeError(ValueError):
-    """Base of all errors that the input, not the program, causes."""
+    """Base of all errors that the input, not the program, causes; the message is one printable line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
 
 
 class FileError(TrueposeError):

@@ -6,14 +6,15 @@ hyperparameters. Reading it fits the predictor to the samples again with these, 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose import archive
+from truepose import archive, map_checks
 from truepose.cell import Cell
 from truepose.choosing import arm_of
 from truepose.error_map import ErrorMap, predictor_coordinates
@@ -25,17 +26,32 @@ from truepose.samples import Samples
 
 _ROTATIONS = ("rotation_cmd", "rotation_meas")
 _REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
+_WRONG: Final = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""What code raises that is given something else than it was written for."""
 
 
 def to_bytes(error_map: ErrorMap) -> bytes:
     """Return the bytes of a map's file; the same map always gives the same bytes."""
-    samples, registration = error_map.samples, error_map.registration
-    cell = error_map.cell.model_dump(mode="json", exclude_unset=True)  # what was stated stays told from defaults
+    content = _content(error_map)
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
-        cell["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
-    content = {
-        "cell": cell,
-        "robot": error_map.robot.to_toml(),
+        content["cell"]["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
+    return archive.pack(content | {"robot": error_map.robot.to_toml()}, _arrays(error_map))
+
+
+def _content(error_map: ErrorMap) -> dict[str, Any]:
+    """Return all that is no array, but for the robot, whose text may differ in the last digit once it was read."""
+    samples, registration = error_map.samples, error_map.registration
+    return {
+        "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # what was stated stays told from defaults
         "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_json()},
         "samples": {"source": samples.source, "columns": samples.columns()},
         "registration": {
@@ -48,61 +64,84 @@ def to_bytes(error_map: ErrorMap) -> bytes:
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
     }
+
+
+def _arrays(error_map: ErrorMap) -> dict[str, NDArray[Any]]:
+    samples, registration = error_map.samples, error_map.registration
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
     if error_map.predictor.noise_std_ is not None:
         arrays["noise_std"] = error_map.predictor.noise_std_
     if error_map.p_flange_sampled is not None:
         arrays["p_flange_sampled"] = error_map.p_flange_sampled
-    return archive.pack(content, arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e})
+    return arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e}
 
 
 def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
     """Return the map that a file holds; `path` is named in the errors.
 
+    Every part of the file must be one that is read, and what it holds twice must agree: see `truepose.map_checks`.
+
     Raises
     ------
     FileError
-        As `truepose.archive.unpack`, and if a part of the map is missing or of a wrong kind.
+        As `truepose.archive.unpack`, and if a part of the map is missing, of a wrong kind, or contradicts another.
     """
     content, arrays = archive.unpack(data, path)
     try:
-        robot = parse_robot(content["robot"], path=path)
-        columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
-        columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
-        samples = Samples(**columns, source=content["samples"]["source"])
-        tf_flange_tool = arrays["tf_flange_tool"]
-        registration = Registration(
-            **{name: arrays[f"registration.{name}"] for name in _REGISTRATION},
-            noise_std=content["registration"]["noise_std"],
-            hint=content["registration"]["hint"],
-            p_flange_tool=tf_flange_tool[:3, 3] if content["registration"]["tool_fitted"] else None,
-        )
-        name = content["predictor"]["name"]
-        cell = Cell.model_validate(content["cell"], context={"robot": robot})
-        tf_flange_sampled = tf_flange_tool.copy()
-        tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
-        error_map = ErrorMap(
-            cell=cell,
-            robot=robot,
-            samples=samples,
-            registration=registration,
-            tf_flange_tool=tf_flange_tool,
-            predictor_name=name,
-            predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
-            ranking=content["ranking"],
-            expected=content["expected"],
-            excluded=content["excluded"],
-            campaign=content.get("campaign", {}),
-            p_flange_sampled=arrays.get("p_flange_sampled"),
-        )
-        x = predictor_coordinates(PREDICTORS[name].space, samples, error_map.p_cmd)
+        error_map = _unfitted(content, arrays, path)
+        if len(arrays["e"]) != len(error_map.samples):
+            raise ValueError(f"e has {len(arrays['e'])} rows, there are {len(error_map.samples)} samples")
+        map_checks.check(error_map)
+        map_checks.agree(arrays["e"], error_map.e, "e")
+        x = predictor_coordinates(PREDICTORS[error_map.predictor_name].space, error_map.samples, error_map.p_cmd)
         error_map.predictor.fit(x, arrays["e"], arrays.get("noise_std"))
+        map_checks.check_fitted(error_map)
+        remade = json.loads(json.dumps(_content(error_map)))
+        map_checks.agree({key: value for key, value in content.items() if key != "robot"}, remade, "")
+        map_checks.agree(remade["predictor"], content["predictor"], "predictor")
+        map_checks.agree(arrays, _arrays(error_map), "")
     except FileError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileError(path, f"does not hold a whole map ({error}); fit and save the map again") from None
+    except _WRONG as error:
+        what = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        raise FileError(path, f"does not hold a whole map ({what}); fit and save the map again") from None
     return error_map
+
+
+def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> ErrorMap:
+    """Return the map with a predictor that has its hyperparameters, but was not fitted."""
+    robot = parse_robot(content["robot"], path=path)
+    columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
+    columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
+    samples = Samples(**columns, source=content["samples"]["source"])
+    tf_flange_tool = arrays["tf_flange_tool"]
+    if type(content["registration"]["tool_fitted"]) is not bool:
+        raise TypeError("registration.tool_fitted is no truth value")
+    registration = Registration(
+        **{name: arrays[f"registration.{name}"] for name in _REGISTRATION},
+        noise_std=content["registration"]["noise_std"],
+        hint=content["registration"]["hint"],
+        p_flange_tool=tf_flange_tool[:3, 3] if content["registration"]["tool_fitted"] else None,
+    )
+    name = content["predictor"]["name"]
+    cell = Cell.model_validate(content["cell"], context={"robot": robot})
+    tf_flange_sampled = tf_flange_tool.copy()
+    tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
+    return ErrorMap(
+        cell=cell,
+        robot=robot,
+        samples=samples,
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        predictor_name=name,
+        predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
+        ranking=content["ranking"],
+        expected=content["expected"],
+        excluded=content["excluded"],
+        campaign=content.get("campaign", {}),
+        p_flange_sampled=arrays.get("p_flange_sampled"),
+    )
 
 
 def _array(value: Any) -> NDArray[Any]:

@@ -73,10 +73,6 @@ def _check_readings(samples: Samples) -> None:
         raise samples.error("all-zero reading: the tracker saw nothing; measure again or remove", zero)
     if _moves(samples):
         _refuse_metres(samples, samples.p_meas, "measured", "x_meas_m …")
-    for name in ("p_std", "rotation_std"):
-        std = getattr(samples, name)
-        if std is not None and (bad := (std < 0).any(axis=1)).any():
-            raise samples.error(f"negative standard deviation in {name}; expected 0 or more", bad)
 
 
 def _refuse_metres(poses: Poses, p: FloatArray, what: str, column: str) -> None:

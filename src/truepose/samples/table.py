@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError
+from truepose.strict import LARGEST
 
 FloatArray = NDArray[np.float64]
 
@@ -86,6 +87,15 @@ class Poses:
         if bad.any():
             raise DataError(
                 f"{self.source}: {self.rows(bad)}: {name} is not finite; measure again or leave these rows out"
+            )
+        if value.size and np.abs(value).max() > LARGEST:
+            bad = (np.abs(value) > LARGEST).any(axis=tuple(range(1, value.ndim)))
+            raise DataError(
+                f"{self.source}: {self.rows(bad)}: {name} is beyond {LARGEST:g}; correct or remove these rows"
+            )
+        if name in ("p_std", "rotation_std") and (bad := (value < 0.0).any(axis=1)).any():
+            raise DataError(
+                f"{self.source}: {self.rows(bad)}: negative standard deviation in {name}; expected 0 or more"
             )
 
     def __len__(self) -> int:
