@@ -38,13 +38,12 @@ _AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl
 _TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
 _POSE = re.compile(rb"p\s*\[")
 _INVERSE = re.compile(rb"get_inverse_kin\s*\(")
-_TAKES_POSES: Final = frozenset(
-    """add_frame attach_frame convert_pose end_force_mode force_mode get_forward_kin get_inverse_kin
-    get_inverse_kin_has_solution get_list_length get_pose interpolate_pose is_within_safety_limits length move_frame norm
-    path_offset_set point_dist popup pose_add pose_dist pose_inv pose_sub pose_trans set_gravity set_payload
-    set_target_payload set_tcp size socket_send_line socket_send_string str_cat textmsg to_str track_conveyor_circular
-    track_conveyor_linear
-    wrench_trans""".split()
+_TAKES_POSES: Final = re.compile(
+    r"add_frame|attach_frame|convert_pose|end_force_mode|force_mode|get_forward_kin|get_inverse_kin|"
+    r"get_inverse_kin_has_solution|get_list_length|get_pose|interpolate_pose|is_within_safety_limits|length|"
+    r"move_frame|norm|path_offset_set|point_dist|popup|pose_add|pose_dist|pose_inv|pose_sub|pose_trans|"
+    r"set_gravity|set_payload|set_target_payload|set_tcp|size|socket_send_line|socket_send_string|str_cat|"
+    r"textmsg|to_str|track_conveyor_circular|track_conveyor_linear|wrench_trans"
 )
 """The language's own functions that may be given a pose and move nowhere; motions apart."""
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
@@ -210,7 +209,7 @@ class _Reader:
             if m[2]:
                 if name in routines:
                     flow.call(name, "")
-                if name in routines or not (strange or name in _TAKES_POSES or _MOTION.match(code, m.start())):
+                if name in routines or not (strange or _TAKES_POSES.fullmatch(name) or _MOTION.match(code, m.start())):
                     self._handed(name, statement, m.end(), masked)
             elif self._key(name) in self._named:
                 self._named[self._key(name)].reads.append((line, "read by arithmetic"))
