@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,26 @@ class _Expected(_Told):
     mean_mm: float
     mean_interval_mm: list[float] = Field(min_length=2, max_length=2)
     chosen: dict[str, int]
+
+
+class _Fault(_Told):
+    kind: Literal["moved", "drift", "scale", "reference"]
+    shift: float
+    shift_std: float
+    turn: float
+    turn_std: float
+    scale: float
+    scale_std: float
+    rows: list[int] = Field(min_length=2, max_length=2)
+    points: int
+    words: str
+    stops: bool
+
+
+class _Campaign(_Told):
+    tested: int = Field(0, ge=0)
+    limit_mm: float = Field(0.0, ge=0.0)
+    faults: list[_Fault] = Field(default_factory=list)
 
 
 class _Excluded(_Told):
@@ -117,6 +137,7 @@ def check(error_map: ErrorMap) -> None:
     _check_parameters(error_map.predictor_name, error_map.predictor)
     ranked = TypeAdapter(list[_Ranked]).validate_python(error_map.ranking)
     TypeAdapter(list[_Excluded]).validate_python(error_map.excluded)
+    _Campaign.model_validate(error_map.campaign)
     if ranked and ranked[0].predictor != error_map.predictor_name:
         raise ValueError(f"the ranking chose {ranked[0].predictor}, the predictor is {error_map.predictor_name}")
     if error_map.expected:
