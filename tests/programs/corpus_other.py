@@ -46,6 +46,40 @@ END
         3,
         1,
     ),
+    "jbi-conveyor": Example(
+        {
+            "BELT.jbi": crlf("""/JOB
+//NAME BELT
+//POS
+///NPOS 4,0,0,0,0,0
+///TOOL 1
+///POSTYPE BASE
+///RECTAN
+///RCONF 1,0,0,0,0,0,0,0
+C00000=812.500,-40.250,1033.000,180.0000,0.0000,90.0000
+C00001=812.500,-40.250,1033.000,180.0000,0.0000,90.0000
+C00002=812.500,-40.250,1033.000,180.0000,0.0000,90.0000
+C00003=812.500,-40.250,1033.000,180.0000,0.0000,90.0000
+//INST
+///DATE 2021/03/04 10:11
+///ATTR SC,RW
+///GROUP1 RB1
+NOP
+MOVJ C00000 VJ=50.00
+SYSTART CV#(1) STP=0.0
+MOVL C00001 V=100.0
+SYEND CV#(1)
+COMARCON #(1)
+MOVL C00002 V=10.0
+COMARCOF
+MOVL C00003 V=100.0
+END
+""")
+        },
+        2,
+        0,
+        2,
+    ),
     "val3": Example(
         {
             "cell.dtx": """<?xml version="1.0" encoding="utf-8"?>

@@ -206,3 +206,64 @@ def test_entities_are_refused(tmp_path: Path) -> None:
     path.write_text('<!DOCTYPE x [<!ENTITY a "1">]><Database><Data name="p" type="pointRx"></Data></Database>')
     with pytest.raises(FileError, match="has a DOCTYPE"):
         read_program(path)
+
+
+@pytest.mark.promise("INFORM: positions in reach of a run-time shift are refused by its name")
+def test_inform_run_time_shifts(job: Read, record_property: Any) -> None:
+    positions = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nC00002={XYZ}\nC00003={XYZ}"
+    regions = {
+        "SYSTART CV#(1) STP=10.0": "SYEND CV#(1)",
+        "COMARCON #(1)": "COMARCOF",
+        "TRTON": "TRTOF",
+        "TRT ON": "TRT OF",
+        "FLOATON FL#(1)": "FLOATOF",
+        "SENSON": "SENSOF",
+        "FORCEON": "FORCEOF",
+    }
+    record_property("cases", 2 * len(regions) + 1)
+    for begin, end in regions.items():
+        code = f"MOVL C00001 V=1.0\n{begin}\nMOVL C00002 V=1.0\n{end}\nMOVL C00003 V=1.0"
+        program = job(code, positions)
+        assert verdicts(program) == {"C00001": "correct", "C00002": "refuse", "C00003": "correct"}, begin
+        assert program.targets[1].reason.startswith(f"{begin} (line 15) may shift it")
+        steered = job(f"IFTHENEXP I000=0\n{code}\nENDIF", positions)  # whose ways are not followed
+        assert set(verdicts(steered).values()) == {"refuse"}, begin
+    assert verdicts(job("MOVL C00001 V=1.0 CV#(1) CTP=5.0", positions))["C00001"] == "refuse"
+
+
+@pytest.mark.promise("INFORM: a rectangular position with another number of values than six is refused")
+def test_inform_seventh_number(job: Read) -> None:
+    program = job("MOVL C00001 V=1.0", "///POSTYPE BASE\n///RECTAN\nC00001=600,5,-0.500,800.000,180.0,0.0,-90.0")
+    assert (program.targets[0].verdict, program.targets[0].reason[:9]) == ("refuse", "7 numbers")
+
+
+@pytest.mark.promise("VAL3: compliant and altered motions refuse their points by name")
+def test_val3_run_time_shifts(dtx: Read, record_property: Any) -> None:
+    data = item("pointRx", "p1") + item("pointRx", "p2") + item("tool", "t", "flange[0]")
+    programs = {
+        "movelf(p1,t,m,f)\nmovel(p2,t,m)": ("refuse", "correct", "movelf (line 2 of start.pgx) yields to forces"),
+        "movejf(p1,t,m)\nmovel(p2,t,m)": ("refuse", "correct", "movejf (line 2 of start.pgx) yields to forces"),
+        "alterMovel(p1,t,m)\nmovel(p2,t,m)": ("refuse", "refuse", "alterMovel (line 2 of start.pgx) may shift it"),
+        "alterBegin(f,m)\nmovel(p1,t,m)\nalterEnd()": (
+            "refuse",
+            "skip",
+            "alterBegin (line 2 of start.pgx) may shift it",
+        ),
+    }
+    record_property("cases", len(programs))
+    for code, (first, second, reason) in programs.items():
+        program = dtx(data, code)
+        assert verdicts(program) == {"p1": first, "p2": second}, code
+        assert program.targets[0].reason.startswith(reason)
+
+
+@pytest.mark.promise("VAL3: a parameter or local variable is never read as the application's point of its name")
+def test_val3_parameters_and_local_variables(dtx: Read, tmp_path: Path) -> None:
+    data = item("pointRx", "p1") + item("pointRx", "p2") + item("tool", "t", "flange[0]")
+    dtx(data, "movel(p1,t,m)")
+    (tmp_path / "other.pgx").write_text(
+        '<Program name="other"><Parameters><Parameter name="P1" type="pointRx" /></Parameters>'
+        '<Locals><Local type="pointRx" name="p2" size="1" /></Locals>'
+        "<Code><![CDATA[begin\np1.trsf.x=5\nmovel(appro(p1,x),t,m)\nmovel(p2,t,m)\nend]]></Code></Program>"
+    )
+    assert verdicts(read_program(tmp_path / "a.dtx", FRAMES)) == {"p1": "correct", "p2": "skip"}

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.flow import Flow, Structure
+from truepose.programs import shifts
+from truepose.programs.flow import Flow, Shift, Structure
 from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
 from truepose.programs.source import PLAIN_LEXER, Source, printable
 from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
@@ -17,10 +18,11 @@ _MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
 _MOTION = re.compile(rb"[ \t]*[+*]?[ \t]*S?(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CP]X?\d+)*)", re.I)
 _OPERAND = re.compile(rb"(?<![\w#$])(C|P)X?(\d{3,6})\b")
 _RELATIVE = re.compile(rb"[ \t]*(?:S|E)?IMOV\w*", re.I)
+_CONVEYOR = re.compile(rb"\bCV#\([^)]*\)?", re.I)
 _SPEED = re.compile(rb"\bV[JRE]?[ \t]*=", re.I)
 _LABEL = re.compile(rb"[ \t]*\*([^\s]+)")
 _JUMP = re.compile(rb"[ \t]*JUMP[ \t]+(\*([^\s]+)|[^\s]+)([ \t]+IF\b)?", re.I)
-_STRUCTURED = re.compile(rb"[ \t]*(?:IFTHEN|WHILE|FOR|SWITCH)\b", re.I)
+_STRUCTURED = re.compile(rb"[ \t]*(?:IFTHEN|WHILE|FOR|SWITCH)(?:EXP)?\b", re.I)
 _FRAME_CHANGE = re.compile(rb"[ \t]*(?:MFRAME|SETUF|GETUF)\b[^#]*UF#\([ \t]*(\d{1,9})?", re.I)
 _TOOL_CHANGE = re.compile(rb"[ \t]*(?:SETTOOL|MTOOL)\b[^#]*TL#\([ \t]*(\d{1,9})?", re.I)
 _KEYS: Final = ("X", "Y", "Z", "Rx", "Ry", "Rz")
@@ -132,13 +134,16 @@ class _Reader:
         flow = self._flow
         shifted = next((line for line, code in instructions if re.match(rb"[ \t]*SFTON\b", code, re.I)), 0)
         # with structures or without: nothing is guessed about where a shift ends
-        structured = shifted if any(_STRUCTURED.match(code) for _, code in instructions) else 0
+        steered = any(_STRUCTURED.match(code) for _, code in instructions)
+        structured = shifted if steered else 0
         labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
         flow.begin_routine("JOB", outside=True)
         line = 1
         try:
             if structured:
                 flow.change(ipo=f"SFTON (line {structured})")
+            for shift in shifts.begun(shifts.INFORM, instructions) if steered else ():
+                flow.shift(*shift)
             for line, code in instructions:
                 if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
                     continue
@@ -150,9 +155,11 @@ class _Reader:
         self._end_arc()
         for point, word, line, node, problem in self._moves:
             tool, frame = self._frames_of.get(id(point), (None, None))
-            shifts = [ipo for ipo in flow.states[node].ipo if ipo != "BASE"]
-            if problem is None and shifts:
-                problem = Problem("skip", f"{min(shifts)} shifts it at run time")
+            state = flow.states[node]
+            shifted_by = [ipo for ipo in state.ipo if ipo != "BASE"]
+            if problem is None and shifted_by:
+                problem = Problem("skip", f"{min(shifted_by)} shifts it at run time")
+            problem = shifts.problem_of(state.shifts) or problem
             point.uses.append(Use(word, line, tool, frame, problem))
 
     def _instruction(self, line: int, code: bytes, labels: set[bytes], structured: bool) -> None:
@@ -161,8 +168,9 @@ class _Reader:
             flow.label(m[1].decode("latin-1"))
             code = code[m.end() :]
         if m := _MOTION.match(code):
-            self._motion(m, line)
+            self._motion(m, line, _CONVEYOR.search(code, m.end()))
             return
+        shifts.follow(flow, shifts.INFORM, code, line)
         if _OPERAND.search(code):
             self._end_arc()
         if m := _JUMP.match(code):
@@ -182,7 +190,7 @@ class _Reader:
             self._changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
         self._operands(line, code)
 
-    def _motion(self, m: re.Match[bytes], line: int) -> None:
+    def _motion(self, m: re.Match[bytes], line: int, conveyor: re.Match[bytes] | None) -> None:
         word, operand = m[1].decode().upper(), m[2]
         found = _OPERAND.fullmatch(operand)
         point = self._points.get((found[1].decode(), int(found[2]))) if found else None
@@ -202,7 +210,7 @@ class _Reader:
         external = [
             e for e in re.findall(rb"([BE][CP])X?(\d{1,9})", m[3]) if (e[0].decode(), int(e[1])) in self._external
         ]
-        problem = None
+        problem = shifts.problem_of([Shift("conveyor", f"{_shown(conveyor[0])} (line {line})")] if conveyor else [])
         if external and not self._options.external_axes:
             name = b"".join(external[0]).decode()
             problem = Problem("refuse", f"external axis {name} is in use and has no model; allow external_axes")

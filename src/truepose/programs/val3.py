@@ -22,7 +22,10 @@ from truepose.programs.targets import FloatArray, FrameTable, Key, Program, Read
 
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
-_MOVE = re.compile(rb"(?<![\w:])mov(?:e)?([jlc])\s*\(\s*", re.I)
+_MOVE = re.compile(rb"(?<![\w:])((?:alter)?mov(?:e)?([jlc])(f?))\s*\(\s*", re.I)
+_ALTER = re.compile(rb"(?<![\w:])alter(?:Begin|Mov\w*)?\s*\(", re.I)
+_HIDING = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
+"""Parameters and local variables of a program hide the data of the application that have their names."""
 _ROOTS: Final = {"world": 0, "flange": 0}
 _FATHER = re.compile(r"(\w+)(?:\[(\d{1,9})\])?")
 _POINTS: Final = ("pointRx", "point")
@@ -216,15 +219,18 @@ def _uses(
         rb"(?<![\w.:])(" + b"|".join(re.escape(n.encode()) for n in named) + rb")\b(?:\[\s*(\d{1,9})\s*\])?", re.I
     )
     for program in programs:
-        data = re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), files.read_bytes(program))
+        text = files.read_bytes(program)
+        hidden = {m[1].lower() for m in _HIDING.finditer(text)}
+        data = re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), text)
         source = Source(program, data)
+        altered = _ALTER.search(data)
         for value in frames.values():
             pattern = rb"(?<![\w.:])" + re.escape(value.data.encode()) + rb"(?:\[[^\]]*\])?(?:\.\w+)*\s*=(?!=)"
             if m := re.search(pattern, data, re.I):
                 changed.setdefault(("base", value.name.lower()), source.line(m.start()))
-        direct: dict[int, tuple[str, Frame | None]] = {}
+        direct: dict[int, tuple[str, Frame | None, Problem | None]] = {}
         for m in _MOVE.finditer(data):
-            position, goals = m.end(), 2 if m[1] in b"cC" else 1
+            position, goals = m.end(), 2 if m[2] in b"cC" else 1
             starts: list[int] = []
             while len(starts) < goals and (goal := name.match(data, position)):
                 starts.append(goal.start())
@@ -237,8 +243,21 @@ def _uses(
             tool = re.compile(rb"(\w+(?:\[\s*\d+\s*\])?)\s*[,)]").match(data, position)
             for start in starts if tool else ():
                 assert tool is not None
-                direct[start] = (f"move{m[1].decode().lower()}", tools.named(tool[1].decode().replace(" ", "")))
+                word, line = m[1].decode(), source.line(start)
+                problem = None
+                if m[3]:
+                    problem = Problem("refuse", f"{word} (line {line} of {program.name}) yields to forces")
+                elif altered:
+                    where = (
+                        f"{altered[0].decode().rstrip('( ')} (line {source.line(altered.start())} of {program.name})"
+                    )
+                    problem = Problem(
+                        "refuse", f"{where} may shift it at run time; corrections do not know by how much"
+                    )
+                direct[start] = word.lower(), tools.named(tool[1].decode().replace(" ", "")), problem
         for m in name.finditer(data):
+            if m[1].lower() in hidden:
+                continue
             line = source.line(m.start())
             every = named[m[1].decode().lower()]
             wanted = f"[{int(m[2])}]" if m[2] and int(m[2]) else ""
@@ -246,8 +265,8 @@ def _uses(
             chosen = [p for p in chosen if ("[" in p.name) == bool(wanted)] if m[2] else chosen
             for point in chosen:
                 if m.start() in direct:
-                    word, frame = direct[m.start()]
-                    point.uses.append(Use(word, line, frame, frame_of[id(point)]))
+                    word, frame, problem = direct[m.start()]
+                    point.uses.append(Use(word, line, frame, frame_of[id(point)], problem))
                 else:
                     point.reads.append((line, f"read by arithmetic in {program.name}"))
     return changed
