@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from truepose._version import __version__
 
 if TYPE_CHECKING:
+    from truepose.arm_check import check_point
     from truepose.cell import Cell, load_cell
     from truepose.choosing import choose
     from truepose.error_map import ErrorMap, load_map
@@ -65,6 +66,7 @@ _HOME = {
     "VectorKriging": "predictors",
     "VirtualCell": "simulation",
     "accuracy": "verification",
+    "check_point": "arm_check",
     "choose": "choosing",
     "correct_program": "programs",
     "euler": "geometry",
@@ -113,6 +115,7 @@ __all__ = [
     "VirtualCell",
     "__version__",
     "accuracy",
+    "check_point",
     "choose",
     "correct_program",
     "euler",

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose import files
+from truepose.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, Solution, apply_policy, solve
 from truepose.errors import DataError
@@ -37,7 +38,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ErrorMap:
     """What is known of the positional errors of one cell; made by `fit_cell`.
 
@@ -67,6 +68,8 @@ class ErrorMap:
         ``words``; see `truepose.campaign.CampaignCheck`. Empty for a map that was saved before there were such tests.
     p_flange_sampled : (3,) array [mm], optional
         Where the samples were measured, if the tool has been changed since: see `update`.
+    arm_check : ArmCheck
+        What commanded positions said of the arm's model and the tool, or that none came.
     """
 
     cell: Cell
@@ -81,6 +84,14 @@ class ErrorMap:
     excluded: list[dict[str, Any]]
     campaign: dict[str, Any] = field(default_factory=dict)
     p_flange_sampled: FloatArray | None = None
+    arm_check: ArmCheck = UNCHECKED
+
+    def __repr__(self) -> str:
+        checked = "checked" if self.arm_check.checked else "not checked"
+        return (
+            f"<ErrorMap of {self.robot.name}: {self.predictor_name}, {len(self.samples)} samples; "
+            f"arm and tool {checked}>"
+        )
 
     @property
     def space(self) -> str:
@@ -140,7 +151,15 @@ class ErrorMap:
         return poses.p_cmd
 
     def errors(self, samples: Samples) -> FloatArray:
-        """Return measured − commanded of any samples after this map's registration, (n, 3) [mm], base frame."""
+        """Return measured − commanded of any samples after this map's registration, (n, 3) [mm], base frame.
+
+        Raises
+        ------
+        DataError
+            If commanded positions of the samples prove another tool than this map's.
+        """
+        fitted = self.tool_fitted or self.p_flange_sampled is not None
+        check_arm(self.robot, samples, self.tf_flange_tool, fit="pose" if fitted else "none")
         return apply_transform(self.registration.tf_base_tracker, samples.p_meas) - self.commanded_positions(samples)
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose.arm_check import check_arm
 from truepose.campaign import check_campaign
 from truepose.cell import Cell
 from truepose.choosing import CellSamples
@@ -84,6 +85,7 @@ def fit_cell(
         expected=expected,
         excluded=_excluded(samples, registration, gross, weighed_down),
         campaign=campaign.to_dict(),
+        arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )
 
 

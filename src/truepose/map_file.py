@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose import archive, map_checks
+from truepose.arm_check import UNCHECKED, ArmCheck
 from truepose.cell import Cell
 from truepose.choosing import arm_of
 from truepose.error_map import ErrorMap, predictor_coordinates
@@ -63,6 +64,7 @@ def _content(error_map: ErrorMap) -> dict[str, Any]:
         "expected": error_map.expected,
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
+        "arm_check": error_map.arm_check.to_dict(),
     }
 
 
@@ -140,6 +142,7 @@ def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: st
         expected=content["expected"],
         excluded=content["excluded"],
         campaign=content.get("campaign", {}),
+        arm_check=ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
         p_flange_sampled=arrays.get("p_flange_sampled"),
     )
 

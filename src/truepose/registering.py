@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose.arm_check import check_arm
 from truepose.cell import Cell
 from truepose.errors import DataError, RobotError
 from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
@@ -34,7 +35,7 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
     ------
     DataError
         If a fitted tool is asked for and the samples have no joints, or orientations that are not there; if joints and
-        commanded poses disagree, as with a controller that compensates already.
+        commanded poses disagree, as with a controller that compensates already or one that has another tool.
     IdentifiabilityError
         If the samples cannot tell the tool from the station.
     """
@@ -91,6 +92,8 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
     check_limits(robot, samples)
     check_not_compensated(samples, robot)
     tf_base_flange = robot.forward(samples.q)
+    if cell.tool.fit == "none":
+        check_arm(robot, samples, tf_flange_tool)
     if cell.tool.fit == "none":
         p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
         return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd

@@ -11,7 +11,7 @@ from truepose.errors import RefusedError
 from truepose.programs import FrameTable
 
 RAPID = """MODULE M
-CONST robtarget p:=[[{xyz}],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+LOCAL CONST robtarget p:=[[{xyz}],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
 PROC main()
 MoveL p,v100,fine,tool0\\WObj:=wobj0;
 ENDPROC

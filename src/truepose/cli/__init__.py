@@ -12,7 +12,20 @@ from typing import TextIO
 
 import typer
 
-from truepose.cli import demo, explain, iso9283, maps, planning, programs, report, setup, similarity, study, updating
+from truepose.cli import (
+    demo,
+    explain,
+    iso9283,
+    maps,
+    planning,
+    points,
+    programs,
+    report,
+    setup,
+    similarity,
+    study,
+    updating,
+)
 from truepose.errors import TrueposeError
 
 app = typer.Typer(
@@ -29,6 +42,7 @@ app.command("init")(setup.init)
 app.command("plan")(planning.plan)
 app.command("import")(setup.import_readings)
 app.command("similarity")(similarity.similarity)
+app.command("check-point")(points.check_point)
 app.command("fit")(maps.fit)
 app.command("predict")(maps.predict)
 app.command("validate")(maps.validate)

@@ -38,6 +38,7 @@ def fit(
 ) -> None:
     """Register, fit the tool if asked, and fit an error model; writes a map."""
     import numpy as np
+    from rich.markup import escape
 
     from truepose.cell import load_cell
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
@@ -79,6 +80,7 @@ def fit(
         "expected": error_map.expected,
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
+        "arm_check": error_map.arm_check.to_dict(),
     }
     if calibration is not None:
         data["calibration"] = calibration_data(calibration)
@@ -89,6 +91,8 @@ def fit(
         std = np.sqrt(np.diag(error_map.registration.covariance)[6:9])
         parts = ", ".join(f"{axis} {value:.3f} ± {s:.3f}" for axis, value, s in zip("xyz", tool, std, strict=True))
         say(f"Tool found with the station, flange to measured point: {parts} mm")
+    colour = "green" if error_map.arm_check.checked else "yellow"
+    say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
     if error_map.registration.hint:
         say(f"[yellow]Note[/]: {error_map.registration.hint}.")
     show_campaign(error_map.campaign)

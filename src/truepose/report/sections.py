@@ -108,6 +108,7 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "payload": payload,
         "tracker": _tracker(evidence, say),
         "samples": say(with_joints, n=len(samples), source=samples.source),
+        "arm": _arm(evidence, say),
         "held_out": told,
         "region": say("cell.region_told", **bounds),
         "campaign": _campaign(error_map.campaign, say),
@@ -132,6 +133,13 @@ def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
         for fault in campaign["faults"]
     ]
     return "; ".join(told) or say("cell.campaign_none", n=campaign["tested"])
+
+
+def _arm(evidence: Evidence, say: Locale) -> str:
+    found = evidence.error_map.arm_check
+    if not found.checked or found.residual_mm is None:
+        return say("cell.arm_not_checked")
+    return say("cell.arm_checked", n=found.n, residual=found.residual_mm)
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str:

@@ -1,0 +1,315 @@
+"""The nominal arm and the stated tool against positions that the controller itself shows.
+
+A controller that was told another tool, or an arm of another size, reaches other places than the model says. Joints and
+positions of the same poses prove both: p = F(q) · tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.cell import Cell
+from truepose.cell.sections import Fit
+from truepose.errors import DataError, IdentifiabilityError
+from truepose.geometry import Registration, invert_transform, register_with_tool
+from truepose.robots import Robot
+from truepose.samples import Poses
+
+FloatArray = NDArray[np.float64]
+_ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors of a small one
+_TOOL_MM: Final = 0.1
+_OTHER_POINT_MM: Final = 1.0  # a fitted tool is nearer than this to the one that the controller was told
+_KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not judged
+_SIGMAS: Final = 4.0
+_ANGLE: Final = float(np.deg2rad(0.2))
+_FEWEST: Final = 8
+_REMEDY: Final = "Check one taught point with 'truepose check-point'."
+NOT_CHECKED: Final = (
+    f"The arm's model and the tool were not checked: no commanded positions came with the joints. {_REMEDY}"
+)
+_UNDECIDED: Final = (
+    "The arm's model and the tool were not checked: too few poses, or one orientation in an unknown frame. " + _REMEDY
+)
+_NO_JOINTS: Final = (
+    "The arm's model and the tool were not checked: the samples have no joints, and their positions are taken as the "
+    f"controller's own. {_REMEDY}"
+)
+
+
+@dataclass(frozen=True)
+class ArmCheck:
+    """What commanded positions say of the nominal arm and of the tool.
+
+    Attributes
+    ----------
+    checked : bool
+        Whether there was anything to compare with.
+    words : str
+        For people, in whole sentences.
+    n : int
+        Poses that were compared.
+    residual_mm : float, optional
+        Median distance between the model and the commanded positions, with the tool and the frame found from them.
+    p_flange_tool_mm : tuple of float, optional
+        The controller's tool as the positions imply it, flange frame.
+    """
+
+    checked: bool
+    words: str
+    n: int = 0
+    residual_mm: float | None = None
+    p_flange_tool_mm: tuple[float, ...] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check for JSON."""
+        return dict(vars(self))
+
+    @classmethod
+    def from_dict(cls, found: Mapping[str, Any]) -> Self:
+        """Return the check that `to_dict` described.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a value is missing or of a wrong kind.
+        """
+        made = cls(**found)
+        if type(made.checked) is not bool or type(made.words) is not str or type(made.n) is not int:
+            raise TypeError("arm_check has values of a wrong kind")
+        numbers = [] if made.residual_mm is None else [made.residual_mm]
+        if not np.isfinite([*numbers, *(made.p_flange_tool_mm or ())]).all():
+            raise ValueError("arm_check has numbers that are not finite")
+        return made
+
+
+UNCHECKED: Final = ArmCheck(False, NOT_CHECKED)
+
+
+@dataclass(frozen=True)
+class _Implied:
+    """The tool that positions imply, with the frame that they are in."""
+
+    p_flange_tool: FloatArray
+    covariance: FloatArray
+    tf_frame_base: FloatArray
+    residual: float
+
+    @property
+    def frame_differs(self) -> bool:
+        return not np.allclose(self.tf_frame_base, np.eye(4), rtol=0.0, atol=1e-9)
+
+    def from_tool(self, p_flange_tool: FloatArray) -> tuple[float, float]:
+        """Return the distance to a tool in the directions that the poses determine [mm], and its limit there [mm]."""
+        variance, axes = np.linalg.eigh(self.covariance)
+        known = variance < _KNOWN_MM**2
+        away = axes.T @ (self.p_flange_tool - p_flange_tool)
+        std = np.sqrt(np.maximum(variance, 0.0)[known].sum())
+        return float(np.linalg.norm(away[known])), _TOOL_MM + _SIGMAS * float(std)
+
+
+def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fit = "none") -> ArmCheck:
+    """Compare the nominal arm and the tool with the commanded positions of a table.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal.
+    poses : Poses
+    tf_flange_tool : (4, 4) array [mm]
+        The measured point, seen from the flange.
+    fit : {"none", "position", "pose"}
+        What of the tool was fitted; by default it was stated, and must be the controller's.
+
+    Raises
+    ------
+    DataError
+        If the positions prove another tool than the one stated; both are named.
+
+    Notes
+    -----
+    A tool is constant in the flange frame, a frame is constant in space, and the errors of a calibrated model are
+    neither: the three are told apart by poses of several orientations. With one orientation alone a tool and a frame
+    look the same; both are named then.
+    """
+    if poses.q is None:
+        return ArmCheck(False, _NO_JOINTS)
+    if poses.p_cmd is None:
+        return ArmCheck(False, NOT_CHECKED)
+    tf_base_flange = robot.forward(poses.q)
+    implied = _implied(tf_base_flange, poses.p_cmd)
+    if implied is None:
+        return ArmCheck(False, _UNDECIDED)
+    within = f"{len(poses)} poses within {implied.residual:.3f} mm (median)"
+    notes = [f"The arm's model agrees with the commanded positions of {within}."]
+    if implied.frame_differs:
+        notes.append(_other_frame(implied.tf_frame_base))
+    stated = tf_flange_tool[:3, 3]
+    away, limit = implied.from_tool(stated)
+    if fit == "none":
+        if away > limit:
+            raise poses.error(_other_tool(tf_base_flange, poses.p_cmd, implied, stated, away))
+        notes.append(f"The tool agrees with them within {away:.3f} mm.")
+    elif away > limit + _OTHER_POINT_MM:
+        notes.append(
+            f"They are of another point than the measured one, {away:.2f} mm from it: the controller's tool is "
+            f"{_point(implied.p_flange_tool)}, the measured point {_point(stated)}; programs must name their tool."
+        )
+    if poses.rotation_cmd is not None and fit != "pose":
+        turns = _tool_turns(tf_base_flange, implied, poses.rotation_cmd)
+        notes.append(_check_rotation(poses, turns, Rotation.from_matrix(tf_flange_tool[:3, :3]), fit))
+    p = _rounded(implied.p_flange_tool)
+    return ArmCheck(True, " ".join(notes), len(poses), implied.residual, p)
+
+
+def check_point(
+    cell: Cell,
+    q: ArrayLike,
+    p_shown: ArrayLike,
+    rotation_shown: Rotation | None = None,
+    *,
+    tool: int | str | None = None,
+) -> ArmCheck:
+    """Compare the nominal arm and the cell's tool with one taught point, as the controller shows it.
+
+    Parameters
+    ----------
+    cell : Cell
+    q : (dof,) array [rad]
+        The joints of the point.
+    p_shown : (3,) array [mm], robot base frame
+        The position that the controller shows there, with the cell's tool active and no other base.
+    rotation_shown : Rotation, optional
+        The orientation that it shows.
+    tool : int or str, optional
+        The tool that is active, from ``[frames.tools]``; by default that of ``[tool]``.
+
+    Returns
+    -------
+    ArmCheck
+        With the tool that the position implies.
+
+    Raises
+    ------
+    DataError
+        If model and controller differ by more than rounding; both positions and both tools are named.
+    RobotError
+        If the number of joints is wrong.
+    """
+    robot = cell.load_robot()
+    joints, shown = np.atleast_2d(np.asarray(q, float)), np.asarray(p_shown, float)
+    if shown.shape != (3,) or not np.isfinite(shown).all():
+        raise DataError(f"expected a position of shape (3,) and finite, got shape {shown.shape}")
+    robot.check_joints(joints)
+    tf_base_flange = robot.forward(joints)[0]
+    tf_flange_tool = _tool_of(cell, tool)
+    tf_base_tool = tf_base_flange @ tf_flange_tool
+    away = float(np.linalg.norm(tf_base_tool[:3, 3] - shown))
+    p_flange_tool = tf_base_flange[:3, :3].T @ (shown - tf_base_flange[:3, 3])
+    if away > _ROUNDING_MM:
+        raise DataError(
+            f"the controller shows {_point(shown)} where {robot.name} with the cell's tool has "
+            f"{_point(tf_base_tool[:3, 3])}, {away:.2f} mm apart; if the arm is right, the controller's tool is "
+            f"{_point(p_flange_tool)} and the cell's {_point(tf_flange_tool[:3, 3])}: check the robot's model, "
+            "[tool], and that no base is active"
+        )
+    if rotation_shown is not None:
+        turn = (Rotation.from_matrix(tf_base_tool[:3, :3]).inv() * rotation_shown).magnitude()
+        if turn > _ANGLE:
+            raise DataError(
+                f"the controller shows an orientation {np.rad2deg(turn):.2f}° from that of {robot.name} with the "
+                "cell's tool; check the angles of [tool]"
+            )
+    words = f"The arm's model and the tool agree with one taught point within {away:.3f} mm."
+    return ArmCheck(True, words, 1, away, _rounded(p_flange_tool))
+
+
+def _tool_of(cell: Cell, tool: int | str | None) -> FloatArray:
+    if tool is None:
+        return cell.tf_flange_tool
+    known = {str(key).casefold(): tf for key, tf in cell.tools.items()}
+    if (key := str(tool).strip().casefold()) not in known:
+        raise DataError(f"tool {tool} is not in [frames.tools] of the cell file ({', '.join(known) or 'none'})")
+    return known[key]
+
+
+def _implied(tf_base_flange: FloatArray, p_cmd: FloatArray) -> _Implied | None:
+    """Return what positions imply: a tool alone where that explains them, else a tool and a frame; None if neither."""
+    rotation = tf_base_flange[:, :3, :3]
+    tools = np.einsum("nji,nj->ni", rotation, p_cmd - tf_base_flange[:, :3, 3])
+    tool = np.median(tools, axis=0)
+    residual = float(np.median(np.linalg.norm(tools - tool, axis=1)))
+    if residual <= _ROUNDING_MM:
+        variance = np.eye(3) * residual**2 / len(tools)
+        return _Implied(tool, variance, np.eye(4), residual)
+    if len(p_cmd) < _FEWEST:
+        return None
+    try:
+        found: Registration = register_with_tool(tf_base_flange, p_cmd, robust=True)
+    except IdentifiabilityError:
+        return None
+    assert found.p_flange_tool is not None
+    residual = float(np.median(np.linalg.norm(found.residuals, axis=1)))
+    return _Implied(found.p_flange_tool, found.covariance[6:9, 6:9], invert_transform(found.tf_base_tracker), residual)
+
+
+def _other_tool(
+    tf_base_flange: FloatArray, p_cmd: FloatArray, implied: _Implied, stated: FloatArray, away: float
+) -> str:
+    """Return the message for a tool that the positions contradict."""
+    message = (
+        f"the commanded positions are those of the tool {_point(implied.p_flange_tool)}, but [tool] states "
+        f"{_point(stated)}, {away:.2f} mm apart"
+    )
+    shifts = p_cmd - tf_base_flange[:, :3, 3] - tf_base_flange[:, :3, :3] @ stated
+    shift = np.median(shifts, axis=0)
+    if np.median(np.linalg.norm(shifts - shift, axis=1)) <= _ROUNDING_MM and not implied.frame_differs:
+        message += f" (or, since the orientations are all alike, a base that lies at {_point(-shift)})"
+    return f"{message}; state the controller's tool in the cell file, or correct the commanded positions"
+
+
+def _other_frame(tf_frame_base: FloatArray) -> str:
+    turn = np.rad2deg(Rotation.from_matrix(tf_frame_base[:3, :3]).magnitude())
+    return (
+        f"They are given in a frame in which the model's base lies at {_point(tf_frame_base[:3, 3])}, turned by "
+        f"{turn:.2f}°: bases of programs must be stated from the robot's own base."
+    )
+
+
+def _tool_turns(tf_base_flange: FloatArray, implied: _Implied, rotation_cmd: Rotation) -> Rotation:
+    """Return the orientation of the tool in the flange frame that each commanded orientation implies."""
+    frame = Rotation.from_matrix(implied.tf_frame_base[:3, :3])
+    return (frame * Rotation.from_matrix(tf_base_flange[:, :3, :3])).inv() * rotation_cmd
+
+
+def _check_rotation(poses: Poses, turns: Rotation, stated: Rotation, fit: Fit) -> str:
+    """Refuse a stated orientation of the tool that commanded orientations contradict; return a note."""
+    mean = turns.mean()
+    if np.median((turns * mean.inv()).magnitude()) > _ANGLE:
+        return "Commanded orientations do not follow the joints, and were not used to check the tool."
+    if (angle := float((stated.inv() * mean).magnitude())) <= _ANGLE:
+        return "Its orientation agrees, too."
+    message = (
+        f"the tool of the commanded orientations is turned by {_degrees(mean)}, that of [tool] by {_degrees(stated)}, "
+        f"{np.rad2deg(angle):.2f}° apart"
+    )
+    if fit == "none" or stated.magnitude() > 0.0:
+        raise poses.error(f"{message}; state the controller's tool in the cell file")
+    return f"{message[0].upper()}{message[1:]}: state the angles in [tool]."
+
+
+def _rounded(p: FloatArray) -> tuple[float, ...]:
+    return tuple((np.round(p, 4) + 0.0).tolist())
+
+
+def _point(p: FloatArray) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in np.round(p, 2) + 0.0) + ") mm"
+
+
+def _degrees(rotation: Rotation) -> str:
+    return "Rz {:.2f}° Ry {:.2f}° Rx {:.2f}°".format(*(rotation.as_euler("ZYX", degrees=True).round(2) + 0.0))
