@@ -59,8 +59,6 @@ def sets(quick: bool) -> Iterator[tuple[str, Cell, Samples, Samples]]:
         yield "hard, 200 samples, 2 % gross, seed 0", cell.cell, spoiled(cell, 0), test
         one = measured(cell, 200, 0, 0.0), measured(cell, TEST, 10_000, 0.0)
         yield "hard, 200 samples, one orientation, seed 0", cell.cell, *one
-    if not accuracy.DATA.exists():
-        return
     ur10, samples = Cell.model_validate(accuracy.CELL), read_samples(accuracy.DATA)
     for seed, (fit, test) in enumerate(accuracy.halves(samples, 1 if quick else 2)):
         for n in (60,) if quick else (60, 100, 150):

@@ -32,12 +32,9 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture(scope="session")
-def shared() -> Path:
-    """The folder of specifications and measurements beside the project; the test skips where it is absent."""
-    folder = Path(__file__).resolve().parents[2] / "shared"
-    if not folder.is_dir():
-        pytest.skip("needs the shared/ folder beside the repository")
-    return folder
+def ur10() -> Path:
+    """The folder of a UR10's measurements: samples.csv, and README.md with its source."""
+    return Path(__file__).parent / "data" / "ur10"
 
 
 @dataclass(frozen=True)

@@ -312,17 +312,17 @@ def test_joints_beyond_limits_name_their_row(virtual, samples):
         tp.fit_cell(virtual.cell, spoiled)
 
 
-def test_radians_read_as_degrees_are_guessed(shared):
-    samples = tp.read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+def test_radians_read_as_degrees_are_guessed(ur10):
+    samples = tp.read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
     shrunk = Samples(samples.p_meas, q=np.deg2rad(samples.q), source="s.csv")
     with pytest.raises(DataError, match=r"are the columns q1_deg … in radians\?"):
         tp.fit_cell(cell, shrunk)
 
 
-def test_measured_ur10(shared, tmp_path):
+def test_measured_ur10(ur10, tmp_path):
     """Registration with the tool fitted brings the mean to 0.72 ± 0.02 mm with nominal links (the data's README)."""
-    samples = tp.read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+    samples = tp.read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
     half = np.random.default_rng(0).permutation(len(samples))
     fitted = tp.fit_cell(cell, samples[half[:316]], "ordinary-kriging")

@@ -96,9 +96,9 @@ def test_registered_readings_are_left_where_they_are(virtual, measured):
         tp.iso9283(replace(measured, p_cmd=None, rotation_cmd=None))
 
 
-def test_measured_ur10(shared: Path):
-    """../shared/data/ur10_isocubes: some of its cube poses were measured two to five times."""
-    samples = tp.read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+def test_measured_ur10(ur10: Path):
+    """tests/data/ur10: some of its cube poses were measured two to five times."""
+    samples = tp.read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
     found = tp.iso9283(samples, cell=cell)
     counts = [pose.n for pose in found.poses]

@@ -337,8 +337,8 @@ class TestAgainstRobot:
         assert len(check_against(Poses(q=np.zeros((20, 6))), self.robot)) == 0
 
 
-def test_measured_robot(shared: Path) -> None:
-    samples = read_samples(shared / "data/ur10_isocubes/samples.csv")
+def test_measured_robot(ur10: Path) -> None:
+    samples = read_samples(ur10 / "samples.csv")
     assert len(samples) == 632
     assert {"q", "p_cmd", "rotation_cmd", "rotation_meas", "p_std", "rotation_std", "temperature"} <= set(
         samples.columns()

@@ -188,11 +188,11 @@ class TestOutliers:
 
 
 class TestMeasuredRobot:
-    """../shared/data/ur10_isocubes: figures from its README."""
+    """tests/data/ur10: figures from its README."""
 
     @pytest.fixture
-    def table(self, shared: Path) -> np.ndarray:
-        return np.genfromtxt(shared / "data" / "ur10_isocubes" / "samples.csv", delimiter=",", names=True)
+    def table(self, ur10: Path) -> np.ndarray:
+        return np.genfromtxt(ur10 / "samples.csv", delimiter=",", names=True)
 
     def test_station_and_tool_leave_072_mm(self, table: np.ndarray) -> None:
         q = np.deg2rad(np.column_stack([table[f"q{i}_deg"] for i in range(1, 7)]))

@@ -65,7 +65,7 @@ def test_kitanidis_example_3_2(exact):
 
 @pytest.mark.parametrize(("points", "estimate", "variance"), [(4, 2.5, 1.017767), (2, 1.5, 1.267767)])
 def test_four_corners(points, estimate, variance):
-    """Four corners of a square under a spherical model that barely reaches its centre: shared/oracles, number 4."""
+    """Four corners of a square under a spherical model that barely reaches its centre."""
     model = OrdinaryKriging(VariogramModel("spherical", sill=1, range=1)).fit(
         CORNERS[:points], np.arange(1.0, points + 1)
     )
@@ -73,7 +73,7 @@ def test_four_corners(points, estimate, variance):
 
 
 def test_ordinary_cokriging_with_a_shared_mean():
-    """Two variables, each measured where the other was not; from gstat's own test output: shared/oracles, number 3."""
+    """Two variables, each measured where the other was not; from gstat's own test output."""
     d1, d2 = np.diag([0.0, np.inf]), np.diag([np.inf, 0.0])
     model = VectorKriging(
         VariogramModel("exponential", sill=1.0, range=1.0), [[1.0, 0.5], [0.5, 1.0]], shared_drift=True
@@ -85,7 +85,7 @@ def test_ordinary_cokriging_with_a_shared_mean():
 
 
 def test_meuse_experimental_variogram():
-    """log(zinc) of the Meuse flood plain (scikit-gstat ships it), as gstat computes it: shared/oracles, number 5."""
+    """log(zinc) of the Meuse flood plain (scikit-gstat ships it), as gstat computes it."""
     skgstat = pytest.importorskip("skgstat")
     with (Path(skgstat.__file__).parent / "data" / "samples" / "meuse.txt").open() as file:
         rows = list(csv.DictReader(file))

@@ -280,9 +280,9 @@ def test_network_keeps_still_where_nothing_is_left(samples, targets):
 
 
 @pytest.mark.parametrize(("terms", "mark"), [((), 0.362), (("sin1", "cos1"), 0.318)])
-def test_measured_arm(shared, terms, mark):
+def test_measured_arm(ur10, terms, mark):
     """A UR10 read by a laser tracker: mean of the other half over five random halves [mm]."""
-    samples = read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+    samples = read_samples(ur10 / "samples.csv")
     robot = load_robot("universal-robots-ur10")
     left = []
     for seed in range(5):

@@ -63,8 +63,8 @@ def test_flange_where_the_drawing_puts_it(name: str, q_deg: list[float], p: list
     np.testing.assert_allclose(tf[:3, 2], z, atol=1e-12)
 
 
-def test_ur10_agrees_with_the_craig_table_of_the_measurements(shared: Path, rng: np.random.Generator) -> None:
-    text = (shared / "data" / "ur10_isocubes" / "README.md").read_text("utf-8")
+def test_ur10_agrees_with_the_craig_table_of_the_measurements(ur10: Path, rng: np.random.Generator) -> None:
+    text = (ur10 / "README.md").read_text("utf-8")
     cells = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")
     ]

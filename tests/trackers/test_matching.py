@@ -242,8 +242,8 @@ def test_import_computes_what_was_commanded(tmp_path: Path, rng: np.random.Gener
         import_readings(path, wrong, cell=cell)
 
 
-def test_measured_robot(shared: Path, rng: np.random.Generator) -> None:
-    given = read_samples(shared / "data/ur10_isocubes/samples.csv")
+def test_measured_robot(ur10: Path, rng: np.random.Generator) -> None:
+    given = read_samples(ur10 / "samples.csv")
     assert given.p_cmd is not None
     keep = np.delete(np.arange(632), [5, 300, 301, 600])
     samples, summary = match(readings_of(given.p_meas[keep]), plan_of(given.p_cmd), missing=True)

@@ -337,13 +337,13 @@ def test_too_few_samples():
         KinematicKriging(ROBOT).fit(q, e)
 
 
-def test_measured_ur10(shared):
+def test_measured_ur10(ur10):
     """The figures of the data's README: 150 samples leave at most 0.14 mm in the mean on the others."""
     from truepose.geometry import register_with_tool
     from truepose.samples import read_samples
 
     robot = load_robot("universal-robots-ur10")
-    samples = read_samples(shared / "data" / "ur10_isocubes" / "samples.csv")
+    samples = read_samples(ur10 / "samples.csv")
     order = np.random.default_rng(0).permutation(len(samples))
     fit, test = order[:150], order[150:]
     registration = register_with_tool(robot.forward(samples.q[fit]), samples.p_meas[fit])
