@@ -22,7 +22,7 @@ PROGRAMS = {
     "inline.src": "DEF inline( )\nLIN {{X {},Y 2.5,Z 3.5,A 0,B 0,C 0}}\nEND\n",
     "run.src": "DEF run( )\n" + "LIN {{X {},Y 2.5,Z 3.5,A 0,B 0,C 0}}\n" * 20 + "END\n",
     "point.src": "DEF point( )\nDECL E6POS P1\nP1={{X {},Y 2.5,Z 3.5,A 0,B 0,C 0,S 2,T 1}}\nLIN P1\nEND\n",
-    "const.mod": "MODULE m\nCONST robtarget p1:="
+    "const.mod": "MODULE m\nLOCAL CONST robtarget p1:="
     + RT
     + ";\nPROC main()\nMoveL p1,v10,fine,tool0;\nENDPROC\nENDMODULE\n",
     "inline.mod": "MODULE m\nPROC main()\nMoveL " + RT + ",v10,fine,tool0;\nENDPROC\nENDMODULE\n",
