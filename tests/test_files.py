@@ -92,3 +92,84 @@ def test_text_in_another_encoding(tmp_path):
     path.write_bytes("Größe".encode("latin-1"))
     with pytest.raises(FileError, match="is not UTF-8 text"):
         files.read_text(path)
+
+
+@pytest.mark.promise("devices, pipes, folders and links are refused as outputs and stay what they are")
+def test_only_plain_files_are_written(tmp_path):
+    target, link, dangling, pipe = (tmp_path / name for name in ("target", "link", "dangling", "pipe"))
+    target.write_bytes(b"old")
+    link.symlink_to(target)
+    dangling.symlink_to(tmp_path / "nowhere")
+    os.mkfifo(pipe)
+    for path, message in (
+        (link, "is a link; name the file that it leads to"),
+        (dangling, "is a link"),
+        (pipe, "is no plain file but a device or a pipe"),
+        ("/dev/null", "is no plain file but a device or a pipe"),
+        (tmp_path, "is a folder"),
+    ):
+        before = os.lstat(path)
+        with pytest.raises(FileError, match=message):
+            files.write_atomic(path, b"new")
+        assert os.lstat(path).st_ino == before.st_ino
+        assert os.lstat(path).st_mode == before.st_mode
+    assert target.read_bytes() == b"old"
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+@pytest.mark.promise("what a command read it does not overwrite, by no name and no link, also when told to overwrite")
+def test_inputs_are_never_overwritten(tmp_path):
+    first, second, linked, other = (tmp_path / name for name in ("first", "second", "linked", "other"))
+    for path in (first, second, other):
+        path.write_bytes(b"old")
+    os.link(first, linked)
+    (tmp_path / "folder").symlink_to(tmp_path)
+    with files.watched():
+        files.overwrite(True)
+        files.read_bytes(first)
+        for path in (first, linked, tmp_path / "folder" / "first"):
+            with pytest.raises(FileError, match="is an input, and inputs are never overwritten"):
+                files.write_atomic(path, b"new")
+        with pytest.raises(FileError, match="second: is an input"):
+            files.check_outputs(other, second, inputs=[second])
+        files.write_atomic(other, b"new")
+    files.write_atomic(first, b"new")  # a Python program may
+    assert [path.read_bytes() for path in (first, second, linked, other)] == [b"new", b"old", b"old", b"new"]
+
+
+@pytest.mark.promise("within a command existing files are overwritten only when it was told so, and none before")
+def test_existing_files_are_overwritten_only_when_told(tmp_path):
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.write_bytes(b"old")
+    with files.watched():
+        with pytest.raises(FileError, match=r"old: exists already; .* overwrite it with --force"):
+            files.write_all({new: b"new", old: b"new"})
+        assert not new.exists()
+        files.overwrite(True)
+        with pytest.raises(FileError, match="exists already"), files.writing(old, force=False):
+            pass
+        files.write_all({new: b"new", old: b"new"})
+    assert old.read_bytes() == new.read_bytes() == b"new"
+
+
+@pytest.mark.promise("a limit on the size of files gives one clear line, and nothing is changed")
+def test_a_limit_of_size(tmp_path):
+    resource = pytest.importorskip("resource")
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.write_bytes(b"old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        with pytest.raises(FileError, match=r"second: cannot be written: File too large; choose another output path$"):
+            files.write_all({first: b"new", second: b"x" * 100_000})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"first": b"old"}
+
+
+def test_a_folder_that_must_not_be_written(tmp_path):
+    if os.geteuid() == 0:
+        pytest.skip("root may write everywhere")
+    tmp_path.chmod(0o500)
+    with pytest.raises(FileError, match="cannot be written: Permission denied"):
+        files.write_atomic(tmp_path / "a", b"")

@@ -85,3 +85,7 @@ class RefusedError(TrueposeError):
 
 class IllConditionedWarning(UserWarning):
     """A system that was solved, but with few digits left: its condition number, and the remedy."""
+
+
+class RecoveryWarning(UserWarning):
+    """A run that was stopped while it wrote files, and what was done with them: finished, undone, or removed."""

@@ -1,16 +1,58 @@
-"""Reading and writing whole files: clear errors, and never a half-written result."""
+"""Reading and writing whole files: clear errors, never a half-written result, and nothing overwritten unasked."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import shutil
-import tempfile
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+from truepose.commits import Commit, recover
 from truepose.errors import FileError
+
+__all__ = [
+    "Commit",
+    "check_outputs",
+    "overwrite",
+    "read_bytes",
+    "read_text",
+    "recover",
+    "watched",
+    "write_all",
+    "write_atomic",
+    "writing",
+]
+
+
+@dataclass
+class Watch:
+    """What a command read, and whether it may overwrite what is there."""
+
+    force: bool = False
+    read: set[tuple[int, int]] = field(default_factory=set)
+
+
+_WATCH: ContextVar[Watch | None] = ContextVar("watch", default=None)
+
+
+@contextlib.contextmanager
+def watched() -> Iterator[Watch]:
+    """Within the block, refuse to write over files that were read in it, and over any other unless `force` is set."""
+    token = _WATCH.set(watch := Watch())
+    try:
+        yield watch
+    finally:
+        _WATCH.reset(token)
+
+
+def overwrite(force: bool) -> None:
+    """Set whether the command that is watched may overwrite existing files; inputs it may not."""
+    if (watch := _WATCH.get()) is not None:
+        watch.force = force
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -22,7 +64,10 @@ def read_bytes(path: str | Path) -> bytes:
         If there is no such file, it is a folder, or it may not be read.
     """
     try:
-        return Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            if (watch := _WATCH.get()) is not None:
+                watch.read.add(_identity(os.fstat(file.fileno())))
+            return file.read()
     except FileNotFoundError:
         raise FileError(path, "no such file") from None
     except IsADirectoryError:
@@ -39,76 +84,74 @@ def read_text(path: str | Path) -> str:
         raise FileError(path, f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
 
 
-def write_atomic(path: str | Path, content: bytes | str) -> None:
-    """Write a file so that it holds either its old content or all of the new; see `writing`."""
-    with writing(path) as (file,):
-        file.write(content.encode("utf-8") if isinstance(content, str) else content)
+def check_outputs(*paths: str | Path, force: bool = True, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse outputs that must not be written; what a run that was stopped left in their folders is settled before.
 
-
-@contextlib.contextmanager
-def writing(*paths: str | Path) -> Iterator[list[BinaryIO]]:
-    """Open files to be written all together or not at all.
-
-    What is written goes to temporary files in the same folders, which are renamed, in this order, when the block ends
-    well. Folders above them are made.
+    Parameters
+    ----------
+    paths : str or Path
+        The files that are to be written.
+    force : bool
+        Existing files may be overwritten. Within a command (`watched`), only if the command, too, was told so.
+    inputs : iterable of str or Path
+        Files that are never overwritten, by whatever name or link; those that the command read are added.
 
     Raises
     ------
     FileError
-        If a file cannot be written; nothing is changed then.
+        If an output is a folder, a link, no plain file, an input, or exists and may not be overwritten.
     """
-    goals, drafts = [Path(path) for path in paths], list[Path]()
-    path = goals[0]
-    with contextlib.ExitStack() as stack:
+    for folder in dict.fromkeys(Path(path).parent for path in paths):
+        recover(folder)
+    watch = _WATCH.get() or Watch(force=True)
+    kept = watch.read | {_identity(Path(path).stat()) for path in inputs}
+    for path in map(Path, paths):
         try:
-            opened: list[BinaryIO] = []
-            for path in goals:
-                if path.is_dir():
-                    raise FileError(path, "is a folder; name a file in it")
-                path.parent.mkdir(parents=True, exist_ok=True)
-                handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
-                drafts.append(Path(name))
-                opened.append(stack.enter_context(os.fdopen(handle, "wb")))
-            yield opened
-            for path, draft, file in zip(goals, drafts, opened, strict=True):
-                file.flush()
-                os.fsync(file.fileno())
-                file.close()
-                draft.chmod(path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
-            _rename(drafts, goals)
+            status = path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            continue
         except OSError as error:
-            what = f"cannot be written: {error.strerror or error}; choose another output path"
-            raise FileError(path, what) from None
-        finally:
-            for draft in drafts:
-                draft.unlink(missing_ok=True)
+            raise FileError(path, f"cannot be written: {error.strerror}; choose another output path") from None
+        if stat.S_ISLNK(status.st_mode):
+            raise FileError(path, "is a link; name the file that it leads to")
+        if stat.S_ISDIR(status.st_mode):
+            raise FileError(path, "is a folder; name a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise FileError(path, "is no plain file but a device or a pipe; choose another output path")
+        if _identity(status) in kept:
+            raise FileError(path, "is an input, and inputs are never overwritten; choose another output path")
+        if not (force and watch.force):
+            raise FileError(path, "exists already; choose another output path, or overwrite it with --force")
 
 
-def _rename(drafts: list[Path], goals: list[Path]) -> None:
-    """Rename files, all or none; what they replace comes back if one cannot be renamed."""
-    pairs = list(zip(goals, drafts, strict=True))
-    # the last one needs no way back
-    old = {path: draft.with_name(f"{draft.name}.old") for path, draft in pairs[:-1] if path.exists()}
-    done: list[Path] = []
-    try:
-        for path, kept in old.items():
-            shutil.copy2(path, kept)
-        for path, draft in pairs:
-            draft.replace(path)
-            done.append(path)
-    except BaseException:
-        for path in done:
-            if path in old:
-                old[path].replace(path)
-            else:
-                path.unlink()
-        raise
-    finally:
-        for kept in old.values():
-            kept.unlink(missing_ok=True)
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def write_atomic(path: str | Path, content: bytes | str) -> None:
+    """Write a file so that it holds either its old content or all of the new; see `writing`."""
+    write_all({Path(path): content})
+
+
+def write_all(contents: Mapping[Path, bytes | str]) -> None:
+    """Write files all together or not at all; see `writing`."""
+    with writing(*contents) as opened:
+        for file, content in zip(opened, contents.values(), strict=True):
+            file.write(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+@contextlib.contextmanager
+def writing(*paths: str | Path, force: bool = True) -> Iterator[list[BinaryIO]]:
+    """Open files to be written all together or not at all; see `truepose.commits.Commit`.
+
+    Folders above them are made.
+
+    Raises
+    ------
+    FileError
+        If a file must not be written (see `check_outputs`) or cannot be; nothing is changed then.
+    """
+    goals = [Path(path) for path in paths]
+    with Commit() as commit, contextlib.ExitStack() as stack:
+        check_outputs(*goals, force=force)
+        yield [stack.enter_context(commit.open(goal)) for goal in goals]
