@@ -6,7 +6,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,22 @@ from truepose.similarity.threads import cores
 def pytest_xdist_auto_num_workers() -> int:
     """Return how many test workers ``-n auto`` starts: one for each usable processor."""
     return cores()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _state_of_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep fixtures of wider scope, too, from what the user's own folder remembers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TRUEPOSE_STATE", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder where corrected programs are remembered: another for each test, and never the user's own."""
+    folder = tmp_path_factory.mktemp("state")
+    monkeypatch.setenv("TRUEPOSE_STATE", str(folder))
+    return folder
 
 
 @pytest.fixture

@@ -531,5 +531,6 @@ def load_map(path: str | Path) -> ErrorMap:
 
     data = files.read_bytes(path)
     error_map = from_bytes(data, path)
-    vars(error_map)["hash"] = hashlib.sha256(data).hexdigest()  # of this file, whichever version wrote it
+    # of this file, whichever version wrote it
+    vars(error_map).update(hash=hashlib.sha256(data).hexdigest(), path=Path(path))
     return error_map

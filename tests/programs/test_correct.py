@@ -179,12 +179,12 @@ def test_a_corrected_program_is_not_corrected_again(
 def test_the_program_itself_is_never_overwritten(path: Path, frames: FrameTable, make_map: Any, tmp_path: Path) -> None:
     corrected = correct_program(path, make_map([1, 0, 0]), frames=frames)
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    with pytest.raises(FileError, match=r"cell\.src: is the program itself; choose another output folder"):
+    with pytest.raises(FileError, match=r"cell\.src: is an input, and inputs are never overwritten"):
         corrected.write(tmp_path)
     linked = tmp_path / "link"
     linked.mkdir()
     os.link(path.with_suffix(".dat"), linked / "cell.dat")
-    with pytest.raises(FileError, match=r"cell\.dat: is the program itself"):
+    with pytest.raises(FileError, match=r"cell\.dat: is an input, and"):
         corrected.write(linked)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
     assert [p.name for p in linked.iterdir()] == ["cell.dat"]

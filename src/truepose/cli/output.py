@@ -16,6 +16,18 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output on stdout, and nothing else there.")]
 
+Force = Annotated[
+    bool, typer.Option("--force", help="Overwrite existing results; inputs of the command are never overwritten.")
+]
+
+
+def overwrite(force: bool, *outputs: Path) -> None:
+    """Let the command overwrite existing files if `force`; refuse outputs that it must not write before it computes."""
+    from truepose import files
+
+    files.overwrite(force)
+    files.check_outputs(*outputs)
+
 
 def emit_json(data: Mapping[str, Any]) -> None:
     """Write one JSON object to stdout; numbers that are not finite become null."""

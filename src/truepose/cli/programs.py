@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.output import Json, counting, emit_json, say
+from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say
 
 if TYPE_CHECKING:
     import numpy as np
@@ -153,6 +153,7 @@ def correct(
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change, and write nothing.")] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; writes the programs and a list of what was done to each target."""
@@ -162,7 +163,9 @@ def correct(
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.programs import Coverage, correct_program, read_programs
+    from truepose.programs.sidecar import write, write_in_place
 
+    overwrite(force)
     error_map = load_map(map_path)
     cell = None if cell_path is None else load_cell(cell_path)
     frames = _frames(cell or error_map.cell, config_dat, tool, base)
@@ -197,8 +200,8 @@ def correct(
         ]
     _check_names(corrected, in_place)
     written: list[Path] = []
-    for one in [] if dry_run else corrected:
-        written += one.write_in_place() if in_place else one.write(out)
+    if not dry_run:
+        written = write_in_place(corrected, force=force) if in_place else write(corrected, out, force=force)
     coverage = Coverage.of(program.targets for program in corrected)
     if as_json:
         emit_json(

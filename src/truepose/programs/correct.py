@@ -109,6 +109,8 @@ class CorrectedProgram:
         The settings of ``[correction]`` that held, with their origin.
     warnings : tuple of str
         What a user should look at: straight paths that bend (see `truepose.programs.paths`).
+    map_path : Path, optional
+        The file that the map was read from; corrected programs are remembered beside it.
     """
 
     program: Program
@@ -119,6 +121,7 @@ class CorrectedProgram:
     hashes: dict[Path, str]
     limits: LimitsInForce
     warnings: tuple[str, ...] = ()
+    map_path: Path | None = None
 
     def content(self, source: Source) -> Iterator[bytes]:
         """Yield a file as it becomes, piece by piece."""
@@ -152,25 +155,36 @@ class CorrectedProgram:
         files = self.files
         return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
 
-    def write(self, out_dir: str | Path) -> list[Path]:
-        """Write every file of the program and its record (JSON and CSV) to a folder; return their paths.
+    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
+        """Write every file of the program and its record (JSON and CSV) to a folder, all or none; return their paths.
+
+        Parameters
+        ----------
+        out_dir : str or Path
+        force : bool
+            Overwrite the results of an earlier run. The program itself is never overwritten.
 
         Raises
         ------
         FileError
-            If the folder is that of the program, or cannot be written; nothing new is left there then.
+            If a file exists already, is the program itself, or cannot be written; the folder is as it was then.
         """
-        return sidecar.write(self, Path(out_dir))
+        return sidecar.write([self], Path(out_dir), force=force)
 
-    def write_in_place(self) -> list[Path]:
+    def write_in_place(self, *, force: bool = False) -> list[Path]:
         """Write over the program; each file that changes is kept as it was beside it, with ``.original`` added.
 
+        Parameters
+        ----------
+        force : bool
+            Overwrite the record of an earlier run. A kept original is never overwritten.
+
         Raises
         ------
         FileError
-            If such a copy is there already, or a file cannot be written; the program is as it was then.
+            If a kept original or a record is there already, or a file cannot be written; the program is as it was then.
         """
-        return sidecar.write_in_place(self)
+        return sidecar.write_in_place([self], force=force)
 
 
 def correct_program(
@@ -241,7 +255,8 @@ def correct_program(
     on_guard = limits.on_guard
     program = _read(path, cell or getattr(error_map, "cell", None), frames, options, orientation)
     warnings = _check_robot(error_map, program, cell, other_maker)
-    sidecar.check_not_corrected(program)
+    map_path: Path | None = getattr(error_map, "path", None)
+    sidecar.check_not_corrected(program, map_path)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
         _refuse(program, _reasons(program, "refuse"))
@@ -272,7 +287,9 @@ def correct_program(
     warnings += _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = proven_hashes(outcomes, resolution)
     map_hash = getattr(error_map, "hash", None)
-    return CorrectedProgram(program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings))
+    return CorrectedProgram(
+        program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings), map_path
+    )
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
+from truepose.files import recover
 from truepose.programs.targets import FrameTable, Program, ReadOptions
 
 _KRL: Final = (".src", ".dat")
@@ -78,13 +79,18 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     array([[1., 2., 3.]])
     """
     path = Path(path)
-    if path.is_dir():
-        found = read_programs([path], frames, options)
-        if found.unreadable:
-            raise found.unreadable[0]
-        if len(found.programs) > 1:
-            raise FileError(path, f"holds {len(found.programs)} programs; name one of them")
-        return found.programs[0]
+    if not path.is_dir():
+        recover(path.parent)
+        return _read_file(path, frames, options)
+    found = read_programs([path], frames, options)
+    if found.unreadable:
+        raise found.unreadable[0]
+    if len(found.programs) > 1:
+        raise FileError(path, f"holds {len(found.programs)} programs; name one of them")
+    return found.programs[0]
+
+
+def _read_file(path: Path, frames: FrameTable | None, options: ReadOptions | None) -> Program:
     if path.exists() and not path.is_file():
         raise FileError(path, "is no file but a device or a pipe; name a program")
     dialect = dialect_of(path)
@@ -129,7 +135,7 @@ def read_programs(
 
     def take(path: Path, root: Path | None = None) -> None:
         try:
-            program = read_program(path, frames, options)
+            program = read_program(path, frames, options) if root is None else _read_file(path, frames, options)
             programs.append(program if root is None else replace(program, root=root))
         except FileError as error:
             unreadable.append(error)
@@ -210,6 +216,7 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
         raise FileError(error.filename or folder, f"cannot be read: {error.strerror or error}")
 
     for place, folders, names in os.walk(folder, onerror=fail):
+        recover(Path(place))
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         files = [Path(place) / name for name in sorted(names) if not name.startswith(".")]
         found += [file for file in files if file.is_file() and not file.is_symlink()]

@@ -6,8 +6,8 @@ By the hashes a program that is corrected already is known again, and refused: e
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from itertools import takewhile
+from collections.abc import Iterator, Sequence
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from truepose import files
 from truepose.errors import FileError, RefusedError
+from truepose.programs import history
 from truepose.programs.outcomes import DONE
 from truepose.programs.target import FloatArray, Target
 
@@ -164,57 +165,65 @@ def names(program: Program) -> list[Path]:
     return [*sources, *records]
 
 
-def write_in_place(corrected: CorrectedProgram) -> list[Path]:
-    """Write over the program; see `CorrectedProgram.write_in_place`."""
-    changed = [s for s in corrected.program.sources if corrected.hashes[s.path] != s.sha256]
+def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False) -> list[Path]:
+    """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
+    changed = [s for one in corrected for s in one.program.sources if one.hashes[s.path] != s.sha256]
     for source in changed:
         if source.path.is_symlink():
             raise FileError(source.path, "is a link; name the file itself")
-    for source in corrected.program.sources:
+    for source in (s for one in corrected for s in one.program.sources):
         if files.read_bytes(source.path) != source.data:
             raise FileError(source.path, "changed while it was being corrected; run again")
-    backups = [source.path.with_name(source.path.name + ".original") for source in changed]
+    backups = [_original(source.path) for source in changed]
     for backup in backups:
-        if backup.exists():
+        if backup.exists() or backup.is_symlink():
             raise FileError(backup, "is there already, and would be lost; move it away")
-    folder, (*_, json_name, csv_name) = corrected.program.folder, names(corrected.program)
-    records = [folder / json_name, folder / csv_name]
-    # copies and record first: a program that is corrected is never without them
-    with files.writing(*backups, *records, *(source.path for source in changed)) as opened:
-        for file, source in zip(opened, changed, strict=False):
-            file.write(source.data)
-        _write_records(corrected, opened[len(changed)], opened[len(changed) + 1])
-        for file, source in zip(opened[len(changed) + 2 :], changed, strict=True):
-            file.writelines(corrected.content(source))
-    return [*(source.path for source in changed), *records, *backups]
+    records = [[one.program.folder / name for name in names(one.program)[-2:]] for one in corrected]
+    files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
+    history.remember(corrected)
+    # copies and records first: a program that is corrected is never without them
+    with files.Commit() as commit:
+        for backup, source in zip(backups, changed, strict=True):
+            with commit.open(backup, like=source.path) as file:
+                file.write(source.data)
+        for one, (json_path, csv_path) in zip(corrected, records, strict=True):
+            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
+                _write_records(one, json_file, csv_file)
+        for one in corrected:
+            for source in (s for s in one.program.sources if one.hashes[s.path] != s.sha256):
+                with commit.open(source.path, expected=source.sha256) as file:
+                    file.writelines(one.content(source))
+    return [*(source.path for source in changed), *chain.from_iterable(records), *backups]
 
 
-def write(corrected: CorrectedProgram, out_dir: Path) -> list[Path]:
-    """Write the program's files and the record; see `CorrectedProgram.write`."""
-    sources = corrected.program.sources
-    paths = [out_dir / name for name in names(corrected.program)]
-    try:
-        for path in paths:
-            if path.exists() and any(path.samefile(source.path) for source in sources):
-                raise FileError(path, "is the program itself; choose another output folder")
-        with files.writing(*paths) as opened:
-            for file, source in zip(opened, sources, strict=False):
-                file.writelines(corrected.content(source))
-            _write_records(corrected, *opened[len(sources) :])
-    except OSError as error:
-        raise FileError(
-            out_dir, f"cannot be written: {error.strerror or error}; choose another output folder"
-        ) from None
-    return paths
+def _original(path: Path) -> Path:
+    return path.with_name(path.name + ".original")
 
 
-def check_not_corrected(program: Program) -> None:
-    """Refuse a program that a record beside it names as a result.
+def write(corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False) -> list[Path]:
+    """Write the files of programs and their records, all or none; see `CorrectedProgram.write`."""
+    paths = [[out_dir / name for name in names(one.program)] for one in corrected]
+    sources = [source.path for one in corrected for source in one.program.sources]
+    files.check_outputs(*chain.from_iterable(paths), force=force, inputs=sources)
+    history.remember(corrected)
+    with files.Commit() as commit:
+        for one, goals in zip(corrected, paths, strict=True):
+            *programs, json_path, csv_path = goals
+            for source, goal in zip(one.program.sources, programs, strict=True):
+                with commit.open(goal, like=source.path) as file:
+                    file.writelines(one.content(source))
+            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
+                _write_records(one, json_file, csv_file)
+    return list(chain.from_iterable(paths))
+
+
+def check_not_corrected(program: Program, map_path: Path | None) -> None:
+    """Refuse a program that a record beside it names as a result, or that a store knows (`truepose.programs.history`).
 
     Raises
     ------
     RefusedError
-        If a file of it is what a correction changed.
+        If a file of it is what a correction changed, or holds what one wrote.
     FileError
         If a record cannot be read: nobody knows then.
     """
@@ -227,6 +236,7 @@ def check_not_corrected(program: Program) -> None:
                         f"{hashes[after]}: was corrected already, says {path.name}; do not correct it twice: "
                         "take the original"
                     )
+    history.check(program, map_path)
 
 
 def _hashes(path: Path) -> list[tuple[str, str]]:

@@ -1,0 +1,189 @@
+"""What was corrected before, wherever it lies: a program that holds corrected digits is known again by its content.
+
+Every correction that is written adds a line of JSON to two files: ``MAP.corrected`` beside the map, and
+``corrected.jsonl`` in the user's own state folder (``TRUEPOSE_STATE``, else the system's place for it). A line holds
+the hash of the program before and after, and a hash of each corrected position, so that a copy under another name, in
+another folder, for another map, or with some lines edited is recognised.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import FileError, RefusedError
+from truepose.programs.target import FloatArray
+
+if TYPE_CHECKING:
+    from truepose.programs.correct import CorrectedProgram
+    from truepose.programs.targets import Program
+
+HashArray = NDArray[np.uint64]
+_KEPT: Final = 1024
+"""Positions of a program that are remembered: those of the smallest hashes, which are the same in every copy."""
+_ENOUGH: Final = 3
+"""Corrected positions that make a program a corrected one; of fewer than six targets, half of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    date: str
+    file: str
+    after: str
+    positions: HashArray
+
+
+def stores(map_path: Path | None) -> list[Path]:
+    """Return the files that remember corrections: the user's own, and the one beside the map if it came from a file."""
+    beside = [] if map_path is None else [map_path.with_name(f"{map_path.name}.corrected")]
+    return [*_own(), *beside]
+
+
+def _own() -> list[Path]:
+    if stated := os.environ.get("TRUEPOSE_STATE"):
+        return [Path(stated) / "corrected.jsonl"]
+    variable, usual = (
+        ("LOCALAPPDATA", "AppData/Local") if sys.platform == "win32" else ("XDG_STATE_HOME", ".local/state")
+    )
+    try:
+        folder = Path(os.environ.get(variable) or Path.home() / usual)
+    except RuntimeError:  # a user without a home
+        return []
+    return [folder / "truepose" / "corrected.jsonl"]
+
+
+def remember(corrected: Sequence[CorrectedProgram]) -> None:
+    """Add programs to the stores; before they are written, so that none is ever there unrecorded.
+
+    Raises
+    ------
+    FileError
+        If no store can be written.
+    """
+    for one in corrected:
+        if not (lines := "".join(_lines(one))):
+            continue
+        failed: list[FileError] = []
+        paths = stores(one.map_path)
+        for path in paths:
+            try:
+                _append(path, lines)
+            except OSError as error:
+                what = f"cannot be written ({error.strerror or error}), and corrected programs are remembered there"
+                failed.append(FileError(path, f"{what}; set TRUEPOSE_STATE to a folder that can be written"))
+        if len(failed) == len(paths):
+            raise (failed[0] if failed else FileError("~", "is not known; set TRUEPOSE_STATE to a folder"))
+        for problem in failed:
+            warnings.warn(str(problem), UserWarning, stacklevel=2)
+
+
+def _lines(corrected: CorrectedProgram) -> Iterator[str]:
+    """Yield one line per file that changes."""
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    for source in corrected.program.sources:
+        if (after := corrected.hashes[source.path]) == source.sha256:
+            continue
+        entry = {
+            "date": date,
+            "file": source.path.name,
+            "sha256_before": source.sha256,
+            "sha256_after": after,
+            "positions": base64.b64encode(_written(corrected, source.path).astype("<u8").tobytes()).decode(),
+        }
+        # what a killed run left of a line ends before this one
+        yield f"\n{json.dumps(entry)}\n"
+
+
+def _written(corrected: CorrectedProgram, path: Path) -> HashArray:
+    """Return the smallest hashes of the positions that changed in a file."""
+    kept = np.empty(0, np.uint64)
+    for first, columns in corrected.program.targets.chunks(path):
+        after = corrected.targets.after[first : first + len(columns), :3]
+        changed = np.isfinite(after).all(axis=1) & (after != columns.values[:, :3]).any(axis=1)
+        kept = np.unique(np.concatenate([kept, _hashes(after[changed])]))[:_KEPT]
+    return kept
+
+
+def _hashes(p: FloatArray) -> HashArray:
+    """Return a hash of each position (n, 3) [mm] to a nanometre."""
+    mixed = np.zeros(len(p), np.uint64)
+    for column in np.rint(p * 1e6).astype(np.int64).astype(np.uint64).T:
+        mixed = (mixed ^ column) + np.uint64(0x9E3779B97F4A7C15)  # splitmix64
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        mixed ^= mixed >> np.uint64(31)
+    return mixed
+
+
+def _append(path: Path, lines: str) -> None:
+    if path.exists() and not path.is_file():
+        raise OSError("it is no plain file")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    try:
+        data = memoryview(lines.encode())
+        while data:
+            data = data[os.write(descriptor, data) :]
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def check(program: Program, map_path: Path | None) -> None:
+    """Refuse a program that holds what a correction wrote.
+
+    Raises
+    ------
+    RefusedError
+        If a file of it is the result of a correction, or three of its positions (of fewer than six targets half of
+        them) are.
+    FileError
+        If a store is there and cannot be read.
+    """
+    after = {source.sha256: source.path for source in program.sources}
+    found = [columns.values[:, :3] for _, columns in program.correctable_columns()]
+    own = np.unique(_hashes(np.concatenate(found))) if found else np.empty(0, np.uint64)
+    enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
+    for store in stores(map_path):
+        for entry in _entries(store):
+            same = int(np.isin(entry.positions, own).sum())
+            if entry.after not in after and same < enough:
+                continue
+            where = after.get(entry.after, program.path)
+            what = "was corrected already" if entry.after in after else f"holds {same} positions that were corrected"
+            raise RefusedError(
+                f"{where}: {what} ({entry.file}, {entry.date[:10]}, says {store}); do not correct it twice: "
+                "take the original"
+            )
+
+
+def _entries(store: Path) -> Iterator[_Entry]:
+    try:
+        lines = store.read_bytes().splitlines() if store.is_file() else []
+    except OSError as error:
+        raise FileError(
+            store, f"cannot be read: {error.strerror or error}; corrected programs are listed there"
+        ) from None
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            yield _entry(json.loads(line))
+        except (ValueError, KeyError, TypeError, RecursionError):
+            warnings.warn(f"{store}:{number}: is no readable record of a correction and was left out", stacklevel=2)
+
+
+def _entry(fields: dict[str, Any]) -> _Entry:
+    positions = np.frombuffer(base64.b64decode(fields["positions"]), "<u8")
+    return _Entry(str(fields["date"]), str(fields["file"]), str(fields["sha256_after"]), positions.astype(np.uint64))

@@ -1,0 +1,122 @@
+"""A program that holds corrected digits is recognised wherever it lies."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from truepose.errors import FileError, RefusedError
+from truepose.programs import correct_program
+from truepose.programs.sidecar import write
+
+N = 12
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    lines = [f"LIN {{X {800 + 7 * i}.25,Y {i}.5,Z 900.0,A 0.0,B 90.0,C 0.0}}" for i in range(N)]
+    file = tmp_path / "a.src"
+    file.write_text("DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n" + "\n".join(lines) + "\nEND\n")
+    return file
+
+
+@pytest.fixture
+def corrected(path: Path, make_map: Any, tmp_path: Path) -> Path:
+    """The corrected program in a folder of its own, without its record."""
+    correct_program(path, make_map([0.2, -0.1, 0.3])).write(tmp_path / "out")
+    moved = tmp_path / "elsewhere" / "b.src"
+    moved.parent.mkdir()
+    (tmp_path / "out" / "a.src").replace(moved)
+    return moved
+
+
+@pytest.mark.promise("a corrected program that was moved and renamed is not corrected again, whatever the map")
+def test_moved_and_renamed(corrected: Path, path: Path, make_map: Any, state: Path) -> None:
+    with pytest.raises(
+        RefusedError, match=r"b\.src: was corrected already \(a\.src, .*; .* take the original"
+    ) as error:
+        correct_program(corrected, make_map([0.0, 0.0, 1.0], hash="1" * 64))
+    assert str(state / "corrected.jsonl") in str(error.value)
+    assert correct_program(path, make_map([0.2, 0.0, 0.0])).summary()["corrected"] == N
+
+
+@pytest.mark.promise("so is one with lines edited, added or taken out, as long as three corrected positions are left")
+@pytest.mark.parametrize("kept", range(N + 1))
+def test_edited(corrected: Path, make_map: Any, kept: int) -> None:
+    head, *moves = corrected.read_text().split("LIN ")
+    moves = [move if i < kept else move.replace("900.3", "950.0") for i, move in enumerate(moves)]
+    corrected.write_text("; edited\n".join(["", head]) + "LIN " + "LIN ".join(moves))
+    if kept >= 3:
+        with pytest.raises(RefusedError, match=f"b.src: holds {kept} positions that were corrected"):
+            correct_program(corrected, make_map([0.2, 0.0, 0.0]))
+    else:
+        assert correct_program(corrected, make_map([0.2, 0.0, 0.0])).summary()["corrected"] == N
+
+
+@pytest.mark.promise("a program of a few targets is recognised by half of them")
+def test_few_targets(corrected: Path, make_map: Any) -> None:
+    head, first, *_ = corrected.read_text().split("LIN ")
+    fresh = "LIN {X 1000.0,Y 2.0,Z 3.0,A 0.0,B 90.0,C 0.0}\n"
+    for others, refused in ((0, True), (1, True), (2, False)):
+        corrected.write_text(f"{head}LIN {first}{fresh * others}END\n")
+        if others == 2:
+            corrected.write_text(f"{head}LIN {first}{fresh}{fresh.replace('1000', '1010')}END\n")
+        if refused:
+            with pytest.raises(RefusedError, match="holds 1 positions"):
+                correct_program(corrected, make_map([0.2, 0.0, 0.0]))
+        else:
+            correct_program(corrected, make_map([0.2, 0.0, 0.0]))
+
+
+@pytest.mark.promise("the record beside the map tells another user of the map")
+def test_beside_the_map(path: Path, make_map: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    error_map = make_map([0.2, 0.0, 0.0])
+    error_map.path = tmp_path / "m.truepose"
+    correct_program(path, error_map).write(tmp_path / "out")
+    (tmp_path / "out" / "a.src").rename(tmp_path / "b.src")
+    monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "other"))
+    with pytest.raises(RefusedError, match=r"says .*m\.truepose\.corrected"):
+        correct_program(tmp_path / "b.src", error_map)
+    assert json.loads((tmp_path / "m.truepose.corrected").read_text())["file"] == "a.src"
+
+
+def test_what_was_not_written_or_not_changed_is_not_remembered(
+    path: Path, make_map: Any, tmp_path: Path, state: Path
+) -> None:
+    correct_program(path, make_map([0.2, 0.0, 0.0])).diff()
+    correct_program(path, make_map([0.0, 0.0, 0.0])).write(tmp_path / "out")
+    assert not (state / "corrected.jsonl").exists()
+
+
+@pytest.mark.promise("where corrections cannot be remembered nothing is written")
+def test_a_store_that_cannot_be_written(path: Path, make_map: Any, tmp_path: Path, state: Path) -> None:
+    (state / "corrected.jsonl").mkdir()
+    made = correct_program(path, make_map([0.2, 0.0, 0.0]))
+    with pytest.raises(FileError, match=r"corrected programs are remembered there.*set TRUEPOSE_STATE"):
+        made.write(tmp_path / "out")
+    with pytest.raises(FileError, match="set TRUEPOSE_STATE"):
+        made.write_in_place()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.src"]
+
+
+def test_a_damaged_store_still_counts(corrected: Path, make_map: Any, state: Path) -> None:
+    store = state / "corrected.jsonl"
+    whole = store.read_bytes()
+    store.write_bytes(b'{"date": "2\n[1]\n\xff\n{}\n' + b"[" * 100_000 + b"\n" + whole + whole[:40])
+    with pytest.warns(UserWarning, match="is no readable record"), pytest.raises(RefusedError):
+        correct_program(corrected, make_map([0.2, 0.0, 0.0]))
+
+
+@pytest.mark.promise("all programs of one command are written, or none")
+def test_several_programs_at_once(path: Path, make_map: Any, tmp_path: Path) -> None:
+    second = tmp_path / "b.src"
+    second.write_text(path.read_text().replace("LIN", "PTP"))
+    both = [correct_program(p, make_map([0.2, 0.0, 0.0])) for p in (path, second)]
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "b.src").write_bytes(b"earlier")
+    with pytest.raises(FileError, match=r"b\.src: exists already"):
+        write(both, tmp_path / "out")
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["b.src"]
+    write(both, tmp_path / "out", force=True)
+    assert len(list((tmp_path / "out").iterdir())) == 6
