@@ -18,7 +18,7 @@ $(STAMP): $(BIN)/uv pyproject.toml uv.lock
 	touch $(STAMP)
 
 demo: setup
-	$(BIN)/truepose demo build/demo
+	$(BIN)/truepose demo build/demo --force
 
 test: setup
 	$(BIN)/pytest -n auto
@@ -34,8 +34,8 @@ docs: setup
 	$(BIN)/sphinx-build -W --keep-going -b html $(SPHINXOPTS) docs docs/_build/html
 
 study: setup
-	$(BIN)/truepose study docs/validation/paper
-	$(BIN)/truepose study docs/validation/hard --preset hard
+	$(BIN)/truepose study docs/validation/paper --force
+	$(BIN)/truepose study docs/validation/hard --preset hard --force
 
 bench: setup
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group bench

@@ -72,7 +72,7 @@ def run_demo(
     progress("Correcting a program")
     source = _write_program(virtual, directory / "program")
     corrected = correct_program(source, error_map, cell)
-    corrected.write(directory / "corrected")
+    corrected.write(directory / "corrected", force=True)
     corrected_path = directory / "corrected" / source.name
     progress("Measuring the corrected program's targets")
     remeasured = _remeasure(virtual, error_map, source, corrected_path)

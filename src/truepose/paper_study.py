@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
-from truepose.files import write_atomic
+from truepose.files import write_all
 from truepose.fitting import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
 from truepose.predictors import OrdinaryKriging
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+STUDY_FILES: Final = ("results.csv", "table.md", "reductions.svg")
 PUBLISHED_REDUCTION: Final = 75.36
 """[%] Of the maximum, 1.2912 mm to 0.3182 mm, as the paper reports it."""
 
@@ -281,7 +282,7 @@ def plot(results: Sequence[Result]) -> Figure:
 
 
 def write_study(directory: Path, results: Sequence[Result]) -> None:
-    """Write results.csv, table.md and reductions.svg to a folder."""
+    """Write results.csv, table.md and reductions.svg to a folder, all or none."""
     import matplotlib as mpl
 
     rows = io.StringIO()
@@ -290,12 +291,11 @@ def write_study(directory: Path, results: Sequence[Result]) -> None:
     for result in results:
         row = asdict(result)
         writer.writerow({name: f"{value:.4f}" if isinstance(value, float) else value for name, value in row.items()})
-    write_atomic(directory / "results.csv", rows.getvalue())
-    write_atomic(directory / "table.md", markdown(results))
     picture = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "truepose"}):
         plot(results).savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
-    write_atomic(directory / "reductions.svg", picture.getvalue())
+    texts = (rows.getvalue(), markdown(results), picture.getvalue())
+    write_all({directory / name: text for name, text in zip(STUDY_FILES, texts, strict=True)})
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -101,7 +101,7 @@ def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
     shown = run("fit", cell_files.cell, cell_files.samples, "--splits", "points", *few).out
     assert "Candidates, predicted without points" in shown
     assert "Samples that took part neither in the fit nor in the choice: mean 0.0" in shown
-    done = run("fit", cell_files.cell, cell_files.samples, *few, "--json").json
+    done = run("fit", cell_files.cell, cell_files.samples, *few, "--force", "--json").json
     assert done["ranking"][0]["splits"].keys() == {"points", "blocks"}
     means = [row["mean_mm"] for row in done["ranking"][1:]]
     assert means == sorted(means)
@@ -199,7 +199,7 @@ def test_report_is_one_page_that_asks_for_nothing(run, cell_files, tmp_path):
     assert "https://" not in page
     assert "<script" not in page
     assert "held-out poses" in page
-    assert run("report", cell_files.map, "--out", out).code == 0
+    assert run("report", cell_files.map, "--out", out, "--force").code == 0
     assert "leave-one-out" in out.read_text()
 
 
@@ -224,7 +224,7 @@ def test_import(run, cell_files, plan_and_readings, tmp_path):
     assert len(out.read_text().splitlines()) == 31
     lines[7] = "8, " + ", ".join(f"{float(v) + 30.0:.4f}" for v in lines[7].split(",")[1:])
     readings.write_text("\n".join(lines))
-    done = run("import", cell_files.cell, readings, "--plan", plan, "--out", out, "--json").json
+    done = run("import", cell_files.cell, readings, "--plan", plan, "--out", out, "--force", "--json").json
     assert [outlier["row"] for outlier in done["outliers"]] == [7]
 
 

@@ -341,7 +341,7 @@ def test_on_the_command_line(tmp_path):
     assert data["n"] == 8
     assert data["measurable_percent"] == 100.0
     assert {"O1", "O5"} <= set(data["observability"])
-    shown = CliRunner().invoke(app, arguments).stdout
+    shown = CliRunner().invoke(app, [*arguments, "--force"]).stdout
     assert "8 (this plan)" in shown
     assert "plan.csv" in shown
 

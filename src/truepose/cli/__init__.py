@@ -56,7 +56,13 @@ app.command("study")(study.study)
 
 
 @app.callback(invoke_without_command=True)
-def _root(version: bool = typer.Option(False, "--version", help="Print the version and exit.")) -> None:
+def _root(
+    context: typer.Context,
+    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+) -> None:
+    from truepose.files import watched
+
+    context.with_resource(watched())
     if version:
         from truepose import __version__
 

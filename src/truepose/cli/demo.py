@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, accuracy_table, emit_json, say, working
+from truepose.cli.output import Force, Json, accuracy_table, emit_json, overwrite, say, working
 
 
 def demo(
@@ -16,11 +16,13 @@ def demo(
     ),
     seed: Annotated[int, typer.Option(help="Another robot, another tracker, other noise.", min=0)] = 0,
     preset: Annotated[str, typer.Option(help="The virtual cell: paper, hard or ideal.")] = "paper",
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Plan, measure a virtual robot, find the similarity, fit, validate, correct a program, measure again, report."""
     from truepose.demo import run_demo
 
+    overwrite(force, directory / "cell.toml")
     if as_json:
         emit_json(run_demo(directory, preset=preset, seed=seed, progress=lambda _: None))
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.cli.calibration import calibration_of, show_calibration
-from truepose.cli.output import Json, emit_json, say, table
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
 
 if TYPE_CHECKING:
     from truepose.report.knowledge import Knowledge
@@ -18,16 +18,17 @@ def explain(
     map_path: Annotated[Path, typer.Argument(metavar="MAP")],
     out: Annotated[Path | None, typer.Option("--out", help="A folder for the pictures: joints.svg, sure.svg.")] = None,
     suggestions: Annotated[int, typer.Option(help="How many poses to measure next.", min=0, max=50)] = 5,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Say what a map knows: parameters, joint curves, noise, where it is sure and where not, what to measure next."""
     from truepose.error_map import load_map
     from truepose.report.knowledge import knowledge
 
+    overwrite(force, *([] if out is None else [out / name for name in ("joints.svg", "sure.svg")]))
     found = knowledge(load_map(map_path), suggestions=suggestions)
     pictures = []
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         pictures = found.save_plots(out)
     if as_json:
         emit_json({"map": map_path, **found.to_dict(), "pictures": pictures})

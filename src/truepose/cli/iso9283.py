@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say, table
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
 
 if TYPE_CHECKING:
     from truepose.verification import Iso9283
@@ -31,6 +31,7 @@ def iso9283(
         ),
     ] = None,
     edge: Annotated[float | None, typer.Option("--edge", help="Edge of the test cube [mm].", min=1.0)] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Pose accuracy and repeatability, drift, distances and paths by ISO 9283, and what the standard still asks for."""
@@ -39,6 +40,7 @@ def iso9283(
     from truepose.samples import read_samples
 
     if poses is not None:
+        overwrite(force, poses)
         _write_poses(path, poses, edge, as_json)
         return
     samples = read_samples(path)

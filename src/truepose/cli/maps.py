@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truepose.cli.output import Json, accuracy_table, emit_json, say, table, working
+from truepose.cli.output import Force, Json, accuracy_table, emit_json, overwrite, say, table, working
 
 CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
@@ -34,6 +34,7 @@ def fit(
             "--accept-campaign", help="Fit also where the tracker moved, lengths have a scale, or errors drift."
         ),
     ] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Register, fit the tool if asked, and fit an error model; writes a map."""
@@ -49,6 +50,7 @@ def fit(
     from truepose.similarity.threads import cores
     from truepose.verification import summary
 
+    overwrite(force, out)
     with working() as progress:
         error_map = fit_cell(
             load_cell(cell_path),
@@ -110,6 +112,7 @@ def predict(
     map_path: MapPath,
     poses_path: Annotated[Path, typer.Argument(metavar="POSES", help="Columns q1_deg … or x_cmd_mm ….")],
     out: Annotated[Path, typer.Option("--out", help="The table to write.")] = Path("predicted.csv"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Predict where the tracker will see the measured point, with its standard deviation."""
@@ -118,6 +121,7 @@ def predict(
     from truepose.error_map import load_map
     from truepose.samples import append_columns, read_poses
 
+    overwrite(force, out)
     error_map = load_map(map_path)
     p, std = error_map.predict_measured(read_poses(poses_path))
     total = np.linalg.norm(std, axis=1)

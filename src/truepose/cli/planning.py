@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, counting, emit_json, say, table
+from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say, table
 
 
 def plan(
@@ -29,6 +29,7 @@ def plan(
         Path | None, typer.Option("--after", help="Map of a first series: choose what to measure next.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of candidates and random methods.")] = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Choose where to measure, and write the measuring program and the list to match the readings to."""
@@ -38,6 +39,7 @@ def plan(
     from truepose.planning import plan as make_plan
     from truepose.samples import read_poses
 
+    overwrite(force, out / "plan.csv")
     cell = load_cell(cell_path)
     known = None if after is None else load_map(after)
     offered = None if candidates is None else read_poses(candidates).q

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say, working
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, working
 
 
 def report(
@@ -20,6 +20,7 @@ def report(
         list[Path] | None, typer.Option("--program", help="Record (JSON) of a corrected program; may be repeated.")
     ] = None,
     locale: Annotated[str, typer.Option(help="Language: en, de, zh.")] = "en",
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write a report about a map to sign: accuracy, similarity, model, maps, corrected programs, provenance."""
@@ -27,6 +28,7 @@ def report(
     from truepose.report import write_report
     from truepose.samples import read_samples
 
+    overwrite(force, out)
     with working() as progress:
         error_map = load_map(map_path)
         held_out = None if test is None else read_samples(test)

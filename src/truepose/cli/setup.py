@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say, table
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
 
 
 def robots(name: Annotated[str | None, typer.Argument(help="Show this one.")] = None, as_json: Json = False) -> None:
@@ -69,18 +69,17 @@ def init(
     robot: Annotated[
         str, typer.Option("--robot", help="A library name (see 'truepose robots') or a .toml/.urdf file.")
     ],
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write a commented cell.toml to start from."""
     from truepose.cell import template
-    from truepose.errors import FileError
     from truepose.files import write_atomic
     from truepose.robots import load_robot
 
     load_robot(robot)
     path = directory / "cell.toml"
-    if path.exists():
-        raise FileError(path, "exists already; remove it, or choose another folder")
+    overwrite(force, path)
     write_atomic(path, template(robot))
     if as_json:
         emit_json({"cell": path})
@@ -122,6 +121,7 @@ def import_readings(
         typer.Option("--reflectors", help="Several read at each pose: how many, or a file of where they sit [mm]."),
     ] = None,
     keep: Annotated[int | None, typer.Option("--keep", help="Of several reflectors keep this one, from 1.")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Read a tracker's file, match it to the plan, register it and name the outliers."""
@@ -136,6 +136,7 @@ def import_readings(
     from truepose.registering import register_samples
     from truepose.samples import write_samples
 
+    overwrite(force, out, *([] if save_columns is None else [save_columns]))
     cell = load_cell(cell_path)
     told = None
     if columns is not None:

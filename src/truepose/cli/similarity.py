@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from truepose.cli.maps import CellPath, SamplesPath
-from truepose.cli.output import Json, emit_json, say, table, working
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table, working
 from truepose.errors import DataError
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def similarity(
         bool, typer.Option("--joint-wise", help="Also each joint's own error over its own angle: takes a minute.")
     ] = False,
     plot: Annotated[Path | None, typer.Option(help="Write the picture here (.svg, .png, .pdf).")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Show how alike the errors of near configurations are: semivariograms, their fit, and whether it is chance."""
@@ -48,6 +49,7 @@ def similarity(
     from truepose.report.study import similarity_study
     from truepose.samples import read_samples
 
+    overwrite(force, *([] if plot is None else [plot]))
     cell, samples = load_cell(cell_path), read_samples(samples_path)
     by_hand = {"nugget": nugget, "sill": sill, "range": range_}
     with working() as progress:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say, table, working
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table, working
 
 
 def study(
@@ -18,11 +18,13 @@ def study(
     seeds: Annotated[int, typer.Option(help="Number of virtual cells.", min=1)] = 10,
     per_axis: Annotated[int, typer.Option(help="Grid nodes along each axis; their cube is n.", min=3)] = 5,
     preset: Annotated[str, typer.Option(help="The virtual cells: paper, hard, ideal.")] = "paper",
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Repeat the paper's experiment: its method and ours, on grids and at random, at one orientation and at many."""
-    from truepose.paper_study import PUBLISHED_REDUCTION, groups, run_study, spread, write_study
+    from truepose.paper_study import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
 
+    overwrite(force, *(directory / name for name in STUDY_FILES))
     with working() as progress:
         results = run_study(preset, range(seeds), per_axis=per_axis, progress=progress)
     write_study(directory, results)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Json, emit_json, say, table
+from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
 from truepose.errors import RefusedError
 
 
@@ -31,6 +31,7 @@ def update(
         typer.Option(help="Find only the tracker's station, the tool point or both again; keep all else."),
     ] = None,
     anyway: Annotated[bool, typer.Option("--anyway", help="Let samples join that the map does not hold for.")] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Test whether a map still holds for new samples, and let them join it."""
@@ -39,6 +40,7 @@ def update(
     from truepose.error_map import load_map
     from truepose.samples import read_samples
 
+    overwrite(force, *([] if out is None else [out]))
     error_map, samples = load_map(map_path), read_samples(samples_path)
     before = error_map.recheck(samples) if refit is None else None
     if before is not None and out is not None and before.holding.verdict == "does not hold" and not anyway:

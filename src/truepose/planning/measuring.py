@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
-from truepose.files import write_atomic
+from truepose.files import write_all
 from truepose.planning.grounds import listed
 from truepose.planning.region import Ground
-from truepose.samples import Poses, write_samples
+from truepose.samples import Poses, samples_text
 
 FloatArray = NDArray[np.float64]
 
@@ -214,14 +214,12 @@ def measuring_program(
 
 def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: Ground | None = None) -> list[Path]:
     """Write poses as a table and, where the maker's language is known, ``measure.*`` beside it; return the paths."""
-    if cell.load_robot().maker.lower() not in LANGUAGES:
-        write_samples(table, poses)
-        return [table]
-    ending, text = measuring_program(cell, poses, ground=ground)  # before anything is written: it may be refused
-    program = table.with_name(f"measure{ending}")
-    write_samples(table, poses)
-    write_atomic(program, text)
-    return [table, program]
+    contents = {table: samples_text(poses, table)}
+    if cell.load_robot().maker.lower() in LANGUAGES:
+        ending, text = measuring_program(cell, poses, ground=ground)
+        contents[table.with_name(f"measure{ending}")] = text
+    write_all(contents)
+    return list(contents)
 
 
 def _stops(poses: Poses, ground: Ground) -> Iterator[Stop]:

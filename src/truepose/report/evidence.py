@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose import files
 from truepose._version import __version__
 from truepose.error_map import ErrorMap
 from truepose.report.records import Record, read_record
@@ -72,7 +73,7 @@ class Evidence:
     def held_out_sha256(self) -> str:
         """SHA-256 of the file that the held-out poses came from; empty if it is not there."""
         path = None if self.held_out is None else Path(self.held_out.source)
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else ""
+        return hashlib.sha256(files.read_bytes(path)).hexdigest() if path is not None and path.is_file() else ""
 
 
 def gather(

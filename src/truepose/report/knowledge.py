@@ -78,12 +78,9 @@ class Knowledge:
     def save_plots(self, folder: str | Path) -> list[Path]:
         """Write the pictures that there are, ``joints.svg`` and ``sure.svg``, to a folder; return their paths."""
         figures = {"joints.svg": self.plot_joints() if self.curves else None, "sure.svg": self.plot_std()}
-        written = []
-        for name, figure in figures.items():
-            if figure is not None:
-                written.append(Path(folder) / name)
-                files.write_atomic(written[-1], _svg(figure))
-        return written
+        contents = {Path(folder) / name: _svg(figure) for name, figure in figures.items() if figure is not None}
+        files.write_all(contents)
+        return list(contents)
 
     def plot_joints(self) -> Figure:
         """Return a figure of the joints' error curves [mrad] over their angles [deg]: the gears' signatures.
