@@ -365,4 +365,30 @@ END
         },
         2,
     ),
+    "sensors": Example(
+        {
+            "s.src": f"""DEF s()
+BAS(#TOOL,1)
+BAS(#BASE,1)
+LIN {P}
+RSI_ON(#RELATIVE)
+LIN {P}
+RSI_OFF()
+BAS(#TOOL,1)
+BAS(#BASE,1)
+LIN {P}
+go({P},part)
+END
+DEF go(target :IN,part :OUT)
+E6POS target
+DECL parttype part
+part={{NR 1,NAME[] "a"}}
+LIN target
+END
+"""
+        },
+        2,
+        2,
+        1,
+    ),
 }

@@ -20,7 +20,7 @@ POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
         ("LIN {X 1.2.3,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X 1\.2\.3 is not a number"),
         ("LIN {X --5,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X --5 is not a number"),
         ("LIN {X 12mm,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X 12mm is not a number"),
-        ("LIN {X ,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X  is not a number"),
+        ("LIN {X ,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X +is not a number"),
         (f"LIN {{X {'9' * 400},Y 2,Z 3,A 0,B 0,C 0}}", r"cell\.src:2: X: number 9{20}… has 400 characters"),
         ("LIN {X 1E300,Y 2,Z 3,A 0,B 0,C 0}", r"cell\.src:2: X: number 1E300 is beyond 1e\+06"),
         ("LIN {X 1,Y 2,Z 3,A 0,B 0,C 0,X 5}", r"cell\.src:2: aggregate .* names X twice"),

@@ -321,8 +321,8 @@ def test_commented_out_moves_are_no_targets(read: Read) -> None:
     assert len(read(";LIN P1\n; LIN {X 1\n;FOLD LIN {X 1,Y 2}\n;ENDFOLD").targets) == 0
 
 
-def test_aggregates_as_arguments_are_no_targets(read: Read) -> None:
-    assert len(read(f"f({POSE})\nx=g(1,{POSE})").targets) == 0
+def test_poses_as_arguments_are_listed_and_skipped(read: Read) -> None:
+    assert verdicts(read(f"f({POSE})\nx=g(1,{POSE})")) == {"f:2": "skip", "g:3": "skip"}
 
 
 def test_what_looks_like_a_motion_is_refused(read: Read) -> None:

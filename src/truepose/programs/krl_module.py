@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
-from truepose.programs import krl_runs
+from truepose.programs import krl_runs, shifts
 from truepose.programs.flow import Flow, InForce, Structure
 from truepose.programs.krl_frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl_lexer import Lines, Statement, pieces, shown, statements
@@ -21,6 +21,7 @@ from truepose.programs.krl_runs import find_run
 from truepose.programs.krl_words import (
     DECLARE,
     FRAME_CHANGE,
+    HANDED_POSE,
     JOINT_MOTIONS,
     KEEPS_FRAMES,
     MOTIONS,
@@ -29,6 +30,7 @@ from truepose.programs.krl_words import (
     STRAY_MOTION,
     TYPES,
     WITHOUT_USE,
+    split_parameters,
 )
 from truepose.programs.source import Source
 from truepose.programs.targets import ReadOptions
@@ -182,9 +184,9 @@ class Module:
         elif _declares(word, data, rest, end):
             if word == "GLOBAL" and self._interrupt(statement):
                 return
-            before = set(self._names.local)
+            before = set(self._names.local.values())
             self._names.declare(self._src, start, end, line, "src")
-            self.variables += [self._names.local[name] for name in self._names.local.keys() - before]
+            self.variables += [variable for variable in self._names.local.values() if variable not in before]
         elif word in WITHOUT_USE:
             pass
         elif not self._control(statement):
@@ -227,6 +229,12 @@ class Module:
     def _other(self, statement: Statement) -> None:
         word, line, start, rest, end = statement
         data = self._src.data
+        where = f"{self._src.path.name}, line {line}" if self._shared.project else line
+        shifts.follow(self._flow, shifts.KRL, data[start:end], where)
+        for given in HANDED_POSE.finditer(data, start, end):
+            if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
+                reason = f"handed to {name}(): where that moves is known at run time only"
+                self._motions.other(name, line, "skip", reason)
         if word and (m := _ASSIGN.match(data, rest, end)):
             self._assign(statement, m)
         elif word == "BAS" and _CALL.match(data, rest, end):
@@ -312,6 +320,9 @@ class Module:
         name = m[1].decode()
         self._routine = (name, line)
         self._names.local = {}
+        for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
+            variable = self._names.local[parameter.upper()] = Variable(parameter, "", line, "src")
+            self.variables.append(variable)
         outside = not self._shared.project and (not self._routines or word == "GLOBAL")
         key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
         self._flow.begin_routine(key, outside=outside)

@@ -92,7 +92,7 @@ class Names:
                     self.fdats[name] = read_fdat(parse_aggregate(source, d.end(), close, line), name)
                 continue
             table = self.module if origin == "dat" else self.local
-            if name in table:
+            if name in table and table[name].type:  # a parameter has none yet
                 raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
             is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
             variable = table[name] = Variable(
@@ -109,7 +109,8 @@ class Names:
     def assign(self, source: Source, variable: Variable, index: Index, start: int, end: int, line: int) -> None:
         """Take the value of a point: numbers that may be corrected, or something that the run time decides."""
         start, end = strip(source.data, start, end)
-        if source.data[start : start + 1] != b"{":
+        parameter = variable.origin == "src" and not variable.type
+        if source.data[start : start + 1] != b"{" or parameter:
             variable.writes[index].append((line, "assigned"))
             return
         close = closing_brace(source, start, end, line)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.geometry import euler, make_transform
+from truepose.programs import shifts
 from truepose.programs.flow import Frames, InForce, State
 from truepose.programs.krl_lexer import CARTESIAN, Aggregate
 from truepose.programs.source import Source
@@ -250,6 +251,8 @@ class Judge:
 
     def _resolve(self, use: Use, fdat: Frames | None) -> tuple[InForce, InForce]:
         state = self._states[use.node]
+        if problem := shifts.problem_of(state.shifts | self._ambient.shifts):
+            raise _Verdict(*problem)
         ipos = {use.ipo} if use.ipo else set(state.ipo)
         if fdat and fdat.ipo != "BASE":
             ipos = {fdat.ipo}

@@ -46,3 +46,25 @@ FRAME_CHANGE: Final = re.compile(rb"\$(?:TOOL|BASE)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)
 """$TOOL or $BASE set inside another statement."""
 APPROACH: Final = re.compile(rb"(?:(?:[ \t]++|(?<=\}))C_(?:PTP|DIS|VEL|ORI|SPL)\b)+[ \t]*\Z", re.I)
 """How a motion ends."""
+HANDED_POSE: Final = re.compile(
+    rb"\"[^\"]*+\"|(?<![\w.$])([A-Za-z]\w*+)[ \t]*+\("
+    rb"[^()\"{}]*+\{[ \t]*+(?:(?:E6)?POS[ \t]*+:)?[ \t]*+X[ \t]++[-+.\w]",
+    re.I,
+)
+"""A pose that a subprogram is given."""
+_PARAMETER: Final = re.compile(
+    rb"[ \t]*+([A-Za-z_]\w*+)[ \t]*+(?:\[[^\]]*+\][ \t]*+)?(?::[ \t]*+(?:IN|OUT)[ \t]*+)?", re.I
+)
+
+
+def split_parameters(code: bytes) -> list[str]:
+    """Return the names of a routine's parameters, ``(P1 :IN, N :OUT)``; none where that is not understood.
+
+    Examples
+    --------
+    >>> split_parameters(b"(XP1 :IN, n[] :OUT)")
+    ['XP1', 'n']
+    """
+    inner = code.strip().removeprefix(b"(").partition(b")")[0]
+    found = [_PARAMETER.fullmatch(piece) for piece in inner.split(b",")]
+    return [m[1].decode() for m in found if m]
