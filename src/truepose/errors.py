@@ -89,3 +89,7 @@ class IllConditionedWarning(UserWarning):
 
 class RecoveryWarning(UserWarning):
     """A run that was stopped while it wrote files, and what was done with them: finished, undone, or removed."""
+
+
+class VariogramWarning(UserWarning):
+    """A variogram model that the samples do not support: a parameter at its bound, or no sill within the samples."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truepose.predictors.repeats import Points
 from truepose.similarity import VariogramModel, experimental_variogram, fit_likelihood, fit_variogram
+from truepose.similarity.remarks import without_warning
 
 FloatArray = NDArray[np.float64]
 
@@ -40,12 +41,13 @@ def estimate_model(
     n, k = e.shape
     if drift.shape[1] > 1:
         e = e - drift @ np.linalg.lstsq(drift, e)[0]
-    if variogram is None:
-        model = fit_likelihood(x, e)
-    else:
-        bins = max(4, min(20, n * (n - 1) // 60))
-        families = cast("str | Sequence[str]", variogram)
-        model = fit_variogram(experimental_variogram(x, e / np.sqrt(k), bins=bins), families)
+    with without_warning():  # a predictor is fitted many times; its variogram keeps the remarks
+        if variogram is None:
+            model = fit_likelihood(x, e)
+        else:
+            bins = max(4, min(20, n * (n - 1) // 60))
+            families = cast("str | Sequence[str]", variogram)
+            model = fit_variogram(experimental_variogram(x, e / np.sqrt(k), bins=bins), families)
     nugget = model.nugget if exact else max(model.nugget, float(points.scatter(e).mean()))
     least = 1e-6 * model.nugget if model.partial_sill == 0 else 0.0  # something must vary
     return replace(model, nugget=max(nugget - float(noise.mean()), least))

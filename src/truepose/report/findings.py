@@ -17,7 +17,6 @@ from truepose.similarity import (
     VariogramModel,
     experimental_variogram,
     model_based_variogram,
-    verdict,
 )
 
 if TYPE_CHECKING:
@@ -114,10 +113,10 @@ def _ratio(measured: FloatArray, implied: FloatArray, weights: FloatArray) -> fl
 def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     """Return questions and answers about one space, in a language."""
     answers = {
-        "structure": verdict(part.model, part.envelope, part.unit, words=say.words("similarity")),
-        "curve": _curve(part.model, part.unit, say),
+        "structure": part.told_verdict(say.words("similarity")),
+        "curve": _curve(part.model, part.unit, part.sampled.lag, say),
         "reach": _reach(part, say),
-        "noise": _noise(part.likelihood, say),
+        "noise": _noise(part, say),
         "directions": _directions(part, say),
         "trend": _trend(part, say),
     }
@@ -126,14 +125,17 @@ def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     return [(say(f"finding.{question}"), answer) for question, answer in answers.items()]
 
 
-def _curve(model: VariogramModel, unit: str, say: Locale) -> str:
-    parts = say("finding.list").join(
-        say("finding.curve_part", family=part.family, sill=part.sill, range=part.practical_range, unit=unit)
-        for part in model.structures
-    )
-    told = say("finding.curve_told", nugget=model.nugget, parts=parts or "0")
+def _curve(model: VariogramModel, unit: str, lag: float, say: Locale) -> str:
+    def told_of(part: VariogramModel) -> str:
+        if part.practical_range > lag and part.isotropic:
+            reached = float(part.semivariance(lag))
+            return say("finding.curve_part_open", family=part.family, semivariance=reached, lag=lag, unit=unit)
+        return say("finding.curve_part", family=part.family, sill=part.sill, range=part.practical_range, unit=unit)
+
+    parts = say("finding.list").join(map(told_of, model.structures))
     if not (model.overridden and model.fit is not None):
-        return told
+        return say("finding.curve_fitted", parts=parts or "0")
+    told = say("finding.curve_told", nugget=model.nugget, parts=parts or "0")
     found = model.from_dict(model.fit.fitted)
     return told + " " + say("finding.curve_by_hand", nugget=found.nugget, sill=found.sill, range=found.practical_range)
 
@@ -144,8 +146,11 @@ def _reach(part: StudyPart, say: Locale) -> str:
     assert isinstance(fit, LikelihoodFit)
     if fit.bounds_hit.get("sill") == "lower":
         return say("finding.reach_nowhere")
-    if fit.bounds_hit.get("range") == "upper" or model.practical_range > float(np.linalg.norm(part.extent)):
-        return say("finding.reach_beyond")
+    found = part.sampled
+    if not found.sill:
+        return say("finding.reach_beyond", lag=found.lag, unit=part.unit)
+    if model.practical_range > found.lag:
+        return say("finding.reach_open", lag=found.lag, range=part.model.practical_range, unit=part.unit)
     error = fit.standard_error.get("range", math.nan) * model.practical_range / float(np.max(model.range))
     reach = say.number(model.practical_range, ".3g")
     if not math.isnan(error):
@@ -154,13 +159,16 @@ def _reach(part: StudyPart, say: Locale) -> str:
     return say("finding.reach_told", family=model.family, reach=reach, unit=part.unit, share=share)
 
 
-def _noise(model: VariogramModel, say: Locale) -> str:
-    small = isinstance(model.fit, LikelihoodFit) and model.fit.bounds_hit.get("nugget") == "lower"
+def _noise(part: StudyPart, say: Locale) -> str:
+    fit, found = part.likelihood.fit, part.sampled
+    small = not part.model.overridden and fit is not None and fit.bounds_hit.get("nugget") == "lower"
     return say(
         "finding.noise_small" if small else "finding.noise_told",
-        total=math.sqrt(model.nugget + model.partial_sill),
-        noise=math.sqrt(model.nugget),
-        share=100 * (1 - model.structural_ratio),
+        total=math.sqrt(found.variance / part.components),
+        noise=math.sqrt(found.nugget / part.components),
+        share=100 * found.noise_share,
+        lag=found.lag,
+        unit=part.unit,
     )
 
 
@@ -169,7 +177,7 @@ def _directions(part: StudyPart, say: Locale) -> str:
         return say("finding.directions_flat")
     ranges = part.directional.practical_ranges
     told = say("finding.list").join(
-        say("finding.range" if a < 2 * extent else "finding.range_beyond", axis=axis, range=a, unit=part.unit)
+        say("finding.range" if a <= extent else "finding.range_beyond", axis=axis, range=a, unit=part.unit)
         for axis, a, extent in zip(part.axes, ranges, part.extent.tolist(), strict=True)
     )
     if max(ranges) < DIRECTIONAL * min(ranges):
@@ -179,8 +187,7 @@ def _directions(part: StudyPart, say: Locale) -> str:
 
 
 def _trend(part: StudyPart, say: Locale) -> str:
-    rises = getattr(part.model.fit, "bounds_hit", {}).get("range") == "upper"
-    key = "finding.trend_rises" if rises else "finding.trend_sill"
+    key = "finding.trend_sill" if part.sampled.sill else "finding.trend_rises"
     return say(key, share=100 * max(part.trend.adjusted, 0.0))
 
 

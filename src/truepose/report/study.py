@@ -21,6 +21,7 @@ from truepose.similarity import (
     Direction,
     Envelope,
     ExperimentalVariogram,
+    Sampled,
     Trend,
     VariogramModel,
     equal_count_bins,
@@ -29,8 +30,10 @@ from truepose.similarity import (
     fit_variogram,
     permutation_envelope,
     remove_drift,
+    sampled,
     verdict,
 )
+from truepose.similarity.remarks import without_warning
 from truepose.similarity.words import Words, english
 
 if TYPE_CHECKING:
@@ -98,7 +101,26 @@ class StudyPart:
     @property
     def verdict(self) -> str:
         """Whether there is similarity, how far it reaches, how much is noise; in English."""
-        return verdict(self.model, self.envelope, self.unit)
+        return self.told_verdict(english)
+
+    def told_verdict(self, words: Words) -> str:
+        """Return whether there is similarity, how far it reaches, how much is noise."""
+        return verdict(self.model, self.envelope, self.unit, nugget=self._nugget, words=words)
+
+    @property
+    def sampled(self) -> Sampled:
+        """Variance of the vector over the distances that were sampled, as the curve has it, and its noise."""
+        return sampled(self.model, self.envelope.variogram, self._nugget)
+
+    @property
+    def components(self) -> int:
+        """Number of components of the errors."""
+        return int(self.envelope.variogram.semivariance.shape[1])
+
+    @property
+    def _nugget(self) -> float | None:
+        """Noise of the vector [mm²] by likelihood, which tells a small one; None where the curve was set by hand."""
+        return None if self.model.overridden else self.components * self.likelihood.nugget
 
     def rows(self) -> Iterator[tuple[float, int, list[float], float]]:
         """Yield lag, pairs, semivariance of each component and of the vector."""
@@ -140,6 +162,7 @@ class StudyPart:
                 "standard_error": getattr(model.fit, "standard_error", {}),
                 "fitted": getattr(model.fit, "fitted", {}),
                 "by_hand": model.overridden,
+                "remarks": () if model.fit is None or model.overridden else model.fit.remarks,
                 **({"plus": [part.to_dict() for part in model.plus]} if model.plus else {}),
             },
             "likelihood": {
@@ -151,6 +174,7 @@ class StudyPart:
             "practical_ranges": {}
             if self.directional is None
             else dict(zip(self.axes, self.directional.practical_ranges, strict=True)),
+            "sampled": self.sampled.to_dict(),
             "linear_trend_explains": self.trend.adjusted,
             "directions": {
                 axis: {"lag": found.lag, "vector_semivariance_mm2": found.vector, "pairs": found.pairs}
@@ -282,8 +306,9 @@ def similarity_study(
         envelope = permutation_envelope(
             x, error_map.e, edges, longest, estimator=estimator, direction=direction, rng=rng
         )
-        model = replace(fit_variogram(envelope.variogram, family), **(by_hand or {}))
-        parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
+        with without_warning():  # the report says it in words
+            model = replace(fit_variogram(envelope.variogram, family), **(by_hand or {}))
+            parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
     return SimilarityStudy(parts)
 
 

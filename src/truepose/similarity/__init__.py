@@ -16,6 +16,7 @@ from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
 from truepose.similarity.models import FAMILIES, VariogramModel
 from truepose.similarity.plot import draw_variogram, plot_variogram
+from truepose.similarity.sampled import Sampled, sampled
 from truepose.similarity.theory import model_based_variogram
 from truepose.similarity.trend import Trend, remove_drift
 
@@ -25,6 +26,7 @@ __all__ = [
     "Envelope",
     "ExperimentalVariogram",
     "LikelihoodFit",
+    "Sampled",
     "Trend",
     "VariogramCloud",
     "VariogramFit",
@@ -41,6 +43,7 @@ __all__ = [
     "permutation_envelope",
     "plot_variogram",
     "remove_drift",
+    "sampled",
     "variogram_cloud",
     "verdict",
 ]

@@ -20,6 +20,7 @@ from truepose.similarity.experimental import (
     experimental_variogram,
 )
 from truepose.similarity.models import VariogramModel
+from truepose.similarity.sampled import sampled
 from truepose.similarity.words import Words, english
 
 FloatArray = NDArray[np.float64]
@@ -135,7 +136,14 @@ def permutation_envelope(
     return Envelope(variogram, lower, upper, vector_lower, vector_upper, p_value, level, permutations)
 
 
-def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm", *, words: Words = english) -> str:
+def verdict(
+    model: VariogramModel,
+    envelope: Envelope,
+    unit: str = "mm",
+    *,
+    nugget: float | None = None,
+    words: Words = english,
+) -> str:
     """Return one sentence: is there similarity, how far it reaches, how much is noise.
 
     Parameters
@@ -145,6 +153,8 @@ def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm", *, word
     envelope : Envelope
     unit : str
         Unit of the distances, for the text.
+    nugget : float [mm²], optional
+        See `sampled`.
     words : callable
         Of another language; see `truepose.similarity.words`.
 
@@ -164,9 +174,7 @@ def verdict(model: VariogramModel, envelope: Envelope, unit: str = "mm", *, word
         return words("chance", p=envelope.p_value, count=count)
     first_above = int(np.argmin(below)) if not below.all() else filled.size
     reach = words("reach", lag=float(lag[filled[first_above - 1]]), unit=unit) if first_above else words("short")
-    if model.fit is not None and model.fit.bounds_hit.get("range") == "upper":
-        extent = words("trend")
-    else:
-        extent = words("extent", range=model.practical_range, unit=unit)
-    structure = 100 * model.structural_ratio
-    return words("similar", p=envelope.p_value, count=count, reach=reach, extent=extent, structure=structure)
+    found = sampled(model, envelope.variogram, nugget)
+    extent = words("extent", range=model.practical_range, unit=unit) if found.sill else words("trend")
+    structure: dict[str, float | str] = {"structure": found.structure_percent, "lag": found.lag, "unit": unit}
+    return words("similar", p=envelope.p_value, count=count, reach=reach, extent=extent, **structure)

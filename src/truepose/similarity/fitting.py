@@ -21,6 +21,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.models import FAMILIES, VariogramModel
 from truepose.similarity.nested_fit import Bins, at_bounds, fit_structures
+from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
 from truepose.similarity.structures import Structures
 
 FloatArray = NDArray[np.float64]
@@ -63,6 +64,8 @@ class VariogramFit:
         The objective of every family tried.
     fitted : dict
         The model that was found, as `VariogramModel.to_dict` gives it: it stays when a value is replaced by hand.
+    practical_range, longest : float
+        Of that model, and the largest lag of the bins.
     """
 
     objective: float
@@ -72,19 +75,19 @@ class VariogramFit:
     converged: bool
     candidates: dict[str, float]
     fitted: dict[str, Any] = field(default_factory=dict)
+    practical_range: float = math.nan
+    longest: float = math.nan
+
+    @property
+    def no_sill(self) -> bool:
+        """Whether the model has its sill beyond the largest lag only: sill and range are extrapolated."""
+        return sill_is_beyond(self.bounds_hit, self.practical_range, self.longest)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the bounds mean, in words."""
-        meaning = {
-            ("nugget", "lower"): "no nugget can be told: the semivariance starts at zero",
-            ("sill", "lower"): "the semivariogram is flat: no similarity within these lags",
-            ("range", "lower"): "the range is shorter than the shortest lag: use narrower bins or nearer points",
-            ("range", "upper"): "the semivariance keeps rising without a sill: a trend; remove a drift first",
-        }
+        """What bounds and range mean, in words."""
         settled = () if self.converged else (f"the weights did not settle in {ITERATIONS} iterations",)
-        hit = {(name.split("_")[0], bound) for name, bound in self.bounds_hit.items()}
-        return tuple(text for item, text in meaning.items() if item in hit) + settled
+        return remarks_on(self.bounds_hit, self.practical_range, self.longest) + settled
 
 
 def fit_variogram(
@@ -118,6 +121,11 @@ def fit_variogram(
     VariogramModel
         With its `fit` record.
 
+    Warns
+    -----
+    VariogramWarning
+        Once, of all `VariogramFit.remarks`: a parameter at its bound, or no sill within the samples.
+
     Raises
     ------
     KrigingError
@@ -127,7 +135,7 @@ def fit_variogram(
     --------
     >>> from truepose.similarity import experimental_variogram
     >>> x = np.linspace(0, 1000, 200)[:, None]
-    >>> vm = fit_variogram(experimental_variogram(x, np.sin(x / 100)), "gaussian")
+    >>> vm = fit_variogram(experimental_variogram(x, np.sin(x / 50)), "gaussian")
     >>> vm.structural_ratio > 0.99
     True
     """
@@ -154,8 +162,10 @@ def fit_variogram(
         converged=converged,
         candidates=candidates,
         fitted=model.to_dict(),
+        practical_range=model.practical_range,
+        longest=float(bins.h.max()),
     )
-    return replace(model, fit=record)
+    return warn_of(replace(model, fit=record))
 
 
 def _bins(evs: Sequence[ExperimentalVariogram], component: int | None, ranges: str) -> Bins:

@@ -21,6 +21,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
 from truepose.similarity.models import VariogramModel
+from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
 from truepose.similarity.structures import Structures, by_parameters
 from truepose.similarity.threads import blas_threads, kernel_threads
 from truepose.similarity.trend import polynomial
@@ -68,6 +69,8 @@ class LikelihoodFit:
         Partial sill of each component.
     fitted : dict
         The model that was found, as `VariogramModel.to_dict` gives it: it stays when a value is replaced by hand.
+    practical_range, longest : float
+        Of that model, and the diagonal of the box that holds the samples.
     """
 
     log_likelihood: float
@@ -78,6 +81,18 @@ class LikelihoodFit:
     standard_error: dict[str, float] = field(default_factory=dict)
     scales: FloatArray = field(default_factory=lambda: np.empty(0))
     fitted: dict[str, Any] = field(default_factory=dict)
+    practical_range: float = math.nan
+    longest: float = math.nan
+
+    @property
+    def no_sill(self) -> bool:
+        """Whether the model has its sill beyond the samples only: sill and range are extrapolated."""
+        return sill_is_beyond(self.bounds_hit, self.practical_range, self.longest)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What bounds and range mean, in words."""
+        return remarks_on(self.bounds_hit, self.practical_range, self.longest)
 
 
 def fit_likelihood(
@@ -123,6 +138,11 @@ def fit_likelihood(
     VariogramModel
         Of the mean over the components, with its `fit` record.
 
+    Warns
+    -----
+    VariogramWarning
+        Once, of all `LikelihoodFit.remarks`: a parameter at its bound, or no sill within the samples.
+
     Raises
     ------
     KrigingError
@@ -161,8 +181,10 @@ def fit_likelihood(
         standard_error=errors_of,
         scales=judged.scale,
         fitted=model.to_dict(),
+        practical_range=model.practical_range,
+        longest=float(np.linalg.norm(np.ptp(points, axis=0))),
     )
-    return replace(model, fit=record)
+    return warn_of(replace(model, fit=record))
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,6 +117,14 @@ class VariogramModel:
         if self.nugget + self.partial_sill == 0:
             raise KrigingError("variogram nugget and sill are both 0: nothing varies; give at least one of them")
 
+    def __repr__(self) -> str:
+        """Return the parameters, and what a fit found remarkable about them."""
+        shown = ("family", "nugget", "sill", "range", "shape", "rotation", "plus")
+        parts = [f"{name}={getattr(self, name)!r}" for name in shown]
+        remarks = () if self.fit is None or self.overridden else self.fit.remarks
+        parts += [f"remarks={remarks!r}"] if remarks else []
+        return f"VariogramModel({', '.join(parts)})"
+
     # --- what it is -------------------------------------------------------------------------------------------------
 
     @property

@@ -18,11 +18,11 @@ ENGLISH: Final = {
     "semivariance": "semivariance γ(h) [mm²]",
     "short": "at some short lags",
     "similar": (
-        "Yes, near points have similar errors (p = {p:.2g}): {count} ({reach}), {extent}, and {structure:.0f} % of "
-        "the variance is structure, the rest noise (nugget)."
+        "Yes, near points have similar errors (p = {p:.2g}): {count} ({reach}), {extent}, and {structure:.6g} % of "
+        "the variance within {lag:.4g} {unit} is structure, the rest noise (nugget)."
     ),
     "theory": "implied by kinematics",
-    "trend": "the semivariance has no sill within the lags (a trend)",
+    "trend": "there is no sill within the samples (a trend)",
     "practical_range": "practical range {range:.3g} {unit}",
 }
 """Sentences by key; each language has the same keys and values."""
