@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -29,6 +30,7 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
     virtual = VirtualCell("paper", seed=1)
     error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(samples, seed=1)), "ordinary-kriging")
     with tempfile.TemporaryDirectory() as folder:
+        os.environ["TRUEPOSE_STATE"] = folder  # what is corrected here is not remembered
         path, out, map_path = Path(folder) / "long.src", Path(folder) / "out", Path(folder) / "map.tpmap"
         _write_program(path, virtual, n)
         error_map.save(map_path)
@@ -38,7 +40,7 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
             return Slow(lambda _: call(), (n,), repeats=1)
 
         def ours() -> None:
-            correct_program(path, error_map, frames=frames, on_guard="skip").write(out)
+            correct_program(path, error_map, frames=frames, on_guard="skip").write(out, force=True)
 
         def bare() -> np.ndarray:
             values = np.array([float(token) for token in _NUMBER.findall(path.read_bytes())])
@@ -84,7 +86,7 @@ def fresh_peak(path: Path, map_path: Path, out: Path) -> float:
         "from truepose.programs import FrameTable, correct_program\n"
         "m = load_map(sys.argv[2])\n"
         "frames = FrameTable(tools={1: m.tf_flange_tool})\n"
-        "correct_program(sys.argv[1], m, frames=frames, on_guard='skip').write(sys.argv[3])\n"
+        "correct_program(sys.argv[1], m, frames=frames, on_guard='skip').write(sys.argv[3], force=True)\n"
         "print(re.search(r'VmHWM:\\s*(\\d+) kB', open('/proc/self/status').read())[1])\n"
     )
     command = [sys.executable, "-c", code, str(path), str(map_path), str(out)]

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 from truepose import __version__
@@ -9,6 +10,8 @@ from truepose import __version__
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+STATE = tempfile.TemporaryDirectory(prefix="truepose-docs-")  # what pages correct is not remembered
+os.environ["TRUEPOSE_STATE"] = STATE.name
 
 project, author, project_copyright = "truepose", "The truepose developers", "The truepose developers"
 version = release = __version__

@@ -194,7 +194,7 @@ def run(case: Case, patch: pytest.MonkeyPatch, how: str, at: int) -> tuple[Fault
     return faults, raised
 
 
-@pytest.mark.promise("whatever call of a commit fails, is interrupted or is the process's last, no program is lost")
+@pytest.mark.promise("Whatever call of a commit fails, is interrupted or is the process's last, no program is lost.")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.mark.parametrize(("how", "where", "n"), CASES)
 def test_every_call_of_a_commit(
@@ -245,7 +245,7 @@ def killed_at(case: Case, patch: pytest.MonkeyPatch, call: str, number: int) -> 
     run(case, patch, "killed", at)
 
 
-@pytest.mark.promise("the next run says in one line what it did with what a killed run left")
+@pytest.mark.promise("The next run says in one line what it did with what a killed run left.")
 def test_the_next_run_says_what_it_did(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(fast_folder, 2, "in place")
     with light(monkeypatch) as patch:
@@ -262,7 +262,7 @@ def test_the_next_run_says_what_it_did(fast_folder: Path, monkeypatch: pytest.Mo
             assert not case.leftovers()
 
 
-@pytest.mark.promise("a .src/.dat pair that a killed run left half-corrected is whole again for whoever reads it next")
+@pytest.mark.promise("A .src/.dat pair that a killed run left half-corrected is whole again for whoever reads it next.")
 def test_readers_see_no_half_corrected_pair(
     fast_folder: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Any]
 ) -> None:
@@ -276,7 +276,7 @@ def test_readers_see_no_half_corrected_pair(
     assert [path.read_bytes() for path in case.paths] == [source.data for source in case.sources]
 
 
-@pytest.mark.promise("recovery leaves alone what somebody changed since, and a run that is still going on")
+@pytest.mark.promise("Recovery leaves alone what somebody changed since, and a run that is still going on.")
 def test_recovery_overwrites_no_work(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(fast_folder, 2, "in place")
     with light(monkeypatch) as patch:
@@ -296,7 +296,7 @@ def test_recovery_overwrites_no_work(fast_folder: Path, monkeypatch: pytest.Monk
     assert case.paths[0].read_bytes() == b"new"
 
 
-@pytest.mark.promise("files of one commit in several folders are recovered from each of them")
+@pytest.mark.promise("Files of one commit in several folders are recovered from each of them.")
 @pytest.mark.parametrize("first", ["a", "b", "c"])
 def test_several_folders(fast_folder: Path, monkeypatch: pytest.MonkeyPatch, first: str) -> None:
     paths = [fast_folder / folder / "p.src" for folder in "abc"]
@@ -318,7 +318,7 @@ def test_several_folders(fast_folder: Path, monkeypatch: pytest.MonkeyPatch, fir
     assert not list(fast_folder.rglob(".truepose*"))
 
 
-@pytest.mark.promise("a journal that came with foreign files touches nothing in other folders")
+@pytest.mark.promise("A journal that came with foreign files touches nothing in other folders.")
 @pytest.mark.parametrize("content", ['{"files": 3}', '{"format": "truepose journal 1", "files": [{}]}', "[" * 100_000])
 def test_foreign_journals(fast_folder: Path, content: str) -> None:
     import hashlib
@@ -342,7 +342,7 @@ def test_foreign_journals(fast_folder: Path, content: str) -> None:
     assert own.read_bytes() == b"mine"
 
 
-@pytest.mark.promise("where a file system has no links, copies keep the old contents")
+@pytest.mark.promise("Where a file system has no links, copies keep the old contents.")
 def test_without_links(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(fast_folder, 2, "in place")
 
@@ -358,7 +358,7 @@ def test_without_links(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
             assert not case.leftovers()
 
 
-@pytest.mark.promise("results that a killed run left in part are no results: the next run needs no --force")
+@pytest.mark.promise("Results that a killed run left in part are no results: the next run needs no --force.")
 def test_the_next_run_to_a_folder(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case(fast_folder, 2, "new folder")
     with light(monkeypatch) as patch:
@@ -367,3 +367,30 @@ def test_the_next_run_to_a_folder(fast_folder: Path, monkeypatch: pytest.MonkeyP
         with pytest.warns(RecoveryWarning, match="as they were before it"):
             sidecar.write([case.corrected], case.out)
         assert case.is_corrected()
+
+
+@pytest.mark.promise("SIGTERM during the renames ends the process only after they are complete.")
+@pytest.mark.parametrize("number", [0, 3, -1])
+def test_sigterm_waits_for_the_renames(fast_folder: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    case = Case(fast_folder, 2, "in place")
+    case.prepare()
+    with light(monkeypatch):
+        child = os.fork()
+        if not child:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            rename, left = os.replace, [number % len(case.goals)]
+
+            def ended(old: Path, new: Path) -> None:
+                if not left[0]:
+                    os.kill(os.getpid(), signal.SIGTERM)
+                left[0] -= 1
+                rename(old, new)
+
+            monkeypatch.setattr(os, "replace", ended)
+            case.write()
+            os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGTERM
+    assert case.is_corrected()
+    case.recover()
+    assert case.is_corrected()
+    assert not case.leftovers()

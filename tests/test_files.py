@@ -94,7 +94,7 @@ def test_text_in_another_encoding(tmp_path):
         files.read_text(path)
 
 
-@pytest.mark.promise("devices, pipes, folders and links are refused as outputs and stay what they are")
+@pytest.mark.promise("Devices, pipes, folders and links are refused as outputs and stay what they are.")
 def test_only_plain_files_are_written(tmp_path):
     target, link, dangling, pipe = (tmp_path / name for name in ("target", "link", "dangling", "pipe"))
     target.write_bytes(b"old")
@@ -117,7 +117,9 @@ def test_only_plain_files_are_written(tmp_path):
     assert len(list(tmp_path.iterdir())) == 4
 
 
-@pytest.mark.promise("what a command read it does not overwrite, by no name and no link, also when told to overwrite")
+@pytest.mark.promise(
+    "A command never overwrites a file that it read, under whatever name or link, not even with --force."
+)
 def test_inputs_are_never_overwritten(tmp_path):
     first, second, linked, other = (tmp_path / name for name in ("first", "second", "linked", "other"))
     for path in (first, second, other):
@@ -137,7 +139,9 @@ def test_inputs_are_never_overwritten(tmp_path):
     assert [path.read_bytes() for path in (first, second, linked, other)] == [b"new", b"old", b"old", b"new"]
 
 
-@pytest.mark.promise("within a command existing files are overwritten only when it was told so, and none before")
+@pytest.mark.promise(
+    "A command overwrites existing files only with --force, and writes none of its files if one exists."
+)
 def test_existing_files_are_overwritten_only_when_told(tmp_path):
     old, new = tmp_path / "old", tmp_path / "new"
     old.write_bytes(b"old")
@@ -152,7 +156,7 @@ def test_existing_files_are_overwritten_only_when_told(tmp_path):
     assert old.read_bytes() == new.read_bytes() == b"new"
 
 
-@pytest.mark.promise("a limit on the size of files gives one clear line, and nothing is changed")
+@pytest.mark.promise("A limit on the size of files gives one clear line, and nothing is changed.")
 def test_a_limit_of_size(tmp_path):
     resource = pytest.importorskip("resource")
     first, second = tmp_path / "first", tmp_path / "second"

@@ -121,7 +121,9 @@ def check_outputs(*paths: str | Path, force: bool = True, inputs: Iterable[str |
         if _identity(status) in kept:
             raise FileError(path, "is an input, and inputs are never overwritten; choose another output path")
         if not (force and watch.force):
-            raise FileError(path, "exists already; choose another output path, or overwrite it with --force")
+            raise FileError(
+                path, "exists already; choose another output path, or overwrite it with --force (force=True)"
+            )
 
 
 def _identity(status: os.stat_result) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from truepose.cli import app
 WRITES = {"out", "plot", "poses", "save_columns", "directory"}
 
 
-@pytest.mark.promise("every command that writes has --force")
+@pytest.mark.promise("Every command that writes has --force.")
 def test_every_command_that_writes_has_force(record_property):
     commands = typer.main.get_command(app).commands
     writing = {name: {p.name for p in command.params} for name, command in commands.items()}
@@ -35,7 +35,9 @@ def commands(files, folder: Path) -> list[tuple[object, ...]]:
     ]
 
 
-@pytest.mark.promise("an existing result stays and --force is named; links, devices and pipes are refused also with it")
+@pytest.mark.promise(
+    "An existing result stays and --force is named; links, devices and pipes are refused also with it."
+)
 @pytest.mark.parametrize("k", range(8))
 def test_existing_files_stay(run, cell_files, tmp_path, k):
     command = commands(cell_files, tmp_path)[k]
@@ -52,7 +54,7 @@ def test_existing_files_stay(run, cell_files, tmp_path, k):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.promise("--force overwrites a result, but never a map, a cell file, samples, readings, plan or poses")
+@pytest.mark.promise("--force overwrites a result, but never a map, a cell file, samples, readings, plan or poses.")
 def test_force(run, cell_files, tmp_path):
     out, linked = tmp_path / "out.csv", tmp_path / "linked.csv"
     poses = tmp_path / "poses.csv"
@@ -76,7 +78,7 @@ def test_force(run, cell_files, tmp_path):
     assert cell_files.map.read_bytes() == whole
 
 
-@pytest.mark.promise("folders of results, too: of a plan, a demonstration, pictures, a new cell")
+@pytest.mark.promise("Commands that write a folder of files overwrite none of them without --force.")
 def test_folders_of_results(run, cell_files, tmp_path):
     for name, command in (
         ("plan.csv", ("plan", cell_files.cell, "--n", "3", "--method", "sobol", "--out", tmp_path)),

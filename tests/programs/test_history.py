@@ -31,7 +31,7 @@ def corrected(path: Path, make_map: Any, tmp_path: Path) -> Path:
     return moved
 
 
-@pytest.mark.promise("a corrected program that was moved and renamed is not corrected again, whatever the map")
+@pytest.mark.promise("A corrected program that was moved and renamed is not corrected again, whatever the map.")
 def test_moved_and_renamed(corrected: Path, path: Path, make_map: Any, state: Path) -> None:
     with pytest.raises(
         RefusedError, match=r"b\.src: was corrected already \(a\.src, .*; .* take the original"
@@ -41,7 +41,9 @@ def test_moved_and_renamed(corrected: Path, path: Path, make_map: Any, state: Pa
     assert correct_program(path, make_map([0.2, 0.0, 0.0])).summary()["corrected"] == N
 
 
-@pytest.mark.promise("so is one with lines edited, added or taken out, as long as three corrected positions are left")
+@pytest.mark.promise(
+    "A corrected program is refused also when lines were edited, as long as three corrected positions are left."
+)
 @pytest.mark.parametrize("kept", range(N + 1))
 def test_edited(corrected: Path, make_map: Any, kept: int) -> None:
     head, *moves = corrected.read_text().split("LIN ")
@@ -54,7 +56,7 @@ def test_edited(corrected: Path, make_map: Any, kept: int) -> None:
         assert correct_program(corrected, make_map([0.2, 0.0, 0.0])).summary()["corrected"] == N
 
 
-@pytest.mark.promise("a program of a few targets is recognised by half of them")
+@pytest.mark.promise("A program of a few targets is recognised by half of them.")
 def test_few_targets(corrected: Path, make_map: Any) -> None:
     head, first, *_ = corrected.read_text().split("LIN ")
     fresh = "LIN {X 1000.0,Y 2.0,Z 3.0,A 0.0,B 90.0,C 0.0}\n"
@@ -69,7 +71,7 @@ def test_few_targets(corrected: Path, make_map: Any) -> None:
             correct_program(corrected, make_map([0.2, 0.0, 0.0]))
 
 
-@pytest.mark.promise("the record beside the map tells another user of the map")
+@pytest.mark.promise("The record beside the map tells another user of the map.")
 def test_beside_the_map(path: Path, make_map: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     error_map = make_map([0.2, 0.0, 0.0])
     error_map.path = tmp_path / "m.truepose"
@@ -89,7 +91,7 @@ def test_what_was_not_written_or_not_changed_is_not_remembered(
     assert not (state / "corrected.jsonl").exists()
 
 
-@pytest.mark.promise("where corrections cannot be remembered nothing is written")
+@pytest.mark.promise("Where corrections cannot be remembered nothing is written.")
 def test_a_store_that_cannot_be_written(path: Path, make_map: Any, tmp_path: Path, state: Path) -> None:
     (state / "corrected.jsonl").mkdir()
     made = correct_program(path, make_map([0.2, 0.0, 0.0]))
@@ -108,7 +110,7 @@ def test_a_damaged_store_still_counts(corrected: Path, make_map: Any, state: Pat
         correct_program(corrected, make_map([0.2, 0.0, 0.0]))
 
 
-@pytest.mark.promise("all programs of one command are written, or none")
+@pytest.mark.promise("All programs of one command are written, or none.")
 def test_several_programs_at_once(path: Path, make_map: Any, tmp_path: Path) -> None:
     second = tmp_path / "b.src"
     second.write_text(path.read_text().replace("LIN", "PTP"))

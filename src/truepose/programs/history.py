@@ -33,7 +33,7 @@ HashArray = NDArray[np.uint64]
 _KEPT: Final = 1024
 """Positions of a program that are remembered: those of the smallest hashes, which are the same in every copy."""
 _ENOUGH: Final = 3
-"""Corrected positions that make a program a corrected one; of fewer than six targets, half of them."""
+"""Corrected positions that make a program a corrected one; of up to four targets, half of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +146,14 @@ def check(program: Program, map_path: Path | None) -> None:
     Raises
     ------
     RefusedError
-        If a file of it is the result of a correction, or three of its positions (of fewer than six targets half of
+        If a file of it is the result of a correction, or three of its positions (of up to four targets half of
         them) are.
     FileError
         If a store is there and cannot be read.
     """
     after = {source.sha256: source.path for source in program.sources}
-    found = [columns.values[:, :3] for _, columns in program.correctable_columns()]
-    own = np.unique(_hashes(np.concatenate(found))) if found else np.empty(0, np.uint64)
+    found = [_hashes(columns.values[:, :3]) for _, columns in program.correctable_columns()]
+    own = np.unique(np.concatenate([np.empty(0, np.uint64), *found]))
     enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
     for store in stores(map_path):
         for entry in _entries(store):
