@@ -66,7 +66,7 @@ def test_the_commands_refuse_it(run, shown, bare, cell_text, tmp_path):
     assert not out.exists()
     assert run("fit", wrong, without, *options).code == 0  # nothing to compare with, which is said
     assert "5.00 mm apart" in run("validate", out, table).failed()
-    done = run("fit", right, table, *options)
+    done = run("fit", right, table, *options, "--force")
     assert done.code == 0, done.err
     assert "Arm and tool: The arm's model agrees with the commanded positions of 80 poses" in done.out
 
@@ -181,8 +181,8 @@ def test_one_taught_point_is_compared(run, virtual, cell_text, tmp_path):
 
 
 @pytest.mark.promise("The measured UR10, whose positions are in another frame, is fitted, and the frame is named.")
-def test_measured_robot_is_not_refused(shared):
-    samples = read_samples(shared / "data/ur10_isocubes/samples.csv")
+def test_measured_robot_is_not_refused(ur10):
+    samples = read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
     words = tp.fit_cell(cell, samples, "registration").arm_check.words
     assert "turned by 180.00°" in words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -237,7 +238,7 @@ def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: 
     if cell is not None:
         return FrameTable.from_cell(cell, config_dat, tool, base)
     known = FrameTable() if config_dat is None else FrameTable.from_config_dat(config_dat)
-    return FrameTable(known.tools, known.bases, tool, base)
+    return replace(known, tool=tool, base=base)
 
 
 def _options(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -77,7 +78,8 @@ def read_project(folder: Path, files: Iterable[Path], frames: FrameTable, option
     config = found.get(_CONFIG.upper().removesuffix(".DAT"), {}).get(".dat")
     if config is not None:
         tools, bases = read_config_dat(config)
-        frames = FrameTable({**tools, **frames.tools}, {**bases, **frames.bases}, frames.tool, frames.base)
+        bases = {key: frames.bases[0] @ tf for key, tf in bases.items()}  # it gives them in the world
+        frames = replace(frames, tools={**tools, **frames.tools}, bases={**bases, **frames.bases})
     shared = Shared(options, project=True)
 
     def source(kind: dict[str, Path], ending: str) -> Source | None:
@@ -122,7 +124,8 @@ def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: Fram
     """Judge what was read, and put it in order."""
     ambient = shared.flow.solve()
     whole = shared.project or shared.options.whole_task
-    judge = Judge(frames, shared.options, shared.flow.states, ambient, shared.changed, whole=whole)
+    states, changed = shared.flow.states, shared.changed
+    judge = Judge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
     targets: list[Target | Run] = []
     place: dict[int, int] = {}
     for i, numbers in enumerate(shared.numbers):

@@ -15,15 +15,17 @@ _ENTRY = re.compile(rb"\s*\[\s*(\d{1,4})\s*\]\s*=\s*(?=\{)")
 
 
 def read_config_dat(path: str | Path) -> tuple[dict[Key, FloatArray], dict[Key, FloatArray]]:
-    """Return the tools (flange to tool) and bases (robot base to frame) of a ``$config.dat``, by number.
+    """Return the tools and bases of a ``$config.dat``, by number.
 
     Everything but ``TOOL_DATA[n]={X …}`` and ``BASE_DATA[n]={X …}`` is passed over; an entry with components missing is
-    not a known frame. Bases are taken as seen from the robot's own base: $ROBROOT is not in this file, and is taken to
-    be the null frame.
+    not a known frame.
 
     Returns
     -------
-    tools, bases : dict of int to (4, 4) array [mm]
+    tools : dict of int to (4, 4) array [mm]
+        Flange to tool.
+    bases : dict of int to (4, 4) array [mm]
+        The controller's world to frame; the world is the robot's base where $ROBROOT is the null frame.
 
     Raises
     ------

@@ -30,8 +30,10 @@ from truepose.programs.krl_words import (
     STRAY_MOTION,
     TYPES,
     WITHOUT_USE,
+    WORLD_CHANGE,
     split_parameters,
 )
+from truepose.programs.robot_base import is_null
 from truepose.programs.source import Source
 from truepose.programs.targets import ReadOptions
 
@@ -48,6 +50,7 @@ _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
 _FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
+_WORLD: Final = ("$ROBROOT", "$WORLD")
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 
 
@@ -66,6 +69,8 @@ class Shared:
         GLOBAL ones.
     changed : dict of ("tool" or "base", number or None) to str
         Where the program changes a numbered frame.
+    moved : list of str
+        Where the program changes the place of the robot in the world.
     """
 
     options: ReadOptions
@@ -74,6 +79,7 @@ class Shared:
     numbers: list[Numbers] = field(default_factory=list)
     points: dict[str, Variable] = field(default_factory=dict)
     changed: dict[tuple[str, int | None], str] = field(default_factory=dict)
+    moved: list[str] = field(default_factory=list)
 
 
 class Module:
@@ -262,6 +268,8 @@ class Module:
                     word, line, "refuse", f"a motion inside another statement: {shown(data, start, end)}"
                 )
                 break
+        if WORLD_CHANGE.search(data, start, end):
+            self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
         if FRAME_CHANGE.search(data, start, end):
             unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             self._flow.change(tool=unknown, base=unknown)
@@ -284,14 +292,19 @@ class Module:
         elif word in _FRAME_TABLES:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
-            where = f"{self._src.path.name}, line {line}" if self._shared.project else f"line {line}"
-            self._changed.setdefault((_FRAME_TABLES[word], key), where)
+            self._changed.setdefault((_FRAME_TABLES[word], key), self._place(line))
+        elif word in _WORLD:
+            if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
+                self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
         elif (variable := self._names.find(word)) is not None:
             index = element(variable, m[1])
             if m[2]:
                 variable.writes[index].append((line, f"component {m[2].decode('latin-1').strip()} set"))
             else:
                 self._names.assign(self._src, variable, index, m.end(), end, line)
+
+    def _place(self, line: int) -> str:
+        return f"{self._src.path.name}, line {line}" if self._shared.project else f"line {line}"
 
     def _interrupt(self, statement: Statement) -> bool:
         """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""

@@ -109,6 +109,8 @@ class Judge:
         Where the program changes a numbered frame; None: some number.
     whole : bool
         Every module that there is was read.
+    moved : sequence of str
+        Where the program changes the place of the robot in its world.
     """
 
     def __init__(
@@ -120,10 +122,11 @@ class Judge:
         changed: Mapping[tuple[str, int | None], str],
         *,
         whole: bool = False,
+        moved: Sequence[str] = (),
     ) -> None:
         self._frames, self._options = frames, options
         self._states, self._ambient = states, ambient
-        self._changed, self._whole = changed, whole
+        self._changed, self._whole, self._moved = changed, whole, moved
         self._known: dict[object, tuple[InForce, InForce] | _Verdict] = {}
         self._tf: dict[tuple[str, InForce], FloatArray] = {}
 
@@ -142,6 +145,7 @@ class Judge:
                 self._check_variable(variable, numbers.index, uses)
             tool, base = self._in_force(uses, self._fdat(variable))
             self._check_machine(numbers.aggregate)
+            self._check_world()
             tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", base)
         except _Verdict as end:
             verdict, reason = end.verdict, end.reason
@@ -220,6 +224,14 @@ class Judge:
             raise _Verdict(
                 "refuse",
                 f"external axis {moved[0]} is in use and has no model; allow external_axes if it moves neither",
+            )
+
+    def _check_world(self) -> None:
+        if self._moved:
+            raise _Verdict(
+                "refuse",
+                f"the program moves the robot in its world ({self._moved[0]}): bases are known at run time only; set "
+                "$ROBROOT in $machine.dat alone",
             )
 
     def _in_force(self, uses: list[Use], fdat: Frames | None) -> tuple[InForce, InForce]:
@@ -312,6 +324,7 @@ class Judge:
         if (which, value) not in self._tf:
             if value.pose is not None:
                 tf = make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
+                tf = self._frames.bases[0] @ tf if which == "base" else tf  # $BASE lies in the world
             else:
                 tf = getattr(self._frames, _NAMES[which][2])[value.number]
             self._tf[which, value] = tf

@@ -44,6 +44,8 @@ STRAY_MOTION: Final = re.compile(
 """A motion word before an operand."""
 FRAME_CHANGE: Final = re.compile(rb"\$(?:TOOL|BASE)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
 """$TOOL or $BASE set inside another statement."""
+WORLD_CHANGE: Final = re.compile(rb"\$(?:ROBROOT|WORLD)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
+"""$ROBROOT or $WORLD set inside another statement."""
 APPROACH: Final = re.compile(rb"(?:(?:[ \t]++|(?<=\}))C_(?:PTP|DIS|VEL|ORI|SPL)\b)+[ \t]*\Z", re.I)
 """How a motion ends."""
 HANDED_POSE: Final = re.compile(

@@ -251,7 +251,8 @@ class Judge:
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:
-            return _array(frame.tf)
+            tf = _array(frame.tf)
+            return self._frames.bases[0] @ tf if which == "base" else tf  # the program gives it in the world
         remedy = f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
         raise _Stop("refuse", f"{which} {frame.text} is not known; {remedy}")
 

@@ -13,6 +13,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.files import recover
+from truepose.programs.robot_base import standing
 from truepose.programs.targets import FrameTable, Program, ReadOptions
 
 _KRL: Final = (".src", ".dat")
@@ -102,7 +103,8 @@ def _read_file(path: Path, frames: FrameTable | None, options: ReadOptions | Non
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
     module = importlib.import_module(f"truepose.programs.{dialect}")
     options = options or ReadOptions()
-    return _again(partial(module.read, path, frames or FrameTable(), options), options)
+    frames = standing(frames or FrameTable(), path, dialect)
+    return _again(partial(module.read, path, frames, options), options)
 
 
 def dialect_of(path: Path) -> str:
@@ -193,6 +195,7 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
     def again(k: int) -> Program:
         return replace(read_tasks(tasks, frames, options)[k], root=root, options=options)
 
+    frames = standing(frames, root, "rapid")
     programs = read_tasks(tasks, frames, options)
     return [replace(one, root=root, options=options, again=partial(again, k)) for k, one in enumerate(programs)]
 
@@ -200,7 +203,7 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
     from truepose.programs.krl import read_project
 
-    return [_again(partial(read_project, folder, files, frames, options), options)]
+    return [_again(partial(read_project, folder, files, standing(frames, folder, "krl"), options), options)]
 
 
 def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:

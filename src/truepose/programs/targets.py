@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import DataError
-from truepose.geometry.transforms import check_transforms
+from truepose.geometry.transforms import check_transforms, invert_transform
 from truepose.programs.columns import Columns, Targets
 from truepose.programs.source import Source
 from truepose.programs.target import FloatArray, Target, Verdict
@@ -35,6 +35,7 @@ __all__ = [
 ]
 Key = int | str
 """Of a tool or base: controllers number them or name them."""
+_SAME_MM: Final = 1e-3
 IDENTITY: Final = np.eye(4)
 IDENTITY.flags.writeable = False
 
@@ -84,9 +85,13 @@ class FrameTable:
     tools : mapping of int or str to (4, 4) array [mm]
         Flange to tool.
     bases : mapping of int or str to (4, 4) array [mm]
-        Robot base to the frame that targets are given in.
+        Robot base to the frame that targets are given in. Number 0 is the controller's world.
     tool, base : int or str, optional
         In force where a program sets none.
+    in_world : set of int or str
+        The bases that are given in the controller's world instead, as ``$config.dat`` has them.
+    tf_world_base : (4, 4) array [mm], optional
+        Where the robot stands in that world, once it is known; see `standing_at`.
 
     Raises
     ------
@@ -104,6 +109,8 @@ class FrameTable:
     bases: Mapping[Key, FloatArray] = field(default_factory=dict)
     tool: Key | None = None
     base: Key | None = None
+    in_world: frozenset[Key] = frozenset()
+    tf_world_base: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for kind in ("tools", "bases"):
@@ -123,7 +130,8 @@ class FrameTable:
         """Return the tools and bases of a KUKA ``$config.dat``; see `truepose.programs.krl_config.read_config_dat`."""
         from truepose.programs.krl_config import read_config_dat
 
-        return cls(*read_config_dat(path))
+        tools, bases = read_config_dat(path)
+        return cls(tools, bases, in_world=frozenset(bases))
 
     @classmethod
     def from_cell(
@@ -142,7 +150,41 @@ class FrameTable:
         known = [cls.from_config_dat(path) for path in (cell.config_dat, config_dat) if path is not None]
         tools = {key: tf for table in known for key, tf in table.tools.items()}
         bases = {key: tf for table in known for key, tf in table.bases.items()}
-        return cls({**tools, **cell.tools}, {**bases, **cell.bases}, tool, base)
+        own = {frame_key(key): tf for key, tf in cell.bases.items()}
+        in_world = frozenset(key for table in known for key in table.in_world) - own.keys()
+        table = cls({**tools, **cell.tools}, {**bases, **own}, tool, base, in_world)
+        return table.standing_at(invert_transform(own[0]), "[frames.bases.0] of the cell file") if 0 in own else table
+
+    def standing_at(self, tf_world_base: FloatArray, where: str) -> Self:
+        """Return the frames as seen from a robot that stands somewhere in its controller's world.
+
+        Base 0, which is the world, and the bases that are given in it change; those of a cell file do not.
+
+        Parameters
+        ----------
+        tf_world_base : (4, 4) array [mm]
+        where : str
+            Who says so; for messages.
+
+        Raises
+        ------
+        DataError
+            If another place is known already.
+        """
+        if self.tf_world_base is not None:
+            if not np.allclose(self.tf_world_base, tf_world_base, rtol=0.0, atol=_SAME_MM):
+                known, new = (
+                    ", ".join(f"{x:g}" for x in tf[:3, 3].round(3) + 0.0) for tf in (self.tf_world_base, tf_world_base)
+                )
+                raise DataError(
+                    f"{where}: the robot stands at ({new}) mm in its controller's world or is turned there, but "
+                    f"({known}) mm was said before; make them agree ([frames.bases.0] of the cell file is the world as "
+                    "seen from the robot)"
+                )
+            return self
+        tf_base_world = invert_transform(check_transforms(where, tf_world_base))
+        bases = {key: tf_base_world @ tf if key in self.in_world else tf for key, tf in self.bases.items()}
+        return replace(self, bases={**bases, 0: tf_base_world}, in_world=frozenset(), tf_world_base=tf_world_base)
 
 
 @dataclass(frozen=True, eq=False)

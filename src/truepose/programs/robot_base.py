@@ -1,0 +1,155 @@
+"""Where a robot stands in the world of its controller: $ROBROOT of KUKA's $machine.dat, base frames of ABB's MOC.cfg.
+
+Bases and work objects are given in that world, error maps in the robot's own base. Where both are the same, which is
+usual, nothing changes; elsewhere every frame that is given in the world is turned into the robot's base.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from truepose.errors import DataError, FileError
+from truepose.geometry import euler, make_transform
+from truepose.programs.krl_lexer import CARTESIAN, closing_brace, parse_aggregate, statements
+from truepose.programs.source import Source, parse_number
+from truepose.programs.target import FloatArray
+from truepose.programs.targets import FrameTable
+
+_KRL: Final = re.compile(rb"(?:DECL\s+)?(?:GLOBAL\s+)?(?:FRAME\s+)?\$(ROBROOT|WORLD)\s*(\.\s*\w+\s*)?=(?!=)\s*", re.I)
+_LEVELS: Final = 5
+"""Folders above a program that may be those of its controller's backup."""
+_BESIDE: Final = {"krl": ("", "Mada"), "rapid": ("", "SYSPAR")}
+_NAMES: Final = {"krl": "$machine.dat", "rapid": "moc.cfg"}
+_M: Final = 1000.0  # MOC.cfg is in metres
+_RECORD: Final = re.compile(r"(?m)^\s*$")
+_VALUE: Final = re.compile(r"-(\w+)(?:\s+(\"[^\"]*\"|[^\s-][^\s]*|-[\d.][^\s]*))?")
+
+
+def standing(frames: FrameTable, path: Path, dialect: str) -> FrameTable:
+    """Return the frames as seen from the robot that a program belongs to.
+
+    Parameters
+    ----------
+    frames : FrameTable
+    path : Path
+        The program, or the folder of a project.
+    dialect : str
+        As `truepose.programs.reading.dialect_of` names it.
+
+    Raises
+    ------
+    FileError
+        If a file about the robot's base cannot be understood.
+    DataError
+        If files disagree with each other or with what the user states, or several robots stand in different places.
+    """
+    for file in _files(path, dialect):
+        tf_world_base = _of_machine(file) if dialect == "krl" else _of_moc(file)
+        if tf_world_base is not None:
+            frames = frames.standing_at(tf_world_base, str(file))
+    return frames
+
+
+def is_null(source: Source, start: int, end: int, line: int) -> bool:
+    """Return whether the expression between two places of a KRL file is certainly the null frame."""
+    code = source.data[start:end].strip()
+    if code.upper() in (b"$NULLFRAME", b"$WORLD"):
+        return True
+    if not code.startswith(b"{"):
+        return False
+    begin = start + len(source.data[start:end]) - len(source.data[start:end].lstrip())
+    close = closing_brace(source, begin, end, line)
+    found = parse_aggregate(source, begin, close, line)
+    return not source.data[close:end].strip() and not found.loose and not any(found.values.values())
+
+
+def _files(path: Path, dialect: str) -> list[Path]:
+    """Return the files about the robot's base that belong to a program or a folder of them."""
+    if (name := _NAMES.get(dialect)) is None:
+        return []
+    found = list(_within(path, name)) if path.is_dir() else []
+    here = path.resolve() if path.is_dir() else path.resolve().parent
+    above = iter([here, *here.parents][: _LEVELS + 1])
+    while not found and (folder := next(above, None)) is not None:
+        found = [file for beside in _BESIDE[dialect] for file in _named(folder / beside, name)]
+    return found
+
+
+def _within(folder: Path, wanted: str) -> Iterator[Path]:
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(place) / name for name in sorted(files) if name.lower() == wanted)
+
+
+def _named(folder: Path, wanted: str) -> list[Path]:
+    try:
+        return [file for file in sorted(folder.iterdir()) if file.name.lower() == wanted and file.is_file()]
+    except OSError:
+        return []
+
+
+def _of_machine(path: Path) -> FloatArray | None:
+    """Return $ROBROOT of a $machine.dat, (4, 4) [mm]; None where it is not given."""
+    source, found = Source.read(path), None
+    for _, line, start, _, end in statements(source):
+        if (m := _KRL.match(source.data, start, end)) is None:
+            continue
+        if is_null(source, m.end(), end, line):
+            found = np.eye(4) if m[1].upper() == b"ROBROOT" else found
+            continue
+        values = {}
+        if source.data[m.end() : m.end() + 1] == b"{" and not m[2]:
+            values = parse_aggregate(source, m.end(), closing_brace(source, m.end(), end, line), line).values
+        if m[1].upper() != b"ROBROOT" or set(values) != set(CARTESIAN):
+            name = f"${m[1].decode().upper()}"
+            raise source.error(line, f"{name} is not the null frame, nor a frame that can be used; correct the file")
+        pose = [values[key] for key in CARTESIAN]
+        found = make_transform(euler("kuka", pose[3:]), pose[:3])
+    return found
+
+
+def _of_moc(path: Path) -> FloatArray | None:
+    """Return the base frame of the robot of a MOC.cfg, (4, 4) [mm]; None where there is no robot."""
+    bases: dict[str, FloatArray] = {}
+    for record in _RECORD.split(_section(Source.read(path).data.decode("latin-1"), "ROBOT")):
+        values = {m[1].lower(): (m[2] or "").strip('"') for m in _VALUE.finditer(record)}
+        if values:
+            name = values.get("name", f"robot {len(bases) + 1}")
+            if carrier := values.get("base_frame_coordinated"):
+                raise FileError(path, f"the base of {name} is carried by {carrier}, which has no model")
+            bases[name] = _base_frame(values, path, name)
+    first = next(iter(bases.values()), None)
+    if first is not None and not all(np.allclose(tf, first, rtol=0.0, atol=1e-6) for tf in bases.values()):
+        raise DataError(
+            f"{path}: the robots {', '.join(bases)} stand in different places; state where the world lies as seen from "
+            "the robot of this map, in [frames.bases.0] of the cell file, and move MOC.cfg away"
+        )
+    return first
+
+
+def _section(text: str, name: str) -> str:
+    """Return the lines of a section of a configuration file, continued lines joined."""
+    joined = text.replace("\r\n", "\n").replace("\\\n", " ")
+    match = re.search(rf"(?ms)^{name}:\s*$(.*?)(?=^#|\Z)", joined)
+    return match[1] if match else ""
+
+
+def _base_frame(values: dict[str, str], path: Path, name: str) -> FloatArray:
+    def number(key: str, default: float) -> float:
+        try:
+            return parse_number(values[key].encode("latin-1")) if key in values else default
+        except ValueError as error:
+            raise FileError(path, f"{name}: {key}: {error}") from None
+
+    p = [_M * number(f"base_frame_pos_{axis}", 0.0) for axis in "xyz"]
+    quaternion = [number(f"base_frame_orient_u{k}", float(k == 0)) for k in range(4)]
+    try:
+        return make_transform(euler("abb", quaternion), p)
+    except DataError as error:
+        raise FileError(path, f"{name}: base_frame_orient: {error}") from None
