@@ -41,7 +41,8 @@ def commands(files, folder: Path) -> list[tuple[object, ...]]:
 @pytest.mark.parametrize("k", range(8))
 def test_existing_files_stay(run, cell_files, tmp_path, k):
     command = commands(cell_files, tmp_path)[k]
-    result, link = tmp_path / "result.html", tmp_path / "link.html"
+    result, link, pipe = (tmp_path / f"{name}.html" for name in ("result", "link", "pipe"))
+    os.mkfifo(pipe)
     result.write_bytes(b"mine")
     link.symlink_to(result)
     assert (
@@ -49,9 +50,9 @@ def test_existing_files_stay(run, cell_files, tmp_path, k):
         in run(*command, result).failed()
     )
     assert f"{link}: is a link" in run(*command, link, "--force").failed()
-    assert "/dev/null: is no plain file" in run(*command, "/dev/null", "--force").failed()
+    assert f"{pipe}: is no plain file" in run(*command, pipe, "--force").failed()
     assert result.read_bytes() == b"mine"
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 @pytest.mark.promise("--force overwrites a result, but never a map, a cell file, samples, readings, plan or poses.")
