@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 from tests.programs.conftest import FakeMap
 from tests.programs.corpus import CORPUS, FRAMES, Example
+from tests.programs.numbers import check_numbers
 from tests.programs.test_dialects import DIALECTS, whole
 from tests.programs.test_folders import FILES as PROJECT
 from tests.programs.test_krl_grammar import REALISTIC_DAT, REALISTIC_SRC
 
 from truepose.errors import TrueposeError
-from truepose.programs import FrameTable, ReadOptions, correct_program
+from truepose.programs import CorrectedProgram, FrameTable, ReadOptions, correct_program
 
 Files = dict[str, bytes]
 BLANK = re.compile(rb"[0-9.+\-eE ]")
@@ -35,6 +36,18 @@ NASTY = [
     *(b"MoveL ", b"P[1]", b"p[", b"END\n", b"ENDIF", b"IF a THEN\n", b"GOTO x\n", b"GOTO/", b"C00001=", b"<Value "),
     *(b"[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]", b"set_tcp(p[0,0,1,0,0,0])", b"X1 Y2 Z3", b"/POS\n"),
     *(b"LIN {X 1.5,Y 2.5,Z 3.5,A 0,B 90,C 0} C_DIS\n" * 20, b"G2 ", b"G91 ", b"Offs(p1,0,0,1)", b"UFRAME_NUM=9 ;\n"),
+    *(
+        b"E+02",
+        b"e5",
+        b"D3",
+        b"1D3",
+        b"+.5",
+        b"    :L P[2] 9% FINE;\n",
+        b"Track TAST[1] ;\n",
+        b"force_mode(a,b)\n",
+        b"RSI_ON()\n",
+    ),
+    *(b"SYSTART CV#(1)\n", b"WaitWObj w;\n", b"local ", b"J PAL_1[A_1] 9% FINE ;\n", b"my_move(p[0,0,0,0,0,0])\n"),
 ]
 
 
@@ -80,10 +93,10 @@ class Turning(FakeMap):
         return answer
 
 
-def attempt(path: Path, shift: Any, frames: FrameTable, options: ReadOptions, **more: Any) -> dict[Path, bytes] | str:
-    """Correct a program; return its files, or why not."""
+def attempt(path: Path, shift: Any, frames: FrameTable, options: ReadOptions, **more: Any) -> CorrectedProgram | str:
+    """Correct a program; return it, or why not."""
     try:
-        return correct_program(path, Turning(shift), frames=frames, options=options, **more).files
+        return correct_program(path, Turning(shift), frames=frames, options=options, **more)
     except TrueposeError as error:
         return str(error)
 
@@ -106,8 +119,9 @@ def injure(rng: np.random.Generator, folder: Path, files: Files, frames: FrameTa
         assert zero == moved, (original, zero, moved)
         assert "\n" not in str(zero), original
         return False
-    assert all(data == original[file] for file, data in zero.items()), original
-    assert all(BLANK.sub(b"", data) == BLANK.sub(b"", original[file]) for file, data in moved.items()), original
+    assert all(data == original[file] for file, data in zero.files.items()), original
+    assert all(BLANK.sub(b"", data) == BLANK.sub(b"", original[file]) for file, data in moved.files.items()), original
+    check_numbers(moved, {file: original[file] for file in moved.files})
     return True
 
 

@@ -109,7 +109,24 @@ def test_gcode_exponents(tmp_path: Path, make_map: Any, record_property: Any) ->
     assert [t.verdict for t in read_program(path, FRAMES, ReadOptions(angles="kuka")).targets] == ["correct"] * 3
 
 
-@pytest.mark.parametrize("word", ["CIP", "BSPLINE", "POLY", "SUPA", "DIAMON", "AMIRROR X0", "TRANSMIT", "FTOCON"])
+@pytest.mark.parametrize(
+    "word",
+    [
+        "CIP",
+        "BSPLINE",
+        "POLY",
+        "SUPA",
+        "DIAMON",
+        "AMIRROR X0",
+        "TRANSMIT",
+        "FTOCON",
+        "G54.2 P1",
+        "G505",
+        "G154 P2",
+        "G59.1",
+        "G31.1",
+    ],
+)
 def test_gcode_words_that_change_what_motions_mean(tmp_path: Path, word: str) -> None:
     path = tmp_path / "a.nc"
     path.write_text(f"G0 X0 Y0 Z0 A0 B0 C0\n{word}\nG1 X1 Y2 Z3\n")

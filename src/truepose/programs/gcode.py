@@ -42,7 +42,8 @@ _AXIS = re.compile(rb"(?<![\w#<])[XYZ][ \t]*+[-+=#\[.\d]", re.I)
 _COMMENT = re.compile(rb"\([^\r\n)]*\)|;[^\r\n]*")
 _AXES: Final = "XYZABC"
 _WHOLE: Final = (0, 1, 2, 3, 4, 9, *range(17, 22), 28, 30, *range(40, 44), 49, *range(53, 63), 64, 70, 71, 80, 90, 91)
-_KNOWN: Final = frozenset([*map(str, (*_WHOLE, *range(93, 100), 500)), "43.4", "43.5"])
+_SMOOTHING: Final = ("5.1", "8", "61.1", "450", "451", "601", "602", "603", *map(str, range(641, 646)))
+_KNOWN: Final = frozenset([*map(str, (*_WHOLE, *range(93, 100), 500)), "43.4", "43.5", *_SMOOTHING])
 _CHANGES: Final = frozenset(["10", "16", "50", "51", "51.1", "52", "54.1", "68", "68.2", "92"])
 _CALLS: Final = frozenset(["M98", "M97", "G65", "G66"])
 _TRANSFORMS: Final = (
@@ -232,6 +233,8 @@ class _Reader:
                 self._motion = ""
             elif number in ("0", "1", "2", "3") or re.fullmatch(r"5|6\.\d|33|7[346]|8[1-9]", number):
                 self._motion = number
+            elif number not in _KNOWN and self._problem is None:
+                self._problem = Problem("refuse", f"{code} (line {line}) is not known here; it may change what follows")
 
     def _add(self, line: int, problem: Problem | None) -> Point:
         word = f"G{self._motion}" if self._motion else "move"
