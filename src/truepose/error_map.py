@@ -162,18 +162,36 @@ class ErrorMap:
         check_arm(self.robot, samples, self.tf_flange_tool, fit="pose" if fitted else "none")
         return apply_transform(self.registration.tf_base_tracker, samples.p_meas) - self.commanded_positions(samples)
 
+    @cached_property
+    def unexplained(self) -> FloatArray:
+        """Variance of what the arm does beyond the predictor's field, in each direction, (3,) [mm²], base frame.
+
+        The predictor's nugget less what is known of repeatability; the noise of readings is not in the nugget where it
+        is known. What is not known is not taken off, and counts as error of the arm.
+        """
+        repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
+        return np.maximum(self.predictor.nugget_ - repeatability**2, 0.0)
+
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
-        """Return predicted errors and their standard deviation at commanded poses, both (n, 3) [mm], base frame."""
-        e, std = self._predict(self.coordinates(poses), self.tf_flange_tool, return_std=True)
+        """Return predicted errors and their deviation at commanded poses, both (n, 3) [mm], base frame.
+
+        The deviation is the standard deviation of what the prediction leaves of the true error: what guards, records
+        and reports speak of. Its variance is that of the predictor's field, with what is `unexplained`; the noise of
+        one motion and of one reading is not in it, see `predict_reading`.
+        """
+        return self.predict_at(self.coordinates(poses))
+
+    def predict_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return `predict_errors` at coordinates of the predictor, (n, 3) [mm] or (n, dof) [rad]."""
+        e, std = self._predict(x, self.tf_flange_tool, return_std=True)
         return e, std
 
     def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
         """Return what errors (n, 3) [mm] are expected of new samples, and the std of that with a reading's noise."""
-        x = self.coordinates(samples)
         e, std = self.predict_errors(samples)
-        (_, alone), (_, noisy) = (self.predictor.predict(x, return_std=True, include_nugget=b) for b in (False, True))
         known = self.reading_noise(samples)
-        return e, np.sqrt(std**2 + np.maximum(noisy**2 - alone**2, 0.0) + (0.0 if known is None else known**2))
+        beyond = self.predictor.nugget_ - self.unexplained
+        return e, np.sqrt(std**2 + beyond + (0.0 if known is None else known**2))
 
     def reading_noise(self, samples: Samples) -> FloatArray | None:
         """Return what is known beforehand of the noise of new samples, (n, 3) [mm], base frame: see `reading_noise`.
@@ -198,7 +216,7 @@ class ErrorMap:
         -------
         p : (n, 3) array [mm], tracker frame
         std : (n, 3) array [mm], tracker frame
-            Of the prediction; the noise of a reading comes on top.
+            The deviation of `predict_errors`; the noise of a reading comes on top.
         """
         poses = q if isinstance(q, Poses) else Poses(q=np.atleast_2d(np.asarray(q, float)), source="poses")
         e, std = self.predict_errors(poses)
@@ -245,6 +263,7 @@ class ErrorMap:
         error : (n, 6) array [mm, rad], base frame
             e, and w, the rotation vector of R_meas R_cmdᵀ.
         std : (n, 6) array [mm, rad], base frame
+            The deviation, as of `predict_errors`; what is `unexplained` turns the tool as well.
 
         Raises
         ------
@@ -388,7 +407,10 @@ class ErrorMap:
     def _predict(
         self, x: FloatArray, tf_flange_tool: FloatArray, *, return_std: bool = False, orientation: bool = False
     ) -> Any:
-        """Ask the predictor, at another point of the tool than the sampled one where it knows the arm."""
+        """Ask the predictor, at another point of the tool than the sampled one where it knows the arm.
+
+        The standard deviation is that of `predict_errors`.
+        """
         rows = slice(None) if orientation else slice(3)
         if orientation and not self._knows_orientation:
             raise DataError(
@@ -401,12 +423,14 @@ class ErrorMap:
             turned = self.robot.forward(x)[:, :3, :3]
             offset = np.einsum("nij,nj->ni", turned, np.broadcast_to(away, (len(x), 3)))
         if offset is None and not orientation:
-            predict: Callable[..., Any] = self.predictor.predict
-            return predict(x, return_std=return_std)
+            if not return_std:
+                return self.predictor.predict(x)
+            error, std = self.predictor.predict(x, return_std=True)
+            return error, np.sqrt(std**2 + self.unexplained)
         predict_pose: Callable[..., Any] = self.predictor.predict_pose
         if not return_std:
             return self._with_tool_turn(x, predict_pose(x, offset=offset))[:, rows]
-        error, std = predict_pose(x, return_std=True, offset=offset)
+        error, std = predict_pose(x, return_std=True, offset=offset, unexplained=self.unexplained)
         std[:, 3:] = np.hypot(std[:, 3:], self.tool_turn[1])
         return self._with_tool_turn(x, error)[:, rows], std[:, rows]
 

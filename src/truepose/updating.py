@@ -208,7 +208,8 @@ def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatA
     together: Callable[..., Any] | None = getattr(error_map.predictor, "predict_together", None)
     if together is None or error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER:
         _, std = error_map.predict_errors(samples)
-        return residual, noisy[:, :, None] ** 2 * np.eye(3), std**2
+        field = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
+        return residual, noisy[:, :, None] ** 2 * np.eye(3), field
     _, covariance = together(error_map.coordinates(samples))
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
     return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None

@@ -172,12 +172,14 @@ def test_table(samples):
 
 
 def test_noise_of_the_readings_makes_the_rest_the_models(samples, targets):
-    """With the readings' noise known, what the model cannot explain is in its standard deviation."""
+    """With the readings' noise known, what the model cannot explain is its nugget, and in no field."""
     q, e = samples
     e = e + 0.1 * np.sin(40 * q[:, :3])
     model = KinematicCalibration(ROBOT, TOOL).fit(q, e, noise_std=NOISE)
     assert 0.05 < model.misfit_std_ < 0.12
-    assert (model.predict(targets, return_std=True)[1] > model.misfit_std_).all()
+    np.testing.assert_allclose(model.nugget_, model.misfit_std_**2)
+    field, reading = (model.predict(targets, return_std=True, include_nugget=with_it)[1] for with_it in (False, True))
+    np.testing.assert_allclose(reading**2 - field**2, model.misfit_std_**2)
 
 
 def test_few_and_similar_poses(samples, rng):

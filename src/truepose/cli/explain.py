@@ -42,8 +42,8 @@ def _show(found: Knowledge) -> None:
     error_map, std = found.error_map, found.std_mm
     say(
         f"[bold]{error_map.predictor_name}[/] of {len(error_map.samples)} samples. A reading varies by "
-        f"{found.noise_mm:.3f} mm in each direction. Within the sampled region the length of a prediction's std is "
-        f"{std['mean']:.3f} mm in the mean, {std['p95']:.3f} mm at 95 %, {std['max']:.3f} mm at most."
+        f"{found.noise_mm:.3f} mm in each direction. Within the sampled region the deviation of a corrected position "
+        f"has a length of {std['mean']:.3f} mm in the mean, {std['p95']:.3f} mm at 95 %, {std['max']:.3f} mm at most."
     )
     if found.shares_mm:
         rows = [(name, value) for name, value in found.shares_mm.items()]

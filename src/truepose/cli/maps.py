@@ -115,7 +115,7 @@ def predict(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Predict where the tracker will see the measured point, with its standard deviation."""
+    """Predict where the tracker will see the measured point, with the deviation that a corrected position has."""
     import numpy as np
 
     from truepose.error_map import load_map
@@ -131,7 +131,7 @@ def predict(
     if as_json:
         emit_json({"out": out, "n": len(p), "mean_std_mm": float(total.mean()), "max_std_mm": float(total.max())})
     else:
-        say(f"Wrote {out}: {len(p)} poses, std {total.mean():.3f} mm in the mean, {total.max():.3f} mm at most.")
+        say(f"Wrote {out}: {len(p)} poses, deviation {total.mean():.3f} mm in the mean, {total.max():.3f} mm at most.")
 
 
 def validate(
@@ -155,7 +155,7 @@ def validate(
     say(
         accuracy_table(f"Held-out accuracy of {error_map.predictor_name}", data),
         f"95 % interval of the mean after: {low:.3f} … {high:.3f} mm.",
-        f"Within the predicted 68 % intervals: {100 * cover['within_68']:.0f} %; "
+        f"Readings within the predicted 68 % intervals, their noise included: {100 * cover['within_68']:.0f} %; "
         f"within the 95 % intervals: {100 * cover['within_95']:.0f} %.",
     )
     say(found.words[0])

@@ -95,6 +95,17 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self)
         return self._given[2]
 
+    @property
+    def nugget_(self) -> FloatArray:
+        """Variance of what a reading holds beyond the field and beyond `noise_std`, (k,) [mm²].
+
+        Noise that `fit` was not told of, and errors of the arm that the model cannot describe: what moves from pose to
+        pose without likeness (ripple of a motor), and what the coordinates do not show (orientation, in a Cartesian
+        model). Zero where the model counts all of it to the field.
+        """
+        check_is_fitted(self)
+        return self._nugget_variance()
+
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = ..., include_nugget: bool = ...) -> FloatArray: ...
     @overload
@@ -113,9 +124,10 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return_std : bool
             Also return the standard deviation.
         include_nugget : bool
-            Let the standard deviation hold the noise of one new reading, too, as far as the model found it; what is
-            known of that reading beforehand, as `noise_std` of `fit`, comes on top. Otherwise it is that of the error
-            itself.
+            Whether the standard deviation is that of one new reading: with `nugget_` in it; what is known of that
+            reading beforehand, as `noise_std` of `fit`, comes on top. Otherwise it is that of the field that the model
+            describes, without noise. What the tool tip will do lies between the two: see
+            `truepose.ErrorMap.predict_errors`.
 
         Returns
         -------
@@ -130,10 +142,10 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         with self._blas():
-            e, std = self._predict(self._validate(X)[0], return_std, include_nugget)
+            e, std = self._predict(self._validate(X)[0], return_std)
         if std is None:
             return self._shaped(e)
-        return self._shaped(e), self._shaped(std)
+        return self._shaped(e), self._shaped(np.sqrt(std**2 + self.nugget_) if include_nugget else std)
 
     def leave_one_out(self) -> LeaveOneOut:
         """Predict each sample from the others, with the fitted hyperparameters.
@@ -199,9 +211,12 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None: ...
 
     @abstractmethod
-    def _predict(
-        self, X: FloatArray, return_std: bool, include_nugget: bool
-    ) -> tuple[FloatArray, FloatArray | None]: ...
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+        """Return the prediction (m, k), and the standard deviation of the field (m, k) or None."""
+
+    @abstractmethod
+    def _nugget_variance(self) -> FloatArray:
+        """Return `nugget_` of a fitted model."""
 
     @abstractmethod
     def _leave_one_out(self) -> LeaveOneOut: ...

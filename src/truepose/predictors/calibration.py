@@ -26,7 +26,7 @@ from truepose.identification import (
 )
 from truepose.identification.solve import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut
-from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
+from truepose.predictors.orientation import PosePredictor, at_offset
 from truepose.robots import ErrorModel, Load, Robot
 
 FloatArray = NDArray[np.float64]
@@ -179,7 +179,7 @@ class KinematicCalibration(PosePredictor):
         self._given = self._seen
         seen = self._observations(*self._seen)
         self._filter = self._filter.again(seen, misfit)
-        self._keep(seen, self._filter.x, misfit, known_noise=noise_std is not None)
+        self._keep(seen, self._filter.x, misfit)
         return self
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
@@ -197,7 +197,7 @@ class KinematicCalibration(PosePredictor):
         else:
             self._check_poses(data)
             x, misfit = self._solve(data, misfit)
-        self._keep(data, x, misfit, known_noise=noise_std is not None)
+        self._keep(data, x, misfit)
 
     def _solve(self, data: Positions, misfit: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         arm = self._arm
@@ -216,7 +216,7 @@ class KinematicCalibration(PosePredictor):
             found = levenberg_marquardt(arm, data, loss=self.loss, **options)
         return found.x, found.misfit
 
-    def _keep(self, data: Positions, x: FloatArray, misfit: FloatArray, known_noise: bool) -> None:
+    def _keep(self, data: Positions, x: FloatArray, misfit: FloatArray) -> None:
         """Derive all that is asked for later from the samples and the identified changes."""
         arm = self._arm
         tolerance = arm.tolerance if self.prior == "tolerance" else None
@@ -227,9 +227,8 @@ class KinematicCalibration(PosePredictor):
         self.parameters_ = parameter_table(arm, self.solution_, self.observability_, tolerance is not None)
         self.hint_ = self._hint(data)
         self._data = data
-        self._known_noise = known_noise
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         q, approach = self._split(X)
         x = self.solution_.x
         e = (self._arm.pose(q, x, approach) - self._arm.pose(q, np.zeros(len(x)), approach))[:, :3, 3]
@@ -237,10 +236,10 @@ class KinematicCalibration(PosePredictor):
             return e, None
         columns = self._arm.jacobian(q, x, approach)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
-        # where the readings' own noise is known, the misfit is the model's; else it may be all noise
-        if self._known_noise or include_nugget:
-            variance = variance + self.misfit_std_**2
         return e, np.sqrt(variance)
+
+    def _nugget_variance(self) -> FloatArray:
+        return np.full(3, self.misfit_std_**2)
 
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
@@ -256,11 +255,10 @@ class KinematicCalibration(PosePredictor):
             return error, None
         columns = at_offset(arm.jacobian(q, x, approach, "pose"), offset)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
-        misfit = self.misfit_std_ if self._known_noise else 0.0
-        unknown = at_offset(turns(misfit * rotation_per_mm(arm.model.joint_jacobian(q))), offset)
-        variance += np.sum(unknown**2, axis=2)
-        variance[:, :3] += misfit**2
         return error, np.sqrt(variance)
+
+    def _lever(self, X: FloatArray) -> FloatArray:
+        return self._arm.model.joint_jacobian(self._split(X)[0])
 
     def _leave_one_out(self) -> LeaveOneOut:
         data = self._data

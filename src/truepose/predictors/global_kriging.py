@@ -155,7 +155,7 @@ class GlobalKriging(Predictor):
         """
         check_is_fitted(self)
         x = self._validate(X)[0]
-        fields = self._predict(x, False, False)[0] + draw(self._covariance(x, include_nugget), size, rng)
+        fields = self._predict(x, False)[0] + draw(self._covariance(x, include_nugget), size, rng)
         return fields[:, :, 0] if self._flat else fields
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
@@ -270,7 +270,7 @@ class GlobalKriging(Predictor):
 
     # --- prediction -------------------------------------------------------------------------------------------------
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e = self._mean(X, POINT)
         targets, points = self._at_samples(X)
         variance = self._variance(X, targets, points, POINT) if return_std else None
@@ -283,7 +283,10 @@ class GlobalKriging(Predictor):
                 variance[np.ix_(targets[silent], c)] = 0.0
         if variance is None:
             return e, None
-        return e, np.sqrt(variance + self._nugget if include_nugget else variance)
+        return e, np.sqrt(variance)
+
+    def _nugget_variance(self) -> FloatArray:
+        return self._nugget
 
     def _mean(self, X: FloatArray, support: Support) -> FloatArray:
         e = self._sums.weighted

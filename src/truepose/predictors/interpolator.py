@@ -15,12 +15,13 @@ FloatArray = NDArray[np.float64]
 class Interpolator(Predictor):
     """Base of interpolators that know no noise.
 
-    `noise_std` is not used. The standard deviation is the root mean square of the leave-one-out residuals, the same
-    everywhere.
+    The standard deviation is the same everywhere: the root mean square of the leave-one-out residuals, less `noise_std`
+    of the readings where it is given, which the predictions do not use otherwise.
 
     Attributes
     ----------
     std_ : (k,) array [mm]
+        Root mean square of the leave-one-out residuals.
     """
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
@@ -28,9 +29,18 @@ class Interpolator(Predictor):
         self._prepare()
         self.std_ = np.sqrt(np.mean(self._left_out() ** 2, axis=0))
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e = self._interpolate(X)
-        return e, np.broadcast_to(self.std_, e.shape).copy() if return_std else None
+        return e, np.broadcast_to(self._error_std(), e.shape).copy() if return_std else None
+
+    def _error_std(self) -> FloatArray:
+        """Return the standard deviation of the error itself; at least that of the mean of all readings, (k,) [mm]."""
+        noise = self._given[2]
+        known = np.zeros_like(self.std_) if noise is None else np.mean(noise**2, axis=0)
+        return np.sqrt(np.maximum(self.std_**2 - known, known / len(self._x)))
+
+    def _nugget_variance(self) -> FloatArray:
+        return np.zeros_like(self.std_)  # all that is left out counts to the error
 
     def _leave_one_out(self) -> LeaveOneOut:
         residual = self._left_out()

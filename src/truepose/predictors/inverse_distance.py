@@ -19,8 +19,8 @@ CHUNK = 2**22  # distances in memory at once
 class InverseDistance(Interpolator):
     """Weighted mean of the samples' errors with weights h^-power, equation (12).
 
-    It passes through the samples and knows no noise: `noise_std` is not used. Its standard deviation is the root mean
-    square of its leave-one-out residuals, the same everywhere.
+    It passes through the samples and knows no noise. Its standard deviation is the root mean square of its
+    leave-one-out residuals, the same everywhere, less `noise_std` where it is given.
 
     Parameters
     ----------

@@ -193,13 +193,16 @@ class NeighbourKriging(Predictor):
 
     # --- prediction -------------------------------------------------------------------------------------------------
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e, variance = np.empty((2, len(X), len(self._total)))
         for part, near, distance in self._parts(X, self.neighbours):
             e[part], variance[part] = self._moments(X[part], near, distance[:, 0] == 0)
         if not return_std:
             return e, None
-        return e, np.sqrt(variance + self._nugget if include_nugget else variance)
+        return e, np.sqrt(variance)
+
+    def _nugget_variance(self) -> FloatArray:
+        return self._nugget
 
     def _moments(self, X: FloatArray, near: IntArray, here: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance at targets, (m, k); `here` where the first neighbour is at the target."""

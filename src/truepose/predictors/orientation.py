@@ -71,16 +71,32 @@ class PosePredictor(Predictor):
     ) -> tuple[FloatArray, FloatArray | None]:
         """Predict at checked joints; None in place of std where it is not asked for."""
 
+    @abstractmethod
+    def _lever(self, X: FloatArray) -> FloatArray:
+        """Return ∂P/∂q_j at checked joints, (m, 3, dof) [mm/rad]."""
+
     @overload
     def predict_pose(
-        self, X: ArrayLike, return_std: Literal[False] = ..., offset: FloatArray | None = ...
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = ...,
+        offset: FloatArray | None = ...,
+        unexplained: FloatArray | None = ...,
     ) -> FloatArray: ...
     @overload
     def predict_pose(
-        self, X: ArrayLike, return_std: Literal[True], offset: FloatArray | None = ...
+        self,
+        X: ArrayLike,
+        return_std: Literal[True],
+        offset: FloatArray | None = ...,
+        unexplained: FloatArray | None = ...,
     ) -> tuple[FloatArray, FloatArray]: ...
     def predict_pose(
-        self, X: ArrayLike, return_std: bool = False, offset: FloatArray | None = None
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        offset: FloatArray | None = None,
+        unexplained: FloatArray | None = None,
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Predict errors of position and orientation, both from positions measured.
 
@@ -94,6 +110,9 @@ class PosePredictor(Predictor):
         return_std : bool
         offset : (m, 3) array [mm], base frame, optional
             From the measured point to the point of the tool that is asked for, on the nominal arm.
+        unexplained : (3,) array [mm²], optional
+            Variance of what the arm does beyond the field, in each direction: a part of `nugget_`. The standard
+            deviation is that of the field alone when not given.
 
         Returns
         -------
@@ -108,5 +127,13 @@ class PosePredictor(Predictor):
             As `predict`.
         """
         check_is_fitted(self)
-        error, std = self._predict_pose(self._validate(X)[0], return_std, offset)
-        return error if std is None else (error, std)
+        x = self._validate(X)[0]
+        error, std = self._predict_pose(x, return_std, offset)
+        if std is None:
+            return error
+        if unexplained is None:
+            return error, std
+        turned = turns(np.sqrt(np.mean(unexplained)) * rotation_per_mm(self._lever(x)))
+        variance = std**2 + np.sum(at_offset(turned, offset) ** 2, axis=2)
+        variance[:, :3] += unexplained
+        return error, np.sqrt(variance)

@@ -24,9 +24,12 @@ class RegistrationOnly(Predictor):
         self._e = e
         self.std_ = np.sqrt(np.mean(e**2, axis=0))
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         shape = (len(X), self._e.shape[1])
         return np.zeros(shape), np.broadcast_to(self.std_, shape).copy() if return_std else None
+
+    def _nugget_variance(self) -> FloatArray:
+        return np.zeros_like(self.std_)
 
     def _leave_one_out(self) -> LeaveOneOut:
         return LeaveOneOut(self._e.copy(), np.broadcast_to(self.std_, self._e.shape).copy())

@@ -103,18 +103,23 @@ class ResidualNetwork(Predictor):
         found = np.sqrt((self._unseen**2).mean(axis=0))
         self.noise_ = found if self.noise is None else np.asarray(self.noise, float)
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e, std = self.calibration_.predict(X, return_std=True)
         answers = np.array([_answer(net, self._inputs(X)) for net in self.weights_])
         e = e + self.shrink_ * answers.mean(axis=0)
         if not return_std:
             return e, None
         variance = std**2 + (self.shrink_ * answers.std(axis=0, ddof=1)) ** 2
-        reading = self._given[2]
-        if reading is not None:  # what is left beyond the readings' noise is the model's, and not the misfit as well
-            own = np.maximum(self.noise_**2 - np.mean(reading**2, axis=0), 0.0)
-            return e, np.sqrt(np.maximum(variance - self.calibration_.misfit_std_**2, 0.0) + own)
-        return e, np.sqrt(variance + self.noise_**2) if include_nugget else np.sqrt(variance)
+        return e, np.sqrt(variance)
+
+    def _nugget_variance(self) -> FloatArray:
+        X, _, reading = self._given
+        _, field = self._predict(X, True)
+        assert field is not None
+        known = np.mean(field**2, axis=0)  # samples left out differ from their prediction by that as well
+        if reading is not None:
+            known = known + np.mean(reading**2, axis=0)
+        return np.asarray(np.maximum(self.noise_**2 - known, 0.0))
 
     def _leave_one_out(self) -> LeaveOneOut:
         """Each fifth by the network that has not seen it, after the calibration without the sample itself."""

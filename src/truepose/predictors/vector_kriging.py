@@ -254,12 +254,15 @@ class VectorKriging(Predictor):
 
     # --- prediction -------------------------------------------------------------------------------------------------
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e = self._full.mean(X) if self._full is not None else self._inner.predict(X) @ self._back.T
         if not return_std:
             return e, None
-        covariance = self._covariance(X, include_nugget)
+        covariance = self._covariance(X, include_nugget=False)
         return e, np.sqrt(np.maximum(np.einsum("maa->ma", covariance), 0.0))
+
+    def _nugget_variance(self) -> FloatArray:
+        return self._nugget.diagonal()
 
     def _covariance(self, X: FloatArray, include_nugget: bool) -> FloatArray:
         if self._full is not None:

@@ -37,9 +37,10 @@ class Knowledge:
     ----------
     error_map : ErrorMap
     noise_mm : float
-        Standard deviation of a reading in each direction, in the mean.
+        Standard deviation of a reading about the predictor's field in each direction, in the mean.
     std_mm : dict
-        Length of the predicted standard deviation within the sampled region: mean, 95th percentile, maximum.
+        Length of the deviation of a corrected position (`ErrorMap.predict_errors`) within the sampled region: mean,
+        95th percentile, maximum.
     parameters : list of dict
         Drift of kinematic Kriging or parameters of a calibration, estimate ± std; else empty.
     curves : list of JointCurve
@@ -139,8 +140,6 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     """
     model = error_map.predictor
     samples = error_map.samples
-    _, std = error_map.predict_errors(samples)
-    _, noisy = error_map.predict_reading(samples)
     candidates = _between_samples(error_map, np.random.default_rng(rng))
     size = np.linalg.norm(error_map.predict_errors(candidates)[1], axis=1)
     curves, shares = [], {}
@@ -151,7 +150,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     values = {name: value for name, value in model.to_json().items() if name not in ("weight", "identified")}
     return Knowledge(
         error_map,
-        noise_mm=float(np.sqrt(np.mean(noisy**2 - std**2))),
+        noise_mm=float(np.sqrt(np.mean(_about_field(error_map)))),
         std_mm={"mean": float(size.mean()), "p95": float(np.quantile(size, 0.95)), "max": float(size.max())},
         parameters=list(getattr(model, "parameters_", [])),
         curves=curves,
@@ -169,6 +168,13 @@ def _between_samples(error_map: ErrorMap, rng: np.random.Generator) -> Poses:
     return Poses(q=between) if error_map.space == "joint" else Poses(p_cmd=between)
 
 
+def _about_field(error_map: ErrorMap) -> FloatArray:
+    """Return the variance of readings of the samples about the predictor's field, (n, 3) [mm²]."""
+    samples = error_map.samples
+    (_, noisy), (_, std) = error_map.predict_reading(samples), error_map.predict_errors(samples)
+    return np.asarray(noisy**2 - std**2 + error_map.unexplained)
+
+
 def _measure_next(error_map: ErrorMap, candidates: Poses, count: int) -> list[dict[str, Any]]:
     """Choose greedily the candidate that lowers the variance over all candidates most, given those chosen before.
 
@@ -182,15 +188,14 @@ def _measure_next(error_map: ErrorMap, candidates: Poses, count: int) -> list[di
         chosen = np.argsort(-size)[:count].tolist()
         return [_pose_data(candidates, i, size[i]) for i in chosen]
     _, covariance = together(error_map.coordinates(candidates))
-    samples = error_map.samples
-    noise = np.mean(error_map.predict_reading(samples)[1] ** 2 - error_map.predict_errors(samples)[1] ** 2)
+    noise, beyond = np.mean(_about_field(error_map)), float(error_map.unexplained.sum())
     n, found = len(size), []
     for _ in range(count):
         own = np.einsum("iaib->iab", covariance.reshape(n, 3, n, 3))
         rows = covariance.reshape(n, 3, 3 * n)
         told = np.linalg.solve(np.linalg.cholesky(own + noise * np.eye(3)), rows)
         best = int(np.argmax(np.einsum("nak,nak->n", told, told)))
-        found.append(_pose_data(candidates, best, float(np.sqrt(np.trace(own[best])))))
+        found.append(_pose_data(candidates, best, float(np.sqrt(np.trace(own[best]) + beyond))))
         covariance = covariance - told[best].T @ told[best]
     return found
 

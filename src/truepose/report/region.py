@@ -81,5 +81,5 @@ def _lengths(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray
         tools = np.broadcast_to(error_map.tf_flange_tool, (len(p), 4, 4))
         follower = Follower(error_map.robot, poses, tools, q)
         x, lost = follower.q, follower.lost
-    e, std = error_map.predictor.predict(x, return_std=True)
+    e, std = error_map.predict_at(x)
     return np.where(lost, np.nan, np.linalg.norm(e, axis=1)), np.where(lost, np.nan, np.linalg.norm(std, axis=1))

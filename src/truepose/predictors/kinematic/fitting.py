@@ -44,15 +44,22 @@ class Search:
     evaluations: int
 
 
-def search(likelihood: Likelihood, starts: list[Hyper]) -> Search:
+def search(likelihood: Likelihood, starts: list[Hyper], *, iterations: int = _LONG) -> Search:
     """Minimise the negative log likelihood plus the weak priors, in covariance form, from several starts.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    starts : list of Hyper
+    iterations : int
+        At most.
 
     Raises
     ------
     KrigingError
         If no start has a finite likelihood.
     """
-    return _minimise(likelihood, starts, likelihood.constant)
+    return _minimise(likelihood, starts, likelihood.constant, iterations)
 
 
 def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
@@ -76,6 +83,7 @@ def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
         likelihood,
         [start],
         sums.constant,
+        _LONG,
         held=np.r_[np.zeros(k), np.ones(k), np.zeros(3 + (ranges > 0)), np.ones(ranges)],
     )
 
@@ -95,11 +103,12 @@ def _minimise(
     likelihood: Callable[[Hyper], tuple[float, FloatArray]],
     starts: list[Hyper],
     constant: float,
+    iterations: int,
     held: FloatArray | None = None,
 ) -> Search:
     """Minimise; parameters that are held (1 of 0 and 1) stay where the first start has them.
 
-    `constant` is what the negative log likelihood leaves out.
+    `constant` is what the negative log likelihood leaves out; `iterations` are those of the last search.
     """
     shape = starts[0]
     centre, std = shape.prior()
@@ -120,10 +129,10 @@ def _minimise(
         found = minimize(objective, theta, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return float(found.fun), np.asarray(found.x)
 
-    first = [run(start.to_vector(), _SHORT if len(starts) > 1 else _LONG) for start in starts]
+    first = [run(start.to_vector(), _SHORT if len(starts) > 1 else iterations) for start in starts]
     value, theta = min(first, key=lambda found: found[0])
     if len(starts) > 1:
-        value, theta = run(theta, _LONG)
+        value, theta = run(theta, iterations)
     if not np.isfinite(value):
         raise KrigingError(
             "kinematic Kriging found no hyperparameters with a finite likelihood; are the samples repeated?"

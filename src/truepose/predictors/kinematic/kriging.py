@@ -17,6 +17,7 @@ from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.inflation import MOST, factor, held_out
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
@@ -89,7 +90,7 @@ class KinematicKriging(PosePredictor):
     joints : sequence of int, optional
         Joints with an error of their own, counted from 0, with `hyper`; otherwise those that are seen.
     inflation : float, optional
-        Factor of predicted variances, with `hyper`; otherwise found by leave-one-out.
+        Factor of predicted variances, with `hyper`; otherwise found from fits without parts of the samples.
     random_state : int
         For the subset that large sets are searched on.
 
@@ -106,8 +107,8 @@ class KinematicKriging(PosePredictor):
     gross_ : (g,) array of int
         Rows of readings that the others contradict.
     inflation_ : float
-        Factor of the predicted variances that makes leave-one-out residuals of the samples standard, at least 1, and
-        of what the hyperparameters take from the data.
+        Factor of the predicted variances, at least 1, by which readings that no fit has seen are standard: from fits
+        without parts of the samples, one standard error on the safe side.
     log_likelihood_ : float
         Logarithm of the marginal density of the errors that the hyperparameters were searched on, with its full
         constant: see `truepose.predictors.kinematic.fitting.Search`. NaN where hyperparameters were given.
@@ -325,20 +326,21 @@ class KinematicKriging(PosePredictor):
         self._terms = self._terms.shifted(estimate * self._terms.prior_std)
         self._form = self._solved(self._terms.at(X))
 
-    def _target(self, design: Design) -> FloatArray:
-        """Return the errors less what the linear columns miss at the current linearisation."""
-        return self._e - self._terms.curvature(design)
+    def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
+        """Return the errors of some samples less what the linear columns miss at the current linearisation."""
+        return self._e[rows] - self._terms.curvature(design)
 
-    def _predict(self, X: FloatArray, return_std: bool, include_nugget: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
         if not return_std:
             return self._form.mean(design) + self._terms.curvature(design), None
         e, covariance = self._form.posterior(design)
         variance = np.einsum("maa->ma", covariance)
-        noise = self.hyper_.noise**2 if include_nugget else 0.0
-        std = np.sqrt(self.inflation_ * (np.maximum(variance, 0.0) + noise))
-        return e + self._terms.curvature(design), std
+        return e + self._terms.curvature(design), np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+
+    def _nugget_variance(self) -> FloatArray:
+        return np.full(3, self.inflation_ * self.hyper_.noise**2)
 
     def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
@@ -366,6 +368,10 @@ class KinematicKriging(PosePredictor):
         error, covariance = self._form.posterior(design)
         variance = np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2)
         return error + curvature, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+
+    def _lever(self, X: FloatArray) -> FloatArray:
+        assert self.robot is not None
+        return self._terms.at(self.robot.check_joints(X)).lever
 
     def _unknown_turns(self, design: Design) -> FloatArray:
         """Return columns of what Z, and joints that are not seen, may turn the tool by, (m, 6, k)."""
@@ -416,15 +422,27 @@ class KinematicKriging(PosePredictor):
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self) -> float:
-        """Return the mean squared standardised leave-one-out residual of the readings not called gross, at least 1.
+        """Return the factor of predicted variances by which readings that no fit has seen are standard.
 
-        Times 3n/(3n − k), as the k hyperparameters come from the same readings: they fit these better than new ones.
+        The larger of two estimates: from fits without a fifth of the samples each, with hyperparameters of their own;
+        and the mean squared standardised leave-one-out residual, at least 1, times 3n/(3n − k) for k hyperparameters.
+        The standard error of a mean of 3n squares comes on top, as too small a deviation does more harm than too large
+        a one. Readings called gross count in neither.
         """
         residual, covariance = self._left_out_alone()
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
         variance = np.einsum("naa->na", covariance)
         n, k = min(len(kept), _SUBSET), len(self.hyper_.to_vector())
-        return max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept]))) * 3 * n / max(3 * n - k, n)
+        alone = max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept]))) * 3 * n / max(3 * n - k, n)
+        if len(kept) < _FEWEST:
+            return alone
+        rows = np.sort(np.random.default_rng(self.random_state).permutation(kept)[:MOST])
+        design = take(self._terms.at(self._x), rows)
+        target, reading, weight = self._target(design, rows), self._reading[rows], self.weight_[rows]
+        seen = held_out(
+            self._terms, design, self.joints_, self.hyper_, target, reading, weight, random_state=self.random_state
+        )
+        return max(factor(*seen, reading), alone) * (1.0 + float(np.sqrt(2.0 / reading.size)))
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self._leave_blocks_out(np.arange(len(self._e)))
