@@ -170,7 +170,7 @@ class ErrorMap:
         is known. What is not known is not taken off, and counts as error of the arm.
         """
         repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
-        return np.maximum(self.predictor.nugget_ - repeatability**2, 0.0)
+        return np.asarray(np.maximum(self.predictor.nugget_ - repeatability**2, 0.0))
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors and their deviation at commanded poses, both (n, 3) [mm], base frame.

@@ -37,7 +37,7 @@ class Interpolator(Predictor):
         """Return the standard deviation of the error itself; at least that of the mean of all readings, (k,) [mm]."""
         noise = self._given[2]
         known = np.zeros_like(self.std_) if noise is None else np.mean(noise**2, axis=0)
-        return np.sqrt(np.maximum(self.std_**2 - known, known / len(self._x)))
+        return np.asarray(np.sqrt(np.maximum(self.std_**2 - known, known / len(self._x))))
 
     def _nugget_variance(self) -> FloatArray:
         return np.zeros_like(self.std_)  # all that is left out counts to the error

@@ -262,7 +262,7 @@ class VectorKriging(Predictor):
         return e, np.sqrt(np.maximum(np.einsum("maa->ma", covariance), 0.0))
 
     def _nugget_variance(self) -> FloatArray:
-        return self._nugget.diagonal()
+        return np.asarray(self._nugget.diagonal())
 
     def _covariance(self, X: FloatArray, include_nugget: bool) -> FloatArray:
         if self._full is not None:
