@@ -280,7 +280,8 @@ def test_palletising_positions_are_listed(read: Read) -> None:
     )
     assert verdicts(program) == {"PAL_1[A_1]": "skip", "PAL_1[BTM]": "skip", "PAL_1[R_1]": "skip", "P[1]": "correct"}
     assert program.targets[0].reason == "position of a palletising pattern, known at run time only"
-    assert verdicts(read("L XP[1] 9mm/sec FINE"))["L:4"] == "refuse"
+    for unknown in ("L XP[1] 9mm/sec FINE", "LP[1] 9mm/sec FINE", "JPR[1] 9% FINE", "J @P[1] 9% FINE"):
+        assert verdicts(read(unknown))[f"{unknown[0]}:4"] == "refuse", unknown
 
 
 @pytest.mark.promise("FANUC: a position that a motion to another one names is not corrected")

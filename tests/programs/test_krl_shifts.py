@@ -35,13 +35,16 @@ def test_run_time_shifts(read: Any, record_property: Any) -> None:
         "SET_TORQUE_LIMITS(1,tq)": "RESET_TORQUE_LIMITS(1)",
         "TRIGGER WHEN DISTANCE=0 DELAY=0 DO RSI_ON() PRIO=-1": "RSI_OFF()",
     }
-    record_property("cases", 2 * len(regions) + 2)
+    record_property("cases", 2 * len(regions) + 6)
     for begin, end in regions.items():
         for keep in (False, True):
             body = f"{HEAD}LIN XP1\n{begin}\nLIN XP2\n{end}\n{HEAD}LIN XP3"
             program = read(body, POINTS, calls_keep_frames=keep)
             assert verdicts(program) == {"XP1": "correct", "XP2": "refuse", "XP3": "correct"}, (begin, keep)
             assert "(line 5) may shift it at run time" in program.targets[1].reason
+    for begin in ("$OFFSET={X 1,Y 0,Z 0}", "$CORRECTION[1].X=2", "$PROG_PAF=TRUE", "$TORQUE_AXIS=1"):
+        program = read(f"{HEAD}LIN XP1\n{begin}\nLIN XP2\n", POINTS)
+        assert verdicts(program) == {"XP1": "correct", "XP2": "refuse", "XP3": "skip"}, begin
     inline = "".join(f"LIN {{X {k},Y 2,Z 3,A 0,B 0,C 0}}\n" for k in range(20))
     run = read(f"{HEAD}RSI_ON()\n{inline}", calls_keep_frames=True)
     assert set(verdicts(run).values()) == {"refuse"}

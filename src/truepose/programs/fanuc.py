@@ -33,7 +33,7 @@ _GOAL = re.compile(
 )
 _MOTION = re.compile(rb"\s*([JLCAS])\s+(?=P\s*R?\s*\[)", re.I)
 _HIDDEN_MOTION = re.compile(rb"(?<![\w$\[:])[JLCAS]\s+P\s*R?\s*\[", re.I)
-_OTHER_MOTION = re.compile(rb"\s*([JLCAS])\s+(PAL_?\d*\s*\[[^\]]*\]|[A-Z]\w*\s*\[[^\]]*\])", re.I)
+_OTHER_MOTION = re.compile(rb"\s*([JLCAS])(?:\s+(PAL_?\d*\s*\[[^\]]*\]|[A-Z]\w*\s*\[[^\]]*\])|(PR?)\s*\[)", re.I)
 """A motion to something that is no position: `J PAL_1[A_1]` goes to where a pattern of palletising leads."""
 _SPEED = re.compile(
     rb"\d\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|\]\s*(?:mm/sec|cm/min|%)|\b(?:FINE|CNT\s*\d+)\b", re.I
@@ -178,7 +178,7 @@ class _Reader:
             self._motion(line, m[1].decode().upper(), code)
         elif other := _OTHER_MOTION.match(code):
             self._end_arc()
-            self._motion_elsewhere(line, code, other[1].decode().upper(), other[2])
+            self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
         elif _POINT.search(code):
             self._end_arc()
             self._point_elsewhere(line, code)

@@ -70,6 +70,7 @@ KRL: Final = (
     _call(_SENSORS + rb"ON", _SENSORS + rb"OFF"),
     _kind(_CONVEYOR + rb"(?:ON|FOLLOW|SYNC|TRACK|SKIP)\b", _CONVEYOR + rb"(?:OFF|QUIT|INI_OFF)\b"),
     _call(rb"SET_TORQUE_LIMITS", rb"RESET_TORQUE_LIMITS"),
+    _kind(rb"\$(?:OFFSET|CORR\w*|PATH_?CORR\w*|PROG_PAF|TORQUE_AXIS)\b[^=\r\n]*=(?!=)", None),
 )
 """Sensor correction (RSI and its forerunner), function generators, touch and seam sensing, conveyors, soft axes."""
 
