@@ -394,3 +394,41 @@ def test_sigterm_waits_for_the_renames(fast_folder: Path, monkeypatch: pytest.Mo
     case.recover()
     assert case.is_corrected()
     assert not case.leftovers()
+
+
+@contextlib.contextmanager
+def nobody() -> Iterator[None]:
+    """Be another user than root, who may write everywhere."""
+    user = os.geteuid()
+    if not user and not os.access("/dev/shm", os.W_OK):
+        pytest.skip("root's temporary folders are closed to others")
+    if not user:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
+
+
+@pytest.mark.promise("In a folder that may not be written one line says so, and what a killed run left waits there.")
+def test_a_folder_that_may_not_be_written(fast_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = Case(fast_folder, 2, "in place")
+    with light(monkeypatch) as patch:
+        case.prepare()
+        fast_folder.parent.chmod(0o755)
+        fast_folder.chmod(0o555)
+        with nobody(), pytest.raises(FileError, match=r"original: cannot be written: Permission denied"):
+            case.write()
+        assert not case.is_corrected()
+        fast_folder.chmod(0o755)
+        killed_at(case, patch, "replace", -2)
+        before = {path.name: path.read_bytes() for path in fast_folder.iterdir()}
+        fast_folder.chmod(0o555)
+        message = "a run that wrote here was stopped, and what it left cannot be undone: .* run it again"
+        with nobody(), pytest.raises(FileError, match=message):
+            files.recover(fast_folder)
+        assert {path.name: path.read_bytes() for path in fast_folder.iterdir()} == before
+        fast_folder.chmod(0o755)
+        case.recover()
+        assert not case.is_corrected()
+        assert not case.leftovers()

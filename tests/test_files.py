@@ -173,11 +173,3 @@ def test_a_limit_of_size(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"first": b"old"}
-
-
-def test_a_folder_that_must_not_be_written(tmp_path):
-    if os.geteuid() == 0:
-        pytest.skip("root may write everywhere")
-    tmp_path.chmod(0o500)
-    with pytest.raises(FileError, match="cannot be written: Permission denied"):
-        files.write_atomic(tmp_path / "a", b"")
