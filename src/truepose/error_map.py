@@ -19,8 +19,19 @@ from scipy.spatial.transform import Rotation
 from truepose import files
 from truepose.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.cell import Cell
-from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, Solution, apply_policy, solve
-from truepose.errors import DataError
+from truepose.choosing import CellSamples
+from truepose.compensation import (
+    Corrections,
+    Guards,
+    Limits,
+    LimitsInForce,
+    Policy,
+    Solution,
+    apply_policy,
+    solve,
+    supported_angle,
+)
+from truepose.errors import DataError, RefusedError
 from truepose.following import Follower
 from truepose.geometry import Registration, apply_transform, check_transforms, invert_transform
 from truepose.guarding import arm_branches, found_limits, stated_limits
@@ -30,6 +41,7 @@ from truepose.robots import Robot
 from truepose.samples import Poses, Samples
 from truepose.verification import RP_PER_STD, usual_groups
 from truepose.verification import held_out as verify
+from truepose.worth import FEW, LeftOut, Worth, worth
 
 if TYPE_CHECKING:
     from truepose.updating import Recheck
@@ -70,6 +82,8 @@ class ErrorMap:
         Where the samples were measured, if the tool has been changed since: see `update`.
     arm_check : ArmCheck
         What commanded positions said of the arm's model and the tool, or that none came.
+    known_worth : Worth, optional
+        What `fit_cell` found the map to be worth; None in maps of earlier versions and after new samples joined.
     """
 
     cell: Cell
@@ -85,13 +99,37 @@ class ErrorMap:
     campaign: dict[str, Any] = field(default_factory=dict)
     p_flange_sampled: FloatArray | None = None
     arm_check: ArmCheck = UNCHECKED
+    known_worth: Worth | None = None
 
     def __repr__(self) -> str:
         checked = "checked" if self.arm_check.checked else "not checked"
+        weak = "; weak: not shown to be better than none" if self.worth.weak else ""
         return (
             f"<ErrorMap of {self.robot.name}: {self.predictor_name}, {len(self.samples)} samples; "
-            f"arm and tool {checked}>"
+            f"arm and tool {checked}{weak}>"
         )
+
+    @cached_property
+    def worth(self) -> Worth:
+        """Whether the map is better than no map, on blocks of samples that it was fitted without."""
+        if self.known_worth is not None:
+            return self.known_worth
+        return worth(self.p_cmd, self.e, self._without)
+
+    def _without(self, block: IntArray) -> LeftOut:
+        """Return what is left of the samples' errors without their blocks, see `LeftOut`."""
+        measured = CellSamples(self.cell, self.robot, self.samples)
+        found = LeftOut(np.empty_like(self.e), np.empty_like(self.e))
+        for k in np.unique(block):
+            out, known = np.flatnonzero(block == k), np.flatnonzero(block != k)
+            errors = measured.registered_by(known)
+            found.alone[out] = errors.e[out]
+            if len(block) <= FEW:
+                predictor, _ = errors.fit(self.predictor_name, known)
+                found.left[out] = errors.e[out] - predictor.predict(errors.coordinates[self.space][out])
+        if len(block) > FEW:
+            found.left[:] = self.predictor.leave_blocks_out(block).residual
+        return found
 
     @property
     def space(self) -> str:
@@ -238,14 +276,15 @@ class ErrorMap:
         -------
         dict
             As `truepose.verification.HeldOut.to_dict` (intervals hold prediction and noise), with ``seen``: how many of
-            the samples are in the map.
+            the samples are in the map; and ``worth``: what was found of the map itself, see `Worth`.
         """
         e = self.errors(held_out)
         expected, std = self.predict_reading(held_out)
         groups = usual_groups(self.commanded_positions(held_out), q=held_out.q, robot=self.robot, time=held_out.time)
         figures = verify(e, e - expected, std, noise=self._noise(held_out), groups=groups)
         known = {row.tobytes() for row in self.samples.p_meas}
-        return {**figures.to_dict(), "seen": sum(row.tobytes() in known for row in held_out.p_meas)}
+        seen = sum(row.tobytes() in known for row in held_out.p_meas)
+        return {**figures.to_dict(), "seen": seen, "worth": self.worth.to_dict()}
 
     def _noise(self, samples: Samples) -> FloatArray | None:
         """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known."""
@@ -295,6 +334,7 @@ class ErrorMap:
         on_guard: Policy | None = None,
         limits: LimitsInForce | None = None,
         orientation: bool = False,
+        accept_weak_map: bool = False,
     ) -> Corrections:
         """Return the commands whose predicted outcome is the target (16), guarded.
 
@@ -313,6 +353,8 @@ class ErrorMap:
             See `limits_in_force`; by default those of the map's own cell.
         orientation : bool
             Solve for orientation together with position: R_c = exp(−ŵ) R_t.
+        accept_weak_map : bool
+            Use the map although nothing shows that it is better than no map; see `worth`.
 
         Returns
         -------
@@ -320,6 +362,8 @@ class ErrorMap:
 
         Raises
         ------
+        RefusedError
+            If the map is weak, unless that is accepted.
         DataError
             If a target is no pose; if the map predicts in joint space or orientation is asked for, and only positions
             came; if the map knows no orientation.
@@ -329,6 +373,11 @@ class ErrorMap:
         A predictor in joint space is asked at the joints by which the controller reaches the command: on the branch
         that Status and Turn name, or on that of the nearest sample where they are not given.
         """
+        if self.worth.weak and not accept_weak_map:
+            raise RefusedError(
+                f"{self.worth.words}; measure more samples, try another predictor, or accept it with --accept-weak-map "
+                "(Python: accept_weak_map=True)"
+            )
         p_target, targets = self._targets(poses, positions_suffice=self.space == "cartesian" and not orientation)
         n = len(p_target)
         limits = limits or self.limits_in_force()
@@ -353,7 +402,7 @@ class ErrorMap:
         _, std = self._predict(x, tools, return_std=True, orientation=orientation)
         reasons = self._reasons(guards, x, std, solution, targets, tools, status, follower)
         change = solution.command - start
-        share, verdict, reason = apply_policy(change, reasons, guards.limits, on_guard or limits.on_guard)
+        share, verdict, reason = apply_policy(change, std, reasons, guards.limits, on_guard or limits.on_guard)
         change *= share[:, None]
         return Corrections(
             p_target=p_target,
@@ -497,16 +546,33 @@ class ErrorMap:
             If a stated limit can have no effect on this map.
         """
         limits = stated_limits(self.cell, cell, options, self.space)
-        return found_limits(limits, self.guards_of(limits.limits), self.space)
+        stated = self.cell if cell is None or cell.robot.repeatability_mm is None else cell
+        repeatability = stated.robot.repeatability_mm
+        limits = found_limits(limits, self.guards_of(limits.limits), self.space, repeatability)
+        if self.space == "cartesian" and self.rotation is not None:
+            angle = float(np.rad2deg(self.supported_angle))
+            limits = limits.at_most("max_angle_deg", angle, "as far as the samples' orientations support it")
+        return limits
+
+    @cached_property
+    def rotation(self) -> Rotation | None:
+        """Orientations of the tool at the samples, base frame; None where nothing is known of them."""
+        if self.samples.q is None:
+            return self.samples.rotation_cmd
+        return Rotation.from_matrix(self.robot.forward(self.samples.q, tool=self.tf_flange_tool)[:, :3, :3])
+
+    @cached_property
+    def supported_angle(self) -> float:
+        """How far from the samples' orientations a map in Cartesian space may be asked [rad]: see `supported_angle`."""
+        if self.rotation is None:
+            raise DataError(f"{self.samples.source}: nothing is known of the samples' orientations")
+        return supported_angle(self.predictor.leave_blocks_out, self.rotation)
 
     def guards_of(self, limits: Limits) -> Guards:
         """Return the guards of corrections under some limits."""
         if limits not in self._guards:
-            samples, rotation = self.samples, self.samples.rotation_cmd
-            if samples.q is not None:
-                rotation = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
-            status, point = arm_branches(self.robot, samples), self.tf_flange_sampled[:3, 3]
-            self._guards[limits] = Guards(self.coordinates(samples), self.e, limits, point, rotation, status)
+            status, point = arm_branches(self.robot, self.samples), self.tf_flange_sampled[:3, 3]
+            self._guards[limits] = Guards(self.coordinates(self.samples), limits, point, self.rotation, status)
         return self._guards[limits]
 
     @cached_property

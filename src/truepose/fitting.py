@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ def fit_cell(
         progress(f"Fitting {predictor}")
         model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
     weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
-    return ErrorMap(
+    error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,
         samples=samples[gross == 0],
@@ -87,6 +88,8 @@ def fit_cell(
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )
+    progress("Comparing the map with registration alone")
+    return replace(error_map, known_worth=error_map.worth)
 
 
 def _excluded(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,13 @@ from truepose.samples import Samples
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+STD_PER_TOLERANCE: Final = 0.5
+"""Largest standard deviation as a share of the tolerance: a tool twice as far off still keeps the tolerance."""
+STD_PER_RP: Final = 4.0
+"""Largest standard deviation as a multiple of RP: arms err by ten RP and more, and half of that is hardly a gain."""
+USUAL_RP_MM: Final = 0.06
+"""RP of an arm whose cell file states none, as large arms have it [mm]."""
 
 
 def stated_limits(
@@ -49,16 +56,25 @@ def stated_limits(
     )
 
 
-def found_limits(limits: LimitsInForce, guards: Guards, space: str) -> LimitsInForce:
-    """Return the limits in force with those that the guards found from the samples, where none is stated."""
+def found_limits(limits: LimitsInForce, guards: Guards, space: str, repeatability_mm: float | None) -> LimitsInForce:
+    """Return the limits in force with those that follow from the cell or from the samples, where none is stated."""
     distance = guards.region.max_distance
     unit, value = ("mm", distance) if space == "cartesian" else ("deg", float(np.rad2deg(distance)))
     return limits.with_found(
         {
-            "max_std_mm": (guards.max_std, "three quarters of the RMS error of the samples"),
+            "max_std_mm": _largest_std(limits.values.get("tolerance_mm"), repeatability_mm),
             f"max_distance_{unit}": (value, "1.5 times the widest gap between samples"),
         }
     )
+
+
+def _largest_std(tolerance_mm: float | None, repeatability_mm: float | None) -> tuple[float, str]:
+    """Return the largest standard deviation [mm] where none is stated, and how it was found; no sample can raise it."""
+    if tolerance_mm is not None:
+        return STD_PER_TOLERANCE * tolerance_mm, "half of tolerance_mm"
+    if repeatability_mm is not None:
+        return STD_PER_RP * repeatability_mm, f"{STD_PER_RP:g} times the robot's repeatability_mm"
+    return STD_PER_RP * USUAL_RP_MM, f"{STD_PER_RP:g} times {USUAL_RP_MM} mm, since no repeatability_mm is stated"
 
 
 def arm_branches(robot: Robot, samples: Samples) -> IntArray | None:

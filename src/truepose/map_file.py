@@ -24,6 +24,7 @@ from truepose.geometry import Registration
 from truepose.predictors import PREDICTORS, make_predictor
 from truepose.robots import parse_robot
 from truepose.samples import Samples
+from truepose.worth import Worth
 
 _ROTATIONS = ("rotation_cmd", "rotation_meas")
 _REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
@@ -45,7 +46,8 @@ def to_bytes(error_map: ErrorMap) -> bytes:
     content = _content(error_map)
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
         content["cell"]["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
-    return archive.pack(content | {"robot": error_map.robot.to_toml()}, _arrays(error_map))
+    content |= {"robot": error_map.robot.to_toml(), "worth": error_map.worth.to_dict()}
+    return archive.pack(content, _arrays(error_map))
 
 
 def _content(error_map: ErrorMap) -> dict[str, Any]:
@@ -65,6 +67,7 @@ def _content(error_map: ErrorMap) -> dict[str, Any]:
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
         "arm_check": error_map.arm_check.to_dict(),
+        **({} if error_map.known_worth is None else {"worth": error_map.known_worth.to_dict()}),
     }
 
 
@@ -143,6 +146,7 @@ def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: st
         excluded=content["excluded"],
         campaign=content.get("campaign", {}),
         arm_check=ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
+        known_worth=Worth.from_dict(content["worth"]) if "worth" in content else None,
         p_flange_sampled=arrays.get("p_flange_sampled"),
     )
 

@@ -143,6 +143,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     e, registration = error_map.errors(samples), error_map.registration
     joined = replace(
         error_map,
+        known_worth=None,
         samples=_concatenated(error_map.samples, samples),
         predictor=copy.deepcopy(error_map.predictor),
         registration=replace(

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from truepose.compensation import Guards, Limits, Region, apply_policy
+from truepose.compensation import BELOW, Guards, Limits, Region, apply_policy, supported_angle
+from truepose.compensation.orientations import orientation_blocks
 
 
 @pytest.fixture
@@ -39,38 +41,90 @@ def test_flat_samples_are_guarded_by_distance(rng):
 
 CORRECTION = np.array([[1.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 2.0]])
 REASONS = ["", "", "outside"]
+NO_STD = np.zeros((3, 3))
 
 
 @pytest.mark.parametrize("policy", ["refuse", "skip"])
 def test_guarded_targets_stay_nominal(policy):
-    share, verdict, reason = apply_policy(CORRECTION, REASONS, Limits(), policy)
+    share, verdict, reason = apply_policy(CORRECTION, NO_STD, REASONS, Limits(), policy)
     assert verdict.tolist() == ["correct", policy, policy]
     assert share.tolist() == [1.0, 0.0, 0.0]
     assert reason == ["", "correction of 8.000 mm is larger than the limit of 5 mm", "outside"]
 
 
 def test_clip_shortens_only_what_is_too_long():
-    share, verdict, _ = apply_policy(CORRECTION, REASONS, Limits(), "clip")
+    share, verdict, _ = apply_policy(CORRECTION, NO_STD, REASONS, Limits(), "clip")
     assert verdict.tolist() == ["correct", "clip", "skip"]
     np.testing.assert_allclose(share, [1.0, 5 / 8, 0.0])
 
 
 def test_length_is_no_second_reason():
-    _, _, reason = apply_policy(9 * CORRECTION[:1], ["outside"], Limits(), "clip")
+    _, _, reason = apply_policy(9 * CORRECTION[:1], NO_STD[:1], ["outside"], Limits(), "clip")
     assert reason == ["outside"]
 
 
 def test_turns_are_limited_too():
     correction = np.array([[1.0, 0, 0, 0, 0.004, 0], [1.0, 0, 0, 0.02, 0, 0], [10.0, 0, 0, 0, 0, 0.03]])
-    share, verdict, reason = apply_policy(correction, [""] * 3, Limits(), "clip")
+    share, verdict, reason = apply_policy(correction, np.zeros((3, 6)), [""] * 3, Limits(), "clip")
     assert verdict.tolist() == ["correct", "clip", "clip"]
     np.testing.assert_allclose(share, [1.0, 0.5, 1 / 3])
     assert reason[1] == "correction of 20.000 mrad is larger than the limit of 10 mrad"
 
 
 def test_uncertain_orientation_is_told(cube):
-    guards = Guards(cube, np.ones((300, 3)), Limits(), np.zeros(3))
+    guards = Guards(cube, Limits(), np.zeros(3))
     std = np.array([[0.1, 0.1, 0.1, 1e-3, 0, 0], [0.1, 0.1, 0.1, 4e-3, 0, 0]])
     reasons = guards.reasons(cube[:2], "mm", std, np.ones(2, bool))
     assert reasons[0] == ""
     assert "of orientation of 4.00 mrad is above the limit of 3 mrad" in reasons[1]
+
+
+@pytest.mark.promise("A correction smaller than its own standard deviation is not applied, and refuses no program.")
+@pytest.mark.parametrize("policy", ["refuse", "skip", "clip"])
+def test_a_correction_below_its_deviation_is_not_applied(policy, record_property):
+    correction = np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.1, 0.0, 0.0]])
+    std = np.array([[0.05, 0.05, 0.05], [0.06, 0.06, 0.06], [0.06, 0.06, 0.06]])
+    share, verdict, reason = apply_policy(correction, std, ["", "", "outside"], Limits(), policy)
+    assert verdict.tolist() == ["correct", BELOW, "skip" if policy == "clip" else policy]
+    assert share.tolist() == [1.0, 0.0, 0.0]
+    assert reason[1] == "correction of 0.100 mm is smaller than its standard deviation of 0.104 mm"
+    twice = Limits(min_correction_stds=2.0)
+    assert apply_policy(correction, std, [""] * 3, twice, policy)[1].tolist() == [BELOW] * 3
+    assert "smaller than 2 times its" in apply_policy(correction, std, [""] * 3, twice, policy)[2][0]
+    never = Limits(min_correction_stds=0.0)
+    assert apply_policy(correction, std, [""] * 3, never, policy)[1].tolist() == ["correct"] * 3
+    record_property("cases", 9)
+
+
+def test_a_pose_stays_nominal_only_if_its_turn_is_below_as_well():
+    correction = np.array([[0.1, 0, 0, 1e-3, 0, 0], [0.1, 0, 0, 1e-4, 0, 0]])
+    std = np.array([[0.2, 0, 0, 5e-4, 0, 0]] * 2)
+    assert apply_policy(correction, std, ["", ""], Limits(), "refuse")[1].tolist() == ["correct", BELOW]
+
+
+def turned(*degrees):
+    return Rotation.from_rotvec(np.deg2rad(degrees)[:, None] * [0.0, 1.0, 0.0])
+
+
+def test_orientations_fall_into_blocks(rng):
+    assert orientation_blocks(turned(0, 0.5, 10, 10.5, 0.1)).tolist() == [0, 0, 1, 1, 0]
+    many = orientation_blocks(Rotation.from_rotvec(np.deg2rad(rng.uniform(-15, 15, (200, 3)))))
+    assert len(np.unique(many)) == 10
+    assert np.bincount(many).min() >= 3
+
+
+@pytest.mark.promise("A Cartesian map accepts only orientations that its samples, predicted from others, support.")
+def test_the_angle_is_what_residuals_from_other_orientations_support(rng, record_property):
+    rotation = turned(*np.repeat([0.0, 4.0, 12.0, 30.0], 20))
+    noise = rng.normal(size=(80, 3))
+
+    def supported(size_by_group):
+        size = np.repeat(size_by_group, 20)[:, None]
+        return np.rad2deg(supported_angle(lambda _: (size * noise, np.ones((80, 3))), rotation))
+
+    cases = {(1, 1, 1, 1): 18.0, (1, 1, 1, 3): 8.0, (1, 1, 3, 1): 4.0, (3, 3, 1, 1): 2.0}
+    for sizes, angle in cases.items():
+        assert supported(sizes) == pytest.approx(angle)
+    one = np.rad2deg(supported_angle(lambda _: pytest.fail("nothing to compare"), turned(*np.zeros(30))))
+    assert one == pytest.approx(2.0)
+    record_property("cases", len(cases) + 1)

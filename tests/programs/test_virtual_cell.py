@@ -148,7 +148,7 @@ def test_what_remains_is_what_the_map_leaves(
     middle = np.asarray(virtual.preset.centre_mm)
     size = np.asarray(virtual.preset.size_mm)
     p_base = middle + rng.uniform(-0.3, 0.3, (N, 3)) * size
-    turn = Rotation.from_rotvec(rng.uniform(-0.08, 0.08, (N, 3)))
+    turn = Rotation.from_rotvec(rng.uniform(-0.02, 0.02, (N, 3)))
     rotation = turn * euler("kuka", list(virtual.preset.abc_deg))
     poses = make_transform(rotation, p_base)
     frames = {

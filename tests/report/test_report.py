@@ -243,7 +243,7 @@ def test_corrected_programs(error_map, study, sidecar, no_figures):
     made = document(gather(error_map, study=study, sidecars=[sidecar(record(error_map.hash))]), say)
     programs = next(section for section in made.sections if section.title == say("programs.title"))
     tables = [block for block in programs.blocks if isinstance(block, Table)]
-    assert tables[0].rows == [["panel.src", "2", "1", "0", "1", "0", "0.100", "0.013"]]
+    assert tables[0].rows == [["panel.src", "2", "1", "0", "0", "1", "0", "0.100", "0.013"]]
     assert tables[1].rows == [["panel.src", "skipped", "too far", "1"]]
     assert tables[2].rows == [["XP1", "7", "1.000", "−2.000", "3.000", "+0.100", "+0.000", "+0.000", "0.013"]]
     assert not any(getattr(block, "warns", False) for block in programs.blocks)

@@ -70,7 +70,7 @@ def test_origins_are_told_apart(cell_text, samples, tmp_path):
     other = tp.Cell.from_toml(with_correction(cell_text, "max_std_mm = 0.2\n"))
     found = error_map.limits_in_force(other, on_guard="skip")
     assert found.origin["max_correction_mm"] == "map"
-    assert found.origin["max_angle_deg"] == "default"
+    assert found.origin["max_tool_mm"] == "default"
     assert found.origin["max_distance_mm"].startswith("default: ")
     assert (found.values["max_std_mm"], found.origin["max_std_mm"]) == (0.2, "cell file")
     assert (found.on_guard, found.origin["on_guard"]) == ("skip", "option")

@@ -109,17 +109,21 @@ class Frames(Section):
 
 
 class Correction(Section):
-    """``[correction]``: what a correction may be, and what happens where it may not. None: found from the samples.
+    """``[correction]``: what a correction may be, and what happens where it may not. None: found, see docs/cell.md.
+
+    ``tolerance_mm`` is how far the tool may be from its target; by default ``max_std_mm`` is half of it.
 
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
     ``max_distance_mm`` is for maps in Cartesian space, ``max_distance_deg`` for those in joint space.
     """
 
+    tolerance_mm: Positive | None = None
     max_std_mm: Positive | None = None
+    min_correction_stds: NotNegative = 1.0
     max_correction_mm: Positive = 5.0
     max_distance_mm: Positive | None = None
     max_distance_deg: Positive | None = None
-    max_angle_deg: Positive = 20.0
+    max_angle_deg: Positive | None = None
     max_tool_mm: Positive = 50.0
     max_rotation_mrad: Positive = 10.0
     max_rotation_std_mrad: Positive = 3.0

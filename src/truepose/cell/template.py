@@ -77,11 +77,14 @@ robust = true            # gross readings are found and left out of the registra
 [correction]
 max_correction_mm = 5.0
 on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" the correction
-# max_std_mm = 0.2       # largest predicted standard deviation; left out: three quarters of the samples' RMS error
+# tolerance_mm = 0.3     # how far the tool may be from its target
+# max_std_mm = 0.15      # largest predicted standard deviation; left out: half of the tolerance, else 4 times RP
+# min_correction_stds = 1.0  # a correction smaller than this many of its standard deviations is not applied
 # max_distance_mm = 200  # to the nearest sample; left out: 1.5 times the widest gap between samples
 # require = "95%"        # of a program's motion targets must be corrected, or nothing is written
 # max_distance_deg = 30  # the same for maps in joint space
-max_angle_deg = 20.0     # between a target's orientation and that of the sample most alike
+# max_angle_deg = 10.0   # between a target's orientation and that of the sample most alike; left out: as far as the
+                         # samples support it, which is the limit in any case
 max_tool_mm = 50.0       # between the tool point of a target and the measured one
 max_rotation_mrad = 10.0      # largest correction of orientation, where that is asked for
 max_rotation_std_mrad = 3.0   # largest predicted standard deviation of orientation

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from truepose.cli.output import Force, Json, accuracy_table, emit_json, overwrite, say, table, working
+
+if TYPE_CHECKING:
+    from truepose.worth import Worth
 
 CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
@@ -83,6 +86,7 @@ def fit(
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
         "arm_check": error_map.arm_check.to_dict(),
+        "worth": error_map.worth.to_dict(),
     }
     if calibration is not None:
         data["calibration"] = calibration_data(calibration)
@@ -104,6 +108,7 @@ def fit(
         show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:
         show_calibration(calibration)
+    say_worth(error_map.worth)
     title = f"{error_map.predictor_name}: after registration, and predicted without the sample itself"
     say(accuracy_table(title, {"before": registered, "after": left_out}), f"Wrote {out}.")
 
@@ -177,5 +182,15 @@ def validate(
         low, high = group["interval_95_mean_mm"]
         say(f"95 % interval of the mean after, other {name} drawn: {low:.3f} … {high:.3f} mm.")
     show_campaign(error_map.campaign)
+    say_worth(error_map.worth)
     if data["seen"]:
         say(f"[yellow]Warning[/]: {data['seen']} of these poses took part in the fit; the figures flatter the map.")
+
+
+def say_worth(worth: Worth) -> None:
+    """Say whether a map is better than none; a weak one with the way to use it all the same."""
+    sentence = f"{worth.words[0].upper()}{worth.words[1:]}"
+    if worth.weak:
+        say(f"[yellow]Weak map[/]: {sentence}. 'truepose correct' refuses it without --accept-weak-map.")
+    else:
+        say(f"{sentence}.")

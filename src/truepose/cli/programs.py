@@ -150,6 +150,9 @@ def correct(
     other_maker: Annotated[
         bool, typer.Option("--other-maker", help="Correct programs of another maker than that of the map's robot.")
     ] = False,
+    accept_weak_map: Annotated[
+        bool, typer.Option("--accept-weak-map", help="Use a map that is not shown to be better than none.")
+    ] = False,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
     ] = False,
@@ -195,6 +198,7 @@ def correct(
                 orientation=orientation,
                 require=require,
                 other_maker=other_maker,
+                accept_weak_map=accept_weak_map,
                 progress=progress,
             )
             for program in found.programs
@@ -219,7 +223,8 @@ def correct(
         summary = program.summary()
         say(
             f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
-            f"{summary['skipped']} skipped, {summary['refused']} refused; largest correction "
+            f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
+            f"{summary['refused']} refused; largest correction "
             f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
         )
         say(f"  Limits in force: {escape(program.limits.sentence())}")

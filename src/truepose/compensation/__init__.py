@@ -1,7 +1,20 @@
 """From a predicted error to a command: solve (15), (16), and guard (method.md §4)."""
 
-from truepose.compensation.guards import Corrections, Guards, Limits, Policy, Region, apply_policy
+from truepose.compensation.guards import BELOW, Corrections, Guards, Limits, Policy, Region, apply_policy
 from truepose.compensation.in_force import LimitsInForce
+from truepose.compensation.orientations import supported_angle
 from truepose.compensation.solve import Solution, solve
 
-__all__ = ["Corrections", "Guards", "Limits", "LimitsInForce", "Policy", "Region", "Solution", "apply_policy", "solve"]
+__all__ = [
+    "BELOW",
+    "Corrections",
+    "Guards",
+    "Limits",
+    "LimitsInForce",
+    "Policy",
+    "Region",
+    "Solution",
+    "apply_policy",
+    "solve",
+    "supported_angle",
+]

@@ -16,7 +16,8 @@ IntArray = NDArray[np.int64]
 Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
-_STD_SHARE: Final = 0.75
+BELOW: Final = "below uncertainty"
+"""Verdict of a target that stays nominal since its correction is smaller than its own standard deviation."""
 ARM_BRANCH: Final = 0b111
 """Bits 0–2 of KUKA's Status name the branch; the others are not about it (conventions.md)."""
 
@@ -27,9 +28,12 @@ class Limits:
 
     Attributes
     ----------
-    max_std : float [mm], optional
-        Largest length of the predicted standard deviation (sx, sy, sz). Default: three quarters of the samples' RMS
-        error; beyond it the correction is hardly better than none.
+    max_std : float [mm]
+        Largest length of the predicted standard deviation (sx, sy, sz). It does not depend on the samples: a bad
+        campaign must not raise it.
+    min_correction_stds : float
+        Smallest length of a correction, as a multiple of the length of its standard deviation. Below it the target
+        stays nominal: chance alone could give the correction.
     max_correction : float [mm]
         Largest length of a correction.
     max_distance : float [mm or rad], optional
@@ -46,7 +50,8 @@ class Limits:
         Largest length of the predicted standard deviation of orientation, where that is corrected.
     """
 
-    max_std: float | None = None
+    max_std: float = 0.25
+    min_correction_stds: float = 1.0
     max_correction: float = 5.0
     max_distance: float | None = None
     max_angle: float = float(np.deg2rad(20.0))
@@ -116,8 +121,6 @@ class Guards:
     ----------
     x : (n, d) array
         The samples in the predictor's coordinates: commanded positions [mm] or joints [rad].
-    e : (n, 3) array [mm], base frame
-        Their errors.
     limits : Limits
     p_flange_tool : (3,) array [mm], flange frame
         The measured point.
@@ -130,7 +133,6 @@ class Guards:
     def __init__(
         self,
         x: FloatArray,
-        e: FloatArray,
         limits: Limits,
         p_flange_tool: FloatArray,
         rotation: Rotation | None = None,
@@ -138,8 +140,6 @@ class Guards:
     ) -> None:
         self.limits = limits
         self.region = Region(x, limits.max_distance)
-        rms = float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
-        self.max_std = _STD_SHARE * rms if limits.max_std is None else limits.max_std
         self._p_flange_tool = p_flange_tool
         self._orientations = None
         if rotation is not None:
@@ -183,8 +183,8 @@ class Guards:
 
         size, turned, limits = np.linalg.norm(std[:, :3], axis=1), np.linalg.norm(std[:, 3:], axis=1), self.limits
         flag(
-            ~(size <= self.max_std),
-            lambda i: f"predicted standard deviation of {size[i]:.3f} mm is above the limit of {self.max_std:.3f} mm",
+            ~(size <= limits.max_std),
+            lambda i: f"predicted standard deviation of {size[i]:.3f} mm is above the limit of {limits.max_std:.3f} mm",
         )
         flag(
             ~(turned <= limits.max_rotation_std),
@@ -196,7 +196,7 @@ class Guards:
         flag(~converged, lambda _: "no command was found whose predicted outcome is the target")
         if rotation is not None and self._orientations is not None:
             angle = _angle_of_chord(_nearest(self._orientations, rotation.as_quat())[:, 0])
-            limit = f"limit {np.rad2deg(limits.max_angle):g}°"
+            limit = f"limit {np.rad2deg(limits.max_angle):.3g}°"
             flag(
                 angle > limits.max_angle,
                 lambda i: f"orientation is {np.rad2deg(angle[i]):.1f}° from that of any sample, {limit}",
@@ -235,13 +235,13 @@ class Corrections:
     Attributes
     ----------
     p_target, p_command : (n, 3) arrays [mm], base frame
-        What is wanted, and what to command; equal where the verdict is skip or refuse.
+        What is wanted, and what to command; equal where the verdict is neither correct nor clip.
     p_mirror : (n, 3) array [mm], base frame
         The one-step command (15), for comparison.
     e, std : (n, 3) arrays [mm], base frame
         Predicted error at the command and its standard deviation; NaN where nothing was predicted.
     verdict : (n,) array of str
-        ``correct``, ``clip``, ``skip`` or ``refuse``.
+        ``correct``, ``clip``, ``skip``, ``refuse`` or ``below uncertainty``.
     reason : list of str
         Why not ``correct``; empty where it is.
     rotation : (n, 3) array [rad], base frame, optional
@@ -294,16 +294,19 @@ class Corrections:
 
 
 def apply_policy(
-    correction: FloatArray, reasons: Sequence[str], limits: Limits, policy: Policy
+    correction: FloatArray, std: FloatArray, reasons: Sequence[str], limits: Limits, policy: Policy
 ) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
     """Turn the guards' reasons into verdicts, and into the share of each correction that is used.
 
     Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip``
-    a correction that is only too long is shortened to the limit; any other reason skips its target.
+    a correction that is only too long is shortened to the limit; any other reason skips its target. A correction that
+    no guard objects to, but that is smaller than its own standard deviation, is not used under any policy: its target
+    is as good without it. Where orientation is corrected, too, both must be smaller.
 
     Parameters
     ----------
-    correction : (n, 3) array [mm] or (n, 6) array [mm, rad]
+    correction, std : (n, 3) arrays [mm] or (n, 6) arrays [mm, rad]
+        Corrections and the standard deviations of the predicted errors.
     reasons : sequence of n str
         From the guards; empty where nothing is wrong. The size of the correction is judged here.
     limits : Limits
@@ -325,10 +328,18 @@ def apply_policy(
             what = f"{1e3 * angle[i]:.3f} mrad is larger than the limit of {1e3 * limits.max_rotation:g} mrad"
         reason[i] = reason[i] or f"correction of {what}"
     guarded = np.array([bool(r) for r in reason], dtype=bool)
-    verdict = np.where(guarded, "skip" if policy == "clip" else policy, "correct").astype("<U7")
+    verdict = np.where(guarded, "skip" if policy == "clip" else policy, "correct").astype(f"<U{len(BELOW)}")
     share = np.where(guarded, 0.0, 1.0)
     if policy == "clip":
         clipped = (excess > 1.0) & ~np.array([bool(r) for r in reasons], dtype=bool)
         share[clipped] = 1.0 / excess[clipped]
         verdict[clipped] = "clip"
+    below = (length < limits.min_correction_stds * np.linalg.norm(std[:, :3], axis=1)) & (verdict == "correct")
+    if correction.shape[1] > 3:
+        below &= angle < limits.min_correction_stds * np.linalg.norm(std[:, 3:], axis=1)
+    share[below], verdict[below] = 0.0, BELOW
+    times = "" if limits.min_correction_stds == 1.0 else f"{limits.min_correction_stds:g} times "
+    for i in np.flatnonzero(below):
+        deviation = f"{times}its standard deviation of {np.linalg.norm(std[i, :3]):.3f} mm"
+        reason[i] = f"correction of {length[i]:.3f} mm is smaller than {deviation}"
     return share, verdict, reason

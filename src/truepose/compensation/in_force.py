@@ -86,14 +86,21 @@ class LimitsInForce:
         origin = {key: f"default: {how}" for key, (_, how) in new.items()}
         return replace(self, values={**self.values, **values}, origin={**self.origin, **origin})
 
+    def at_most(self, key: str, value: float, how: str) -> Self:
+        """Return these settings with one of them not above a value that was found, whoever stated it."""
+        stated = self.values.get(key)
+        if stated is not None and stated <= value:
+            return self
+        return replace(self, values={**self.values, key: value}, origin={**self.origin, key: f"default: {how}"})
+
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return value and origin of every setting by its key, for JSON."""
         return {key: {"value": value, "origin": self.origin[key]} for key, value in self.values.items()}
 
     def sentence(self) -> str:
         """Return all settings in one line, each with its origin."""
-        texts = [f"{key} {_shown(value)} ({self.origin[key]})" for key, value in self.values.items()]
-        return ", ".join(texts)
+        stated = {key: value for key, value in self.values.items() if value is not None}
+        return ", ".join(f"{key} {_shown(value)} ({self.origin[key]})" for key, value in stated.items())
 
 
 def _shown(value: Any) -> str:

@@ -6,7 +6,7 @@ and added to its digits. Nothing else changes, which `truepose.programs.proof` r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
@@ -65,7 +65,7 @@ class CorrectionsLike(Protocol):
 
     @property
     def verdict(self) -> NDArray[np.str_]:
-        """What happens to each target, (n,): correct, clip, skip or refuse."""
+        """What happens to each target, (n,): correct, clip, skip, refuse or below uncertainty."""
 
     @property
     def reason(self) -> Sequence[str]:
@@ -199,6 +199,7 @@ def correct_program(
     orientation: bool = False,
     require: float | str | None = None,
     other_maker: bool = False,
+    accept_weak_map: bool = False,
     progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
     """Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
@@ -228,6 +229,8 @@ def correct_program(
         the cell's ``[correction]``, or of the map's own cell.
     other_maker : bool
         Correct a program of another maker than that of the map's robot.
+    accept_weak_map : bool
+        Use a map although nothing shows that it is better than no map; see `truepose.ErrorMap.worth`.
     progress : callable
         Takes how many targets are done, and how many there are, as it goes on.
 
@@ -244,7 +247,7 @@ def correct_program(
         apply to the map.
     RefusedError
         If a target is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are corrected,
-        the program was corrected already, or the map is of another robot than the program or the cell.
+        the program was corrected already, the map is weak, or it is of another robot than the program or the cell.
     """
     if on_guard not in (None, "refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
@@ -266,9 +269,12 @@ def correct_program(
     outcomes = Outcomes.none(program, program.width if orientation else 3)
     change = outcomes.after[:, : 6 if orientation else 3]  # until the digits take their place
     refused: dict[int, str] = {}
+    known: dict[str, Any] = {}  # what a map of truepose wants to know besides
+    if hasattr(error_map, "limits_in_force"):
+        known = {"limits": limits, "accept_weak_map": accept_weak_map}
     done = 0
     for rows, columns in program.correctable_columns():
-        asked = _ask(error_map, columns, on_guard, limits, orientation)
+        asked = _ask(error_map, columns, on_guard, orientation, known)
         change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
         why = {int(rows[k]): reason for k, reason in asked[4].items()}
         outcomes.why.update(why)
@@ -284,7 +290,7 @@ def correct_program(
         outcomes.code[j], change[j] = 0, 0.0
         outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
     Coverage.of([outcomes]).check(limits.values["require"], program.path)
-    warnings += _write_digits(program, outcomes, change.shape[1], resolution)
+    warnings += _weakness(error_map) + _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = proven_hashes(outcomes, resolution)
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(
@@ -333,10 +339,17 @@ def _read(
 _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, str]]
 
 
-def _ask(error_map: Corrector, columns: Columns, on_guard: Policy, limits: LimitsInForce, orientation: bool) -> _Asked:
+def _weakness(error_map: Corrector) -> list[str]:
+    """Return the warning of a weak map that is used all the same."""
+    worth = getattr(error_map, "worth", None)
+    return [f"a weak map was accepted: {worth.words}"] if worth is not None and worth.weak else []
+
+
+def _ask(
+    error_map: Corrector, columns: Columns, on_guard: Policy, orientation: bool, known: Mapping[str, Any]
+) -> _Asked:
     """Ask the map about some targets: change in their own frames (n, 3 or 6), e, std, codes, and reasons by row."""
     poses, tools = columns.poses_base(), columns.tf_flange_tool(getattr(error_map, "tf_flange_tool", IDENTITY))
-    known: dict[str, Any] = {"limits": limits} if hasattr(error_map, "limits_in_force") else {}
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,

@@ -18,7 +18,7 @@ from truepose.programs.source import Source, Span, apply_patches
 from truepose.programs.target import FloatArray, Target
 from truepose.programs.targets import Program
 
-DONE: Final = ("skip", "correct", "clip", "refuse")
+DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
 """Verdicts of outcomes by their codes."""
 _CORRECTED: Final = (1, 2)
 
@@ -30,7 +30,7 @@ class Outcome:
     Attributes
     ----------
     target : Target
-    verdict : {"correct", "clip", "skip"}
+    verdict : {"correct", "clip", "skip", "below uncertainty"}
     reason : str
         Why not ``correct``; empty where it is.
     p_after : (3,) array [mm], the target's own frame
@@ -133,7 +133,7 @@ class Outcomes(Sequence[Outcome]):
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
-        skipped, correct, clipped, refused = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
+        skipped, correct, clipped, refused, below = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
         correction = std = 0.0
         for first, columns in self.program.targets.chunks():  # a million rows are not copied
             here = slice(first, first + len(columns))
@@ -146,6 +146,7 @@ class Outcomes(Sequence[Outcome]):
             "clipped": clipped,
             "skipped": skipped,
             "refused": refused,
+            "below_uncertainty": below,
             "largest_correction_mm": correction,
             "largest_std_mm": std,
         }

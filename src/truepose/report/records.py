@@ -18,7 +18,7 @@ from truepose.report.locale import MISSING, Locale
 _SHOWN: Final = 30
 """Targets of a program that are listed one by one."""
 _REASONS: Final = 12
-_COUNTS: Final = ("targets", "corrected", "clipped", "skipped", "refused")
+_COUNTS: Final = ("targets", "corrected", "clipped", "below_uncertainty", "skipped", "refused")
 _Numbers = tuple[float | None, float | None, float | None]
 
 
@@ -34,6 +34,7 @@ class Summary(_Part):
     clipped: int
     skipped: int
     refused: int
+    below_uncertainty: int = 0
     largest_correction_mm: float | None
     largest_std_mm: float | None
 
@@ -54,7 +55,7 @@ class Target(_Part):
     before_mm: _Numbers
     correction_mm: _Numbers
     std_mm: float | None
-    verdict: Literal["correct", "clip", "skip", "refuse"]
+    verdict: Literal["correct", "clip", "skip", "refuse", "below uncertainty"]
     reason: str
 
     @property
@@ -147,7 +148,7 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
     if reasons:
         columns = [say(f"programs.column_{key}") for key in ("program", "verdict", "reason", "count")]
         rows = [
-            [name, say(f"programs.{verdict}"), reason, str(count)]
+            [name, say(f"programs.{verdict.replace(' ', '_')}"), reason, str(count)]
             for (name, verdict, reason), count in reasons.most_common(_REASONS)
         ]
         blocks += [Text(say("programs.why")), Table(columns, rows, left=3)]

@@ -1,0 +1,171 @@
+"""Maps that are not shown to be better than none, limits that a bad campaign cannot raise, and orientations."""
+
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import truepose as tp
+from truepose.cli import app
+from truepose.compensation import BELOW
+from truepose.errors import RefusedError
+from truepose.geometry import make_transform
+from truepose.samples import write_samples
+
+
+@pytest.fixture(scope="module")
+def virtual() -> tp.VirtualCell:
+    return tp.VirtualCell("paper", seed=100)
+
+
+def fitted(virtual, n, seed=1, predictor="ordinary-kriging"):
+    return tp.fit_cell(virtual.cell, virtual.measure(virtual.design(n, seed=seed), seed=seed), predictor)
+
+
+@pytest.fixture(scope="module")
+def good(virtual) -> tp.ErrorMap:
+    return fitted(virtual, 60)
+
+
+@pytest.fixture(scope="module")
+def weak(virtual) -> tp.ErrorMap:
+    return fitted(virtual, 6)
+
+
+@pytest.fixture(scope="module")
+def targets(virtual):
+    p = np.asarray(virtual.preset.centre_mm) + np.random.default_rng(0).uniform(-200, 200, size=(20, 3))
+    return make_transform(tp.euler("kuka", virtual.preset.abc_deg), p)
+
+
+@pytest.mark.promise("A map that is not better than registration alone, beyond its interval, is refused.")
+def test_maps_of_few_samples_are_refused(virtual, targets, record_property):
+    cases = [(kind, seed) for kind in ("paper", "hard") for seed in range(4)]
+    for kind, seed in cases:
+        error_map = fitted(tp.VirtualCell(kind, seed=100 + seed), 6, seed)
+        assert error_map.worth.weak
+        with pytest.raises(RefusedError, match=r"better than none.*; measure more samples.*--accept-weak-map"):
+            error_map.correct(targets)
+    record_property("cases", len(cases))
+
+
+def test_a_weak_map_can_be_accepted(weak, good, targets):
+    accepted = weak.correct(targets, accept_weak_map=True, on_guard="skip")
+    assert len(accepted.verdict) == len(targets)
+    np.testing.assert_array_equal(
+        good.correct(targets).p_command, good.correct(targets, accept_weak_map=True).p_command
+    )
+
+
+def test_good_maps_are_not_weak(good):
+    worth = good.worth
+    assert not worth.weak
+    assert worth.left_mm < 0.3 * worth.nothing_mm <= 0.3 * worth.registration_mm
+    assert worth.gain_over_nothing[0] < worth.nothing_mm - worth.left_mm < worth.gain_over_nothing[1]
+    assert "weak" not in repr(good)
+    assert "better than none: it leaves" in worth.words
+
+
+@pytest.mark.promise("Registration alone, or nothing but noise, never makes a map that is used unasked.")
+def test_noise_and_registration_alone_are_weak(virtual, record_property):
+    ideal = tp.VirtualCell("ideal", seed=3)
+    samples = ideal.measure(ideal.design(60))
+    maps = [fitted(virtual, 60, predictor="registration")]
+    maps += [tp.fit_cell(ideal.cell, samples, name) for name in ("ordinary-kriging", "idw", "kinematic-kriging")]
+    assert [one.worth.weak for one in maps] == [True] * 4
+    assert "weak" in repr(maps[0])
+    record_property("cases", len(maps))
+
+
+def test_the_mark_is_kept_in_the_file_and_found_for_files_without(weak, targets, tmp_path):
+    path, old = tmp_path / "m.truepose", tmp_path / "old.truepose"
+    weak.save(path)
+    again = tp.load_map(path)
+    assert again.known_worth == weak.worth
+    assert again.hash == weak.hash
+    content, arrays = tp.archive.unpack(path.read_bytes(), path)
+    assert content.pop("worth")["weak"] is True
+    old.write_bytes(tp.archive.pack(content, arrays))
+    earlier = tp.load_map(old)
+    assert earlier.known_worth is None
+    with pytest.raises(RefusedError, match="better than none"):
+        earlier.correct(targets)
+    assert zipfile.is_zipfile(path)
+
+
+def test_new_samples_may_make_a_weak_map_a_good_one(virtual, weak):
+    more = weak.update(virtual.measure(virtual.design(60, seed=5), seed=5))
+    assert more.known_worth is None
+    assert not more.worth.weak
+
+
+@pytest.mark.promise("`fit`, `validate` and `correct` say that a map is weak; `--accept-weak-map` overrides.")
+def test_the_commands_say_it(virtual, targets, tmp_path):
+    cell, table, path, program = (tmp_path / name for name in ("cell.toml", "s.csv", "m.truepose", "a.src"))
+    cell.write_text(virtual.cell.to_toml())
+    write_samples(table, virtual.measure(virtual.design(6, seed=1), seed=1))
+    run = CliRunner()
+    done = run.invoke(app, ["fit", str(cell), str(table), "--predictor", "ordinary-kriging", "--out", str(path)])
+    assert "Weak map: Nothing shows that the map is better than none" in " ".join(done.output.split()), done.output
+    told = run.invoke(app, ["validate", str(path), str(table), "--json"])
+    assert json.loads(told.output)["worth"]["weak"] is True
+    assert "Weak map" in run.invoke(app, ["validate", str(path), str(table)]).output
+    lines = [
+        "LIN {" + ",".join(f"{k} {v:.3f}" for k, v in zip("XYZABC", [*p[:3, 3], *abc], strict=True)) + "}"
+        for p, abc in zip(targets, np.tile(virtual.preset.abc_deg, (20, 1)), strict=True)
+    ]
+    x, _, z = virtual.tf_flange_tool[:3, 3]
+    frames = f"$BASE=$NULLFRAME\n$TOOL={{X {x},Y 0,Z {z},A 0,B 0,C 0}}\n"
+    program.write_text("DEF a()\n" + frames + "\n".join(lines) + "\nEND\n")
+    arguments = ["correct", str(path), str(program), "--on-guard", "skip", "--out", str(tmp_path / "out")]
+    refused = run.invoke(app, arguments)
+    assert refused.exit_code != 0
+    assert isinstance(refused.exception, RefusedError)
+    accepted = run.invoke(app, [*arguments, "--accept-weak-map"])
+    assert accepted.exit_code == 0, accepted.output
+    assert "a weak map was accepted" in " ".join(accepted.output.split())
+    record = json.loads((tmp_path / "out" / "a.corrections.json").read_text())
+    assert "below_uncertainty" in record["summary"]
+    assert record["limits"]["min_correction_stds"]["value"] == 1.0
+
+
+@pytest.mark.promise("A bad campaign cannot raise the largest standard deviation; the record says where it is from.")
+def test_the_largest_deviation_does_not_depend_on_the_samples(virtual, targets, record_property):
+    bare = virtual.cell.model_copy(update={"robot": virtual.cell.robot.model_copy(update={"repeatability_mm": None})})
+
+    def with_tolerance(cell, tolerance):
+        correction = tp.Cell.from_toml(f"{cell.to_toml()}\n[correction]\ntolerance_mm = {tolerance}\n").correction
+        return cell.model_copy(update={"correction": correction})
+
+    cases = [
+        (virtual.cell, 4 * virtual.cell.robot.repeatability_mm, "default: 4 times the robot's repeatability_mm"),
+        (bare, 0.24, "default: 4 times 0.06 mm, since no repeatability_mm is stated"),
+        (with_tolerance(virtual.cell, 0.3), 0.15, "default: half of tolerance_mm"),
+        (with_tolerance(bare, 0.3), 0.15, "default: half of tolerance_mm"),
+    ]
+    samples = virtual.measure(virtual.design(40, seed=1), seed=1)
+    noisy = samples.p_meas + np.random.default_rng(0).normal(scale=0.8, size=samples.p_meas.shape)
+    bad = tp.Samples(noisy, q=samples.q, source="bad")
+    for cell, value, origin in cases:
+        for campaign in (samples, bad):
+            limits = tp.fit_cell(cell, campaign, "ordinary-kriging").limits_in_force()
+            assert limits.values["max_std_mm"] == pytest.approx(value)
+            assert limits.origin["max_std_mm"] == origin
+    refused = tp.fit_cell(virtual.cell, bad, "ordinary-kriging").correct(targets, accept_weak_map=True)
+    assert set(refused.verdict) <= {"refuse", BELOW}
+    record_property("cases", 2 * len(cases))
+
+
+@pytest.mark.promise("Samples at one orientation support targets within 2° of it, whatever max_angle_deg says.")
+def test_one_orientation_supports_no_other(good, virtual, targets):
+    turned = targets.copy()
+    tilt = tp.euler("kuka", (0.0, 3.0, 0.0)).as_matrix()
+    turned[10:, :3, :3] = turned[10:, :3, :3] @ tilt
+    assert good.limits_in_force().values["max_angle_deg"] == pytest.approx(2.0)
+    found = good.correct(turned, limits=good.limits_in_force(max_angle_deg=90.0))
+    assert set(found.verdict[:10]) == {"correct"}
+    assert set(found.verdict[10:]) == {"refuse"}
+    assert "orientation is 3.0° from that of any sample, limit 2°" in found.reason[10]
+    assert good.limits_in_force(max_angle_deg=1.0).values["max_angle_deg"] == 1.0
