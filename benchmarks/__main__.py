@@ -14,15 +14,14 @@ from typing import Any
 FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "validation"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+NO_TOPICS = {"harness", "held_out", "trust_cells", "__main__"}
 WITH_THREADS = ("kriging", "similarity")
 """Topics whose peers use all cores, too; the others are compared in one thread."""
 
 
 def main() -> int:
     """Parse the command line, run, print; write the tables when asked."""
-    topics = sorted(
-        {module.name for module in pkgutil.iter_modules([str(FOLDER)])} - {"harness", "held_out", "__main__"}
-    )
+    topics = sorted({module.name for module in pkgutil.iter_modules([str(FOLDER)])} - NO_TOPICS)
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"of {', '.join(topics)}; all when not given")
     parser.add_argument("--quick", action="store_true", help="small sizes: does it run?")

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -129,6 +130,23 @@ def test_the_commands_say_it(virtual, targets, tmp_path):
     record = json.loads((tmp_path / "out" / "a.corrections.json").read_text())
     assert "below_uncertainty" in record["summary"]
     assert record["limits"]["min_correction_stds"]["value"] == 1.0
+
+
+@pytest.mark.promise("The report says that a map is weak, in every language.")
+def test_the_report_says_it(weak, good, record_property):
+    from truepose.report.locale import load_locale
+    from truepose.report.sections import _lead
+
+    languages = ("en", "de", "zh")
+    for language in languages:
+        say = load_locale(language)
+        for error_map in (weak, good):
+            evidence = SimpleNamespace(
+                error_map=error_map, held_out=None, accuracy=error_map.validate(error_map.samples)
+            )
+            told = say("report.weak") in [text.text for text in _lead(evidence, say)]
+            assert told == error_map.worth.weak
+    record_property("cases", len(languages))
 
 
 @pytest.mark.promise("A bad campaign cannot raise the largest standard deviation; the record says where it is from.")

@@ -79,10 +79,14 @@ def _lead(evidence: Evidence, say: Locale) -> list[Text]:
         low=low,
         high=high,
     )
+    texts = [Text(summary)]
+    if evidence.error_map.worth.weak:
+        texts.append(Text(say("report.weak"), warns=True))
     if held_out is None:
-        return [Text(summary), Text(say("report.not_held_out"), warns=True)]
-    seen = [Text(say("report.seen", n=found["seen"]), warns=True)] if found["seen"] else []
-    return [Text(summary), *seen]
+        texts.append(Text(say("report.not_held_out"), warns=True))
+    elif found["seen"]:
+        texts.append(Text(say("report.seen", n=found["seen"]), warns=True))
+    return texts
 
 
 def _cell(evidence: Evidence, say: Locale) -> Section:

@@ -1,0 +1,230 @@
+"""What the tool promises, the test of each promise, and what becomes of corrected targets on virtual cells."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory, gettempdir
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.held_out import Page
+from benchmarks.trust_cells import KINDS, SAMPLES, TARGETS, Fate, fates
+from truepose.predictors import PREDICTORS
+
+PAGE = "trust"
+ROOT = Path(__file__).parent.parent
+SEEDS = range(20)
+QUICK_PREDICTORS = ("ordinary-kriging", "kinematic-kriging")
+COLUMNS = (
+    *("kind", "predictor", "corrected", "worse", "worst cell", "below", "inside", "worst", "refused"),
+    *("before [mm]", "after [mm]"),
+)
+FEWEST_COMPONENTS = 30  # of a cell's corrected targets, for a share inside their intervals
+
+
+class Promise(NamedTuple):
+    """A test that shows a promise."""
+
+    promise: str
+    test: str
+    cases: int
+    failures: int
+
+
+def report(path: Path | None, *, quick: bool = False) -> None:
+    """Run the tests of all promises, then the study; with `quick` two tests' files, two kinds, and one seed."""
+    page = Page("Trust: promises, and what becomes of corrected targets", path)
+    _promises(page, ("tests/compensation",) if quick else ("tests",))
+    _study(page, ("paper", "creep") if quick else KINDS, range(1) if quick else SEEDS, quick=quick)
+
+
+def _promises(page: Page, where: Sequence[str]) -> None:
+    page.say("## Promises")
+    page.say(
+        "Each promise is shown by a test that is marked with it (`pytest -m promise`). Cases: how many inputs, faults "
+        "or places the test goes through. Failures: tests that failed when this page was made."
+    )
+    page.head(["promise", "test", "cases", "failures"])
+    found = run_promises(where)
+    for one in found:
+        page.row(one.promise, f"`{one.test}`", one.cases, one.failures)
+    failures = sum(one.failures for one in found)
+    page.say(f"{len(found)} promises, {sum(one.cases for one in found)} cases, {failures} failures.")
+
+
+def run_promises(where: Sequence[str], root: Path = ROOT) -> list[Promise]:
+    """Run the tests that are marked as promises, and return them in the order of their files."""
+    with TemporaryDirectory() as folder:
+        results, plugin = Path(folder) / "results.xml", Path(folder) / "promise_names.py"
+        plugin.write_text(_PLUGIN, "utf-8")
+        given = os.environ.get("PYTHONPATH")
+        options = ["-p", "promise_names", f"--junitxml={results}", "-o", "junit_family=xunit1"]
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-m", "promise", *options, *where],
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([folder, *([given] if given else [])])},
+            capture_output=True,
+            text=True,
+        )
+        if not results.exists():
+            raise RuntimeError(f"pytest wrote no results:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        tests = ET.parse(results).getroot().iter("testcase")
+        return _together(tests)
+
+
+_PLUGIN = """
+def pytest_collection_modifyitems(items):
+    for item in items:
+        for mark in item.iter_markers("promise"):
+            item.user_properties.append(("promise", mark.args[0]))
+            item.user_properties.append(("test", item.nodeid.split("[")[0]))
+"""
+"""Puts the promise of each test into pytest's results."""
+
+
+def _together(tests: Iterator[ET.Element]) -> list[Promise]:
+    """Add up the tests of the same promise and name: those of one function with several parameters."""
+    sums: dict[tuple[str, str], list[int]] = {}
+    for test in tests:
+        known = {entry.get("name", ""): entry.get("value", "") for entry in test.iter("property")}
+        if "promise" not in known or test.find("skipped") is not None:
+            continue
+        failed = test.find("failure") is not None or test.find("error") is not None
+        counts = sums.setdefault((known["promise"], known["test"]), [0, 0])
+        counts[0] += int(known.get("cases", 1))
+        counts[1] += failed
+    return [Promise(promise, test, *counts) for (promise, test), counts in sums.items()]
+
+
+def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> None:
+    page.say("## Corrected targets that got worse")
+    page.say(
+        f"Virtual cells (see [The virtual cell](../virtual-cell.md)), seeds {seeds[0]}–{seeds[-1]}: {SAMPLES} samples, "
+        f"a map by each predictor, and a work program of {TARGETS} targets inside the region, corrected under "
+        '`on_guard = "skip"` with the default limits. The true error of a target is that of the tool at work without '
+        "noise, in the base frame of the map. Worse: corrected targets whose true error is larger than before, of all "
+        "cells of the row, and in the worst cell with 30 corrected targets or more. Inside: components of the true "
+        "errors of corrected targets inside their 95 % intervals, median over the cells with at least "
+        f"{FEWEST_COMPONENTS} components, and the worst such cell. Maps refused: weak, or of a campaign that was "
+        "refused. `below`: targets that stay nominal since their correction is below its uncertainty."
+    )
+    page.head(COLUMNS)
+    names = QUICK_PREDICTORS if quick else tuple(PREDICTORS)
+    failed = []
+    for kind in kinds:
+        of_kind = _of_kind(kind, seeds, names)
+        for name in names:
+            row = Row.of([fate for fate in of_kind if fate.predictor == name])
+            page.row(kind, name, *row.cells())
+            if row.worse > 0.01 and kind != "other-payload":
+                failed.append(f"{kind}, {name}: {100 * row.worse:.1f} %")
+    page.say(
+        "More than 1 % of the corrected targets got worse in: " + "; ".join(failed) + "."
+        if failed
+        else "At most 1 % of the corrected targets got worse, in every row but those of other-payload."
+    )
+    page.say(
+        "Limit: a map holds for the payload that it was measured with. No sample of such a map can show what another "
+        "payload does (`other-payload`: measured with 120 kg, used with 30 kg); measure with the payload of the work."
+    )
+
+
+class Row(NamedTuple):
+    """Figures of one predictor on all cells of one kind."""
+
+    corrected: float
+    worse: float
+    worst_cell: float
+    below: int
+    inside: float
+    worst_inside: float
+    refused: str
+    before_mm: float
+    after_mm: float
+
+    @classmethod
+    def of(cls, cells: Sequence[Fate]) -> Row:
+        """Add up cells."""
+        corrected = sum(cell.corrected for cell in cells)
+        inside = [cell.coverage for cell in cells if cell.components >= FEWEST_COMPONENTS]
+        worse = [cell.worse / cell.corrected for cell in cells if cell.corrected >= FEWEST_COMPONENTS]
+        used = [cell for cell in cells if cell.corrected]
+        weights = [cell.corrected for cell in used]
+        return cls(
+            corrected / sum(cell.targets for cell in cells),
+            sum(cell.worse for cell in cells) / corrected if corrected else 0.0,
+            max(worse, default=0.0),
+            sum(cell.below for cell in cells),
+            float(np.median(inside)) if inside else float("nan"),
+            min(inside, default=float("nan")),
+            f"{sum(bool(cell.refused) for cell in cells)} of {len(cells)}",
+            float(np.average([cell.before_mm for cell in used], weights=weights)) if used else float("nan"),
+            float(np.average([cell.after_mm for cell in used], weights=weights)) if used else float("nan"),
+        )
+
+    def cells(self) -> list[str]:
+        """Return what a table shows."""
+        return [
+            _percent(self.corrected, 0),
+            _percent(self.worse, 2) if self.corrected else "–",
+            _percent(self.worst_cell, 1) if self.corrected else "–",
+            str(self.below),
+            _percent(self.inside, 1),
+            _percent(self.worst_inside, 1),
+            self.refused,
+            _millimetres(self.before_mm),
+            _millimetres(self.after_mm),
+        ]
+
+
+def _percent(share: float, digits: int) -> str:
+    return "–" if np.isnan(share) else f"{100 * share:.{digits}f} %"
+
+
+def _millimetres(length: float) -> str:
+    return "–" if np.isnan(length) else f"{length:.3f}"
+
+
+def _of_kind(kind: str, seeds: range, names: tuple[str, ...]) -> list[Fate]:
+    """Return the fates on all cells of a kind; cells that an interrupted run of this very code did are not done again.
+
+    Processes with one thread each; every cell that is done is kept in a file of the system's temporary folder.
+    """
+    folder = Path(gettempdir()) / f"truepose-trust-{_code()[:16]}"
+    folder.mkdir(exist_ok=True)
+
+    def kept(seed: int) -> Path:
+        return folder / f"{kind}-{seed}-{len(names)}.json"
+
+    missing = [seed for seed in seeds if not kept(seed).exists()]
+    workers = max(1, min(len(missing), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1))
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        running: dict[Future[list[Fate]], int] = {
+            pool.submit(fates, kind, seed, predictors=names): seed for seed in missing
+        }
+        for done in as_completed(running):
+            draft = folder / f"{os.getpid()}.draft"
+            draft.write_text(json.dumps([fate.to_dict() for fate in done.result()]), "utf-8")
+            draft.replace(kept(running[done]))
+            print(f"{kind}: seed {running[done]} done", file=sys.stderr, flush=True)
+    return [Fate(**values) for seed in seeds for values in json.loads(kept(seed).read_text("utf-8"))]
+
+
+def _code() -> str:
+    """Return a hash of the code that the figures come from."""
+    digest = hashlib.sha256()
+    for file in sorted(
+        [*(ROOT / "src").rglob("*.py"), *(ROOT / "src").rglob("*.toml"), *Path(__file__).parent.glob("trust*.py")]
+    ):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
