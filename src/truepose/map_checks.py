@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -76,6 +77,16 @@ class _Campaign(_Told):
     faults: list[_Fault] = Field(default_factory=list)
 
 
+class _Worth(_Told):
+    n: int = Field(ge=1)
+    nothing_mm: float
+    left_mm: float | None = None
+    registration_mm: float | None = None
+    gain_over_nothing: tuple[float, float] | None = None
+    gain_over_registration: tuple[float, float] | None = None
+    note: str = ""
+
+
 class _Excluded(_Told):
     row: int
     reason: str
@@ -140,6 +151,8 @@ def check(error_map: ErrorMap) -> None:
     _Campaign.model_validate(error_map.campaign)
     if ranked and ranked[0].predictor != error_map.predictor_name:
         raise ValueError(f"the ranking chose {ranked[0].predictor}, the predictor is {error_map.predictor_name}")
+    if error_map.known_worth is not None:
+        _Worth.model_validate(asdict(error_map.known_worth))
     if error_map.expected:
         _Expected.model_validate(error_map.expected)
 
