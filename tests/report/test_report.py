@@ -382,3 +382,24 @@ def test_samples_on_a_line_have_no_maps(error_map):
     flat = replace(error_map)
     vars(flat)["p_cmd"] = p
     assert planes(flat) == []
+
+
+@pytest.mark.promise("the report names the faults of the measuring campaign, in each language")
+@pytest.mark.parametrize("language", LOCALES)
+def test_faults_of_the_campaign_are_named(evidence, language):
+    def told(campaign: dict) -> str:
+        error_map = replace(evidence.error_map, campaign=campaign)
+        return document(replace(evidence, error_map=error_map), load_locale(language)).text()
+
+    size = {"shift": 0.234, "shift_std": 0.011, "turn": 0.2e-3, "turn_std": 0.03e-3, "scale": 5e-3, "scale_std": 6e-4}
+    faults = [{"kind": kind, "rows": [7, 59], "points": 3, **size} for kind in ("moved", "drift", "scale", "reference")]
+    say = load_locale(language)
+    for fault in faults:
+        text = told({"tested": 60, "limit_mm": 0.1, "faults": [fault]})
+        if fault["kind"] == "scale":
+            assert f"+{say.number(0.5, '.2f')} ± {say.number(0.06, '.2f')} %" in text
+        else:
+            assert f"{say.number(0.234, '.3f')} ± {say.number(0.011, '.3f')} mm" in text
+            assert "59" in text
+    assert say("cell.campaign_none", n=60) in told({"tested": 60, "limit_mm": 0.1, "faults": []})
+    assert say("cell.campaign_untested") in told({})

@@ -44,6 +44,7 @@ def similarity(
     from dataclasses import replace
 
     from truepose.cell import load_cell
+    from truepose.cli.campaign import show_campaign
     from truepose.fitting import fit_cell
     from truepose.report.joint_similarity import joint_similarity
     from truepose.report.study import similarity_study
@@ -53,8 +54,9 @@ def similarity(
     cell, samples = load_cell(cell_path), read_samples(samples_path)
     by_hand = {"nugget": nugget, "sill": sill, "range": range_}
     with working() as progress:
+        registered = fit_cell(cell, samples, "registration", accept_campaign=True)
         study = similarity_study(
-            fit_cell(cell, samples, "registration"),
+            registered,
             family=family,
             bins=_bins(bins),
             equal_counts=equal_counts,
@@ -66,12 +68,14 @@ def similarity(
         )
         if joint_wise:
             progress("Finding each joint's own error")
-            study = replace(study, joints=joint_similarity(fit_cell(cell, samples, "kinematic-kriging")))
+            fitted = fit_cell(cell, samples, "kinematic-kriging", accept_campaign=True)
+            study = replace(study, joints=joint_similarity(fitted))
     if plot is not None:
         study.save_plot(plot)
     if as_json:
-        emit_json({**study.to_dict(), "plot": plot})
+        emit_json({**study.to_dict(), "campaign": registered.campaign, "plot": plot})
         return
+    show_campaign(registered.campaign)
     for part in study.parts:
         rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
         say(

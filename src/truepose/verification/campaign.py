@@ -147,6 +147,11 @@ class Campaign:
         return np.asarray(np.einsum("nk,ab->nakb", terms, np.eye(3)).reshape(len(self), 3, -1))
 
     @cached_property
+    def field(self) -> _Model:
+        """The model without faults, with the cubic fields."""
+        return _fit(self, [])
+
+    @cached_property
     def spectra(self) -> list[tuple[FloatArray, FloatArray]]:
         """Uᵀ and the eigenvalues of the Matérn 3/2 correlation of the samples, for each length of k."""
         spread = float(np.sqrt(self.coordinates.var(axis=0).sum())) or 1.0
@@ -183,10 +188,12 @@ def changes(campaign: Campaign) -> list[Change]:
     if n < FEWEST:
         return []
     rows = _thinned(n)
-    rows = rows[_sound(campaign[rows])]
+    part = campaign[rows]
+    if not (keep := _sound(part)).all():
+        rows = rows[keep]
+        part = campaign[rows]
     if len(rows) < FEWEST:
         return []
-    part = campaign[rows]
     found: list[_Cause] = []
     for _ in _KINDS:
         known = [cause.columns for cause in found]
@@ -208,7 +215,7 @@ def _thinned(n: int) -> IntArray:
 
 def noise(campaign: Campaign) -> float:
     """Return the standard deviation of what neither the arm's parameters nor a smooth field explain [mm]."""
-    return _fit(campaign[_thinned(len(campaign))], []).sigma
+    return campaign[_thinned(len(campaign))].field.sigma
 
 
 def reference_change(
@@ -339,7 +346,8 @@ def _scaled(
         factor = np.asarray(cholesky(normal, lower=True))
         beta = np.asarray(cho_solve((factor, True), right / sigma**2))
         left = y - x @ beta
-        used = float(np.trace(cho_solve((factor, True), seen))) / sigma**2
+        spread = (solve_triangular(factor, np.eye(len(factor)), lower=True) ** 2).sum(axis=0)
+        used = len(factor) - float(prior @ spread)
         freedom = max(len(y) - used, 1.0)
         before, sigma = sigma, max(float(np.sqrt(left**2 @ (1.0 / shape) / freedom)), _FLOOR)
     squares = float(left**2 @ (1.0 / shape)) / before**2 + float(prior @ beta**2)
@@ -350,7 +358,8 @@ def _scaled(
 def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
     """Return the faults that are worth a fit of their own."""
     cuts = np.arange(_SIDE, len(campaign) - _SIDE + 1)
-    field, arm = _fit(campaign, known), _fit(campaign, known, smooth=False)
+    field = _fit(campaign, known) if known else campaign.field
+    arm = _fit(campaign, known, smooth=False)
     at = _best_cut(campaign, field, cuts)
     listed = [(field, _Cause("moved", at, campaign.moved(at), len(cuts)))]
     if np.ptp(campaign.when) > 0:
@@ -392,11 +401,11 @@ def _sound(campaign: Campaign) -> NDArray[np.bool_]:
     keep = np.ones(len(campaign), np.bool_)
     for _ in range(_ROUNDS):
         rows = np.flatnonzero(keep)
-        part, moved = campaign[rows], list[FloatArray]()
-        if len(rows) < FEWEST or not (gross := _gross(_fit(part, moved))).any():
+        part = campaign if keep.all() else campaign[rows]
+        if len(rows) < FEWEST or not (gross := _gross(part.field)).any():
             break
         cuts = np.arange(_SIDE, len(part) - _SIDE + 1)
-        gross &= _gross(_fit(part, [part.moved(_best_cut(part, _fit(part, moved), cuts))]))
+        gross &= _gross(_fit(part, [part.moved(_best_cut(part, part.field, cuts))]))
         if not gross.any():
             break
         keep[rows[gross]] = False
