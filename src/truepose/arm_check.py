@@ -24,6 +24,7 @@ from truepose.samples import Poses
 FloatArray = NDArray[np.float64]
 _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors of a small one
 _TOOL_MM: Final = 0.1
+_OWN_MM: Final = 1e-5  # no controller shows positions that finely
 _OTHER_POINT_MM: Final = 1.0  # a fitted tool is nearer than this to the one that the controller was told
 _KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not judged
 _SIGMAS: Final = 4.0
@@ -35,6 +36,10 @@ NOT_CHECKED: Final = (
 )
 _UNDECIDED: Final = (
     "The arm's model and the tool were not checked: too few poses, or one orientation in an unknown frame. " + _REMEDY
+)
+_OWN: Final = (
+    "The arm's model and the tool were not checked: the commanded positions are the model's own to the last digit, not "
+    f"the controller's. {_REMEDY}"
 )
 _NO_JOINTS: Final = (
     "The arm's model and the tool were not checked: the samples have no joints, and their positions are taken as the "
@@ -160,6 +165,8 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
             f"They are of another point than the measured one, {away:.2f} mm from it: the controller's tool is "
             f"{_point(implied.p_flange_tool)}, the measured point {_point(stated)}; programs must name their tool."
         )
+    if implied.residual < _OWN_MM:
+        return ArmCheck(False, _OWN)
     if poses.rotation_cmd is not None and fit != "pose":
         turns = _tool_turns(tf_base_flange, implied, poses.rotation_cmd)
         notes.append(_check_rotation(poses, turns, Rotation.from_matrix(tf_flange_tool[:3, :3]), fit))
@@ -270,7 +277,8 @@ def _other_tool(
     shift = np.median(shifts, axis=0)
     if np.median(np.linalg.norm(shifts - shift, axis=1)) <= _ROUNDING_MM and not implied.frame_differs:
         message += f" (or, since the orientations are all alike, a base that lies at {_point(-shift)})"
-    return f"{message}; state the controller's tool in the cell file, or correct the commanded positions"
+    remedy = "state the controller's tool in the cell file, or leave out positions that the controller did not show"
+    return f"{message}; {remedy}"
 
 
 def _other_frame(tf_frame_base: FloatArray) -> str:

@@ -14,6 +14,7 @@ from truepose.campaign import check_campaign
 from truepose.cell import Cell
 from truepose.choosing import CellSamples
 from truepose.error_map import ErrorMap
+from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.predictors import choose
 from truepose.samples import Samples
@@ -59,6 +60,12 @@ def fit_cell(
         If the samples cannot bear what is asked of them; `DataError` also where the tracker moved during the campaign,
         lengths have a scale, or errors drift, by more than `CampaignCheck.limit`.
     """
+    chosen = (candidates, tuple(splits), folds) != ("quick", ("points", "blocks"), 5)
+    if predictor != "auto" and chosen:
+        raise DataError(
+            f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
+            '"auto", which chooses among predictors'
+        )
     measured = CellSamples(cell, cell.load_robot(), samples)
     registration, tf_flange_tool = measured.register()
     campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)

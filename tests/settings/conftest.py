@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,9 @@ def cell_text(virtual) -> str:
 
 @pytest.fixture(scope="session")
 def samples(virtual) -> tp.Samples:
-    return virtual.measure(virtual.design(80, seed=1))
+    """Samples with the positions that a controller shows, to 0.01 mm."""
+    found = virtual.measure(virtual.design(80, seed=1))
+    return replace(found, p_cmd=np.round(found.p_cmd, 2))
 
 
 @pytest.fixture(scope="session")

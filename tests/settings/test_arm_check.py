@@ -75,7 +75,7 @@ def test_the_commands_refuse_it(run, shown, bare, cell_text, tmp_path):
 def test_tool_base_and_compensation_are_told_apart(virtual, cell_text, rng):
     q = np.radians(np.array([0, -80, 90, 0, 30, 0]) + rng.uniform(-30, 30, (40, 6)))
     robot, tool = virtual.robot, virtual.tf_flange_tool
-    p_cmd = robot.forward(q, tool=tool)[:, :3, 3]
+    p_cmd = np.round(robot.forward(q, tool=tool)[:, :3, 3], 2)
     right, wrong = (cell_of(cell_text, fit="none", z_mm=z) for z in (TRUE_Z, WRONG_Z))
 
     def fit(cell: tp.Cell, positions: np.ndarray) -> tp.ErrorMap:
@@ -124,7 +124,7 @@ def turned_flange(samples: Samples, virtual) -> Samples:
     q = samples.q + np.radians(np.random.default_rng(0).uniform(-20, 20, samples.q.shape) * [0, 0, 0, 1, 1, 1])
     tf = virtual.robot.forward(q, tool=virtual.tf_flange_tool)
     turn = Rotation.from_matrix(tf[:, :3, :3]) * Rotation.from_euler("z", 30, degrees=True)
-    return Samples(tf[:, :3, 3] + 100.0, q=q, p_cmd=tf[:, :3, 3], rotation_cmd=turn, source="s.csv")
+    return Samples(tf[:, :3, 3] + 100.0, q=q, p_cmd=np.round(tf[:, :3, 3], 2), rotation_cmd=turn, source="s.csv")
 
 
 @pytest.mark.promise("A fitted measured point that is not the controller's tool is named beside it.")
@@ -178,6 +178,22 @@ def test_one_taught_point_is_compared(run, virtual, cell_text, tmp_path):
     assert "agree with one taught point within 0.0" in done.out
     assert "1_0 is not a number" in run(*arguments[:2], "--joints", "1_0", *arguments[4:]).failed()
     assert "expected (n, 6)" in run("check-point", file, "--joints", "1 2", *arguments[4:]).failed()
+
+
+@pytest.mark.promise("Positions that the model itself computed, as in a plan, do not count as a check.")
+def test_positions_of_the_model_prove_nothing(virtual, samples, cell_text, tmp_path):
+    own = virtual.measure(virtual.design(30, seed=1))
+    write_samples(tmp_path / "own.csv", own)
+    for fit, one in (
+        ("none", own),
+        ("none", read_samples(tmp_path / "own.csv")),
+        ("position", turned_flange(own, virtual)),
+    ):
+        if fit == "position":
+            one = replace(one, p_cmd=virtual.robot.forward(one.q, tool=virtual.tf_flange_tool)[:, :3, 3])
+        found = tp.fit_cell(cell_of(cell_text, fit=fit), one, "registration").arm_check
+        assert not found.checked
+        assert "the commanded positions are the model's own to the last digit" in found.words
 
 
 @pytest.mark.promise("The measured UR10, whose positions are in another frame, is fitted, and the frame is named.")

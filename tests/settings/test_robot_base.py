@@ -9,7 +9,6 @@ import truepose as tp
 from truepose.errors import DataError, FileError
 from truepose.geometry import invert_transform, make_transform
 from truepose.programs import FrameTable, read_program, read_programs
-from truepose.programs.robot_base import standing
 
 ROOT = "{X 100.0,Y -50.0,Z 500.0,A 30.0,B 0.0,C 0.0}"
 TF_ROOT = make_transform(tp.euler("kuka", [30.0, 0.0, 0.0]), [100.0, -50.0, 500.0])
@@ -112,6 +111,8 @@ def test_a_program_that_moves_its_robot_is_refused(tmp_path, record_property):
 
 @pytest.mark.promise("A $ROBROOT that cannot be understood, or two that differ, refuse the program.")
 def test_a_root_that_is_no_frame_is_refused(tmp_path):
+    from truepose.programs.robot_base import standing
+
     path = backup(tmp_path, ROOT) / "Program" / "a.src"
     for root in ("{X 1,Y 2}", "f(1)", "{X a,Y 0,Z 0,A 0,B 0,C 0}"):
         (tmp_path / "Mada" / "$machine.dat").write_text(machine(root))

@@ -124,3 +124,10 @@ def test_a_cell_file_of_another_robot_is_refused(error_map, krl, cell_text):
     warnings = tp.correct_program(krl(), error_map, longer).warnings
     assert warnings == (warnings[0],)
     assert warnings[0].startswith("[tool] of the cell file differ from what the map was fitted with")
+
+
+@pytest.mark.promise("A correction with a map whose arm and tool were not checked says so.")
+def test_an_unchecked_arm_is_said(krl, cell_text, samples):
+    bare = replace(samples, p_cmd=None, rotation_cmd=None)
+    error_map = tp.fit_cell(tp.Cell.from_toml(cell_text), bare, "ordinary-kriging")
+    assert "were not checked" in tp.correct_program(krl(), error_map).sidecar()["warnings"][-1]

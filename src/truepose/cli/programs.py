@@ -128,7 +128,9 @@ def check(
 def correct(
     map_path: Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")],
     paths: Programs,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the corrected programs.")] = Path("corrected"),
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the corrected programs; by default 'corrected'.")
+    ] = None,
     on_guard: Annotated[OnGuard | None, typer.Option(help="Instead of the cell file's policy.")] = None,
     cell_path: CellPath = None,
     config_dat: ConfigDat = None,
@@ -166,9 +168,12 @@ def correct(
 
     from truepose.cell import load_cell
     from truepose.error_map import load_map
+    from truepose.errors import DataError
     from truepose.programs import Coverage, correct_program, read_programs
     from truepose.programs.sidecar import write, write_in_place
 
+    if in_place and out is not None:
+        raise DataError("--out has no effect with --in-place; give one of them")
     overwrite(force)
     error_map = load_map(map_path)
     cell = None if cell_path is None else load_cell(cell_path)
@@ -206,7 +211,11 @@ def correct(
     _check_names(corrected, in_place)
     written: list[Path] = []
     if not dry_run:
-        written = write_in_place(corrected, force=force) if in_place else write(corrected, out, force=force)
+        written = (
+            write_in_place(corrected, force=force)
+            if in_place
+            else write(corrected, out or Path("corrected"), force=force)
+        )
     coverage = Coverage.of(program.targets for program in corrected)
     if as_json:
         emit_json(

@@ -133,9 +133,16 @@ def import_readings(
     from truepose.campaign import check_campaign
     from truepose.cell import load_cell
     from truepose.cli.campaign import show_campaign
+    from truepose.errors import DataError
     from truepose.registering import register_samples
     from truepose.samples import write_samples
 
+    for option, value, needed, other in (
+        ("--save-columns", save_columns, "--columns", columns),
+        ("--keep", keep, "--reflectors", reflectors),
+    ):
+        if value is not None and other is None:
+            raise DataError(f"{option} has no effect without {needed}; give both")
     overwrite(force, out, *([] if save_columns is None else [save_columns]))
     cell = load_cell(cell_path)
     told = None

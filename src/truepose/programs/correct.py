@@ -314,7 +314,9 @@ def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, othe
         return []
     own: Cell | None = getattr(error_map, "cell", None)
     warnings = [] if cell is None or own is None else check_cell(own, robot, cell)
-    return warnings + check_maker(robot, program, other_maker=other_maker)
+    arm = getattr(error_map, "arm_check", None)
+    unchecked = [] if arm is None or arm.checked else [arm.words]
+    return warnings + check_maker(robot, program, other_maker=other_maker) + unchecked
 
 
 def _read(

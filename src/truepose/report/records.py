@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from truepose import files
 from truepose.errors import FileError
@@ -64,6 +64,13 @@ class Target(_Part):
         return self.verdict in ("correct", "clip")
 
 
+class Limit(_Part):
+    """A setting that held for a correction, and who stated it."""
+
+    value: float | str | None
+    origin: str
+
+
 class Record(_Part):
     """What was done to one program; see `read_record`."""
 
@@ -73,6 +80,7 @@ class Record(_Part):
     summary: Summary
     files: list[ChangedFile]
     targets: list[Target]
+    limits: dict[str, Limit] = Field(default_factory=dict)
 
     _path: Path = PrivateAttr()
     _sha256: str = PrivateAttr()
@@ -153,7 +161,7 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
         ]
         blocks += [Text(say("programs.why")), Table(columns, rows, left=3)]
     for record in records:
-        blocks += _targets(record, say)
+        blocks += _limits(record, say) + _targets(record, say)
     return Section(title, blocks)
 
 
@@ -165,6 +173,16 @@ def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
         n, policy = record.summary.refused, record.on_guard
         found.append(say("programs.refused", program=record.name, n=n, policy=policy))
     return found
+
+
+def _limits(record: Record, say: Locale) -> list[Block]:
+    """Return the limits that held, with their origin; none for a record of an older version."""
+    columns = [say(f"programs.column_{key}") for key in ("setting", "value", "origin")]
+    rows = [
+        [key, limit.value if isinstance(limit.value, str) else say.number(limit.value, ".4g"), limit.origin]
+        for key, limit in record.limits.items()
+    ]
+    return [Text(say("programs.limits", program=record.name)), Table(columns, rows, left=3)] if rows else []
 
 
 def _targets(record: Record, say: Locale) -> list[Block]:
