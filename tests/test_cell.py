@@ -97,7 +97,7 @@ def test_robot_file_beside_the_cell_file(tmp_path: Path) -> None:
         (KUKA + "[frames.bases.1]\nq1 = 1.0", 4, "[frames.bases.1] q1: is not an angle of a kuka controller"),
         (KUKA + '[frames]\nconfigdat = "a"', 4, "did you mean config_dat?"),
         (KUKA + '[correction]\non_guard = "stop"', 4, "should be 'refuse', 'skip' or 'clip', not 'stop'"),
-        (KUKA + "[correction]\nmax_std_mm = 0", 4, "should be greater than 0, not 0"),
+        (KUKA + "[correction]\nmax_std_mm = 0", 4, "should be greater than or equal to 0.000001, not 0"),
         (ABB + "[tool]\nq1 = 1.0", 4, "a quaternion needs all of q1, q2, q3, q4"),
         (ABB + "[tool]\nq1 = 1.0\nq2 = 1.0\nq3 = 0.0\nq4 = 0.0", 4, "has length 1.41421"),
         ('[robot]\nmodel = "kuka-kr210"', 2, "did you mean"),

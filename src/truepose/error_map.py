@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose import files
+from truepose.archive import LARGEST_MAP
 from truepose.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.cell import Cell
 from truepose.choosing import CellSamples
@@ -619,7 +620,7 @@ def load_map(path: str | Path) -> ErrorMap:
     """
     from truepose.map_file import from_bytes
 
-    data = files.read_bytes(path)
+    data = files.read_bytes(path, LARGEST_MAP)
     error_map = from_bytes(data, path)
     # of this file, whichever version wrote it
     vars(error_map).update(hash=hashlib.sha256(data).hexdigest(), path=Path(path))

@@ -16,7 +16,7 @@ _LONGEST: Final = 4000
 def one_line(text: str) -> str:
     r"""Return a text as one line that any terminal and any encoding can show.
 
-    Blanks and line ends become single blanks. Control characters, and bytes of a file name that are not UTF-8, become
+    Line ends become blanks. Control characters, and bytes of a file name that are not UTF-8, become
     escapes such as ``\x1b`` and ``\xff``. The middle of a very long text is left out.
 
     Examples
@@ -26,7 +26,7 @@ def one_line(text: str) -> str:
     """
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 4 :]}"
-    text = " ".join(text.split())
+    text = " ".join(line.strip() for line in text.splitlines()) if len(text.splitlines()) > 1 else text.rstrip("\r\n")
     return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
 
 

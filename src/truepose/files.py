@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 from truepose.commits import Commit, recover
 from truepose.errors import FileError
@@ -26,6 +26,11 @@ __all__ = [
     "write_atomic",
     "writing",
 ]
+
+LARGEST_FILE: Final = 2**28
+"""Bytes of a table, a program or a file of readings that is read: 256 MiB, some million rows."""
+LARGEST_CONFIG: Final = 2**20
+"""Bytes of a cell file, a robot file or a mapping of columns that is read: 1 MiB."""
 
 
 @dataclass
@@ -55,31 +60,60 @@ def overwrite(force: bool) -> None:
         watch.force = force
 
 
-def read_bytes(path: str | Path) -> bytes:
+def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    largest : int
+        Bytes; a larger file is not opened.
 
     Raises
     ------
     FileError
-        If there is no such file, it is a folder, or it may not be read.
+        If there is no such file, it is a folder, a device or a pipe, it is too large, or it may not be read.
     """
     try:
+        check_regular(path, largest)
         with Path(path).open("rb") as file:
             if (watch := _WATCH.get()) is not None:
                 watch.read.add(_identity(os.fstat(file.fileno())))
             return file.read()
     except FileNotFoundError:
         raise FileError(path, "no such file") from None
-    except IsADirectoryError:
-        raise FileError(path, "is a folder; name a file in it") from None
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
+        if isinstance(error, FileError):
+            raise
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except MemoryError:
+        raise FileError(path, "is too large for the memory of this machine; split it") from None
 
 
-def read_text(path: str | Path) -> str:
+def check_regular(path: str | Path, largest: int = LARGEST_FILE) -> None:
+    """Refuse what is no regular file, before it is opened: opening a pipe would wait for ever.
+
+    Raises
+    ------
+    FileError
+        If it is a folder, a device, a pipe or a socket, or larger than `largest` bytes.
+    OSError, ValueError
+        If there is no such file, or its path cannot be followed.
+    """
+    status = Path(path).stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise FileError(path, "is a folder; name a file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise FileError(path, "is no file but a device, a pipe or a socket; save what it holds as a file")
+    if status.st_size > largest:
+        size = f"{status.st_size / 2**20:,.0f} MiB"
+        raise FileError(path, f"has {size}, at most {largest / 2**20:,.0f} MiB are read; is it the right file?")
+
+
+def read_text(path: str | Path, largest: int = LARGEST_FILE) -> str:
     """Return the content of a UTF-8 text file, with or without a byte-order mark; see `read_bytes` for the errors."""
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return read_bytes(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileError(path, f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
 
@@ -139,7 +173,7 @@ def write_all(contents: Mapping[Path, bytes | str]) -> None:
     """Write files all together or not at all; see `writing`."""
     with writing(*contents) as opened:
         for file, content in zip(opened, contents.values(), strict=True):
-            file.write(content.encode("utf-8") if isinstance(content, str) else content)
+            file.write(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager

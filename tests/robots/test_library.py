@@ -142,5 +142,5 @@ def test_missing_file() -> None:
 def test_bad_files_are_told(old: str, new: str, match: str) -> None:
     text = load_robot("kuka-kr150-2").to_toml()
     assert old in text
-    with pytest.raises(FileError, match=rf"arm\.toml: .*{match}|arm\.toml: {match}"):
+    with pytest.raises(FileError, match=rf"arm\.toml(:15)?: .*{match}"):
         parse_robot(text.replace(old, new, 1), path="arm.toml")

@@ -249,7 +249,7 @@ def test_columns_that_are_not_there(tmp_path: Path) -> None:
         read_readings(path, Columns.parse("x=1, y=2, z=up"))
     saved = tmp_path / "columns.toml"
     saved.write_text("x = 1\ny = ")
-    with pytest.raises(FileError, match=r"columns\.toml: is no TOML"):
+    with pytest.raises(FileError, match=r"columns\.toml: is not TOML"):
         Columns.load(saved)
 
 

@@ -6,7 +6,6 @@ them. Everything but ``[robot] model`` may be left out.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,11 +26,12 @@ from truepose.cell.sections import (
     Tool,
     Tracker,
 )
-from truepose.cell.text import explain, line_of, tables, toml_position
+from truepose.cell.text import explain, line_of, tables
 from truepose.errors import FileError
-from truepose.files import read_text
+from truepose.files import LARGEST_CONFIG, read_text
 from truepose.geometry.transforms import invert_transform
 from truepose.robots import load_robot
+from truepose.strict import parse_toml
 
 if TYPE_CHECKING:
     from truepose.robots import Robot
@@ -80,10 +80,7 @@ class Cell(Section):
             If it is not TOML, a key is unknown or has a wrong value, or the robot cannot be loaded.
         """
         try:
-            return cls.model_validate(tomllib.loads(text), context={"folder": Path(folder)})
-        except tomllib.TOMLDecodeError as error:
-            what, line = toml_position(str(error))
-            raise FileError(source, f"is not TOML: {what}", line=line) from None
+            return cls.model_validate(parse_toml(text, source), context={"folder": Path(folder)})
         except ValidationError as error:
             loc, message = explain(error, cls)
             raise FileError(source, message, line=line_of(text, loc)) from None
@@ -187,4 +184,4 @@ def load_cell(path: str | Path) -> Cell:
     --------
     >>> load_cell("cell.toml").tf_flange_tool  # doctest: +SKIP
     """
-    return Cell.from_toml(read_text(path), folder=Path(path).parent, source=path)
+    return Cell.from_toml(read_text(path, LARGEST_CONFIG), folder=Path(path).parent, source=path)

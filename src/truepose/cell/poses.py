@@ -14,9 +14,13 @@ from truepose.geometry.transforms import make_transform
 from truepose.units import parse_share
 
 FloatArray = NDArray[np.float64]
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+LARGEST: Final = 1e6
+"""A number of a cell file beyond this, in any of its units (mm, deg, µm, kg, s), is a mistake."""
+SMALLEST: Final = 1e-6
+"""A number that must be positive and is below this is one, too."""
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=SMALLEST, le=LARGEST)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=LARGEST)]
 Share = Annotated[float, BeforeValidator(parse_share)]
 """Between 0 and 1; written as a number or as a text such as "95%"."""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section, Share
+from truepose.strict import is_whole
 
 FloatArray = NDArray[np.float64]
 Fit = Literal["none", "position", "pose"]
@@ -105,7 +106,7 @@ class Frames(Section):
         """Make numbers of keys that are digits: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
         if not isinstance(value, dict):
             return value
-        return {int(key) if isinstance(key, str) and key.isdecimal() else key: pose for key, pose in value.items()}
+        return {int(key) if isinstance(key, str) and is_whole(key) else key: pose for key, pose in value.items()}
 
 
 class Correction(Section):

@@ -26,12 +26,6 @@ def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
     return lines
 
 
-def toml_position(message: str) -> tuple[str, int | None]:
-    """Return the message without its position, and the line."""
-    match = re.search(r"^(.*) \(at line (\d+), column \d+\)$", message)
-    return (match[1], int(match[2])) if match else (message, None)
-
-
 def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
     """Return where the first error stands and one line that says what it is and what to do."""
     errors = error.errors()  # a misspelt key first: the one that is missing may be the same

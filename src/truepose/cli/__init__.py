@@ -5,10 +5,13 @@ Modules of commands import what they compute with inside each command, so that `
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import sys
 import warnings
-from typing import TextIO
+from collections.abc import Callable
+from typing import Final, TextIO
 
 import typer
 
@@ -26,7 +29,8 @@ from truepose.cli import (
     study,
     updating,
 )
-from truepose.errors import TrueposeError
+from truepose.cli.numbers import Command
+from truepose.errors import TrueposeError, one_line
 
 app = typer.Typer(
     name="truepose",
@@ -36,23 +40,27 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("demo")(demo.demo)
-app.command("robots")(setup.robots)
-app.command("init")(setup.init)
-app.command("plan")(planning.plan)
-app.command("import")(setup.import_readings)
-app.command("similarity")(similarity.similarity)
-app.command("check-point")(points.check_point)
-app.command("fit")(maps.fit)
-app.command("predict")(maps.predict)
-app.command("validate")(maps.validate)
-app.command("explain")(explain.explain)
-app.command("update")(updating.update)
-app.command("iso9283")(iso9283.iso9283)
-app.command("report")(report.report)
-app.command("check")(programs.check)
-app.command("correct")(programs.correct)
-app.command("study")(study.study)
+_COMMANDS: Final[dict[str, Callable[..., None]]] = {
+    "demo": demo.demo,
+    "robots": setup.robots,
+    "init": setup.init,
+    "plan": planning.plan,
+    "import": setup.import_readings,
+    "similarity": similarity.similarity,
+    "check-point": points.check_point,
+    "fit": maps.fit,
+    "predict": maps.predict,
+    "validate": maps.validate,
+    "explain": explain.explain,
+    "update": updating.update,
+    "iso9283": iso9283.iso9283,
+    "report": report.report,
+    "check": programs.check,
+    "correct": programs.correct,
+    "study": study.study,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name, cls=Command)(_command)
 
 
 @app.callback(invoke_without_command=True)
@@ -75,10 +83,16 @@ _INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
+    for stream in (sys.stdout, sys.stderr):  # names of files may hold bytes that no encoding shows
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
-            app()
+            try:
+                app()
+            finally:
+                sys.stdout.flush()
     except TrueposeError as error:
         _fail(str(error))
     except (KeyboardInterrupt, SystemExit) as end:
@@ -88,7 +102,27 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("TRUEPOSE_TRACEBACK"):
             raise
-        _fail(f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it")
+        _fail(_explained(error))
+
+
+def _explained(error: Exception) -> str:
+    """Return what an error says to a user that no command expected."""
+    if isinstance(error, OSError):
+        if error.filename is None:  # the output, which has no name
+            _forget_stdout()
+        where = "the output" if error.filename is None else os.fsdecode(error.filename)
+        return f"{where}: cannot be read or written: {error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return "not enough memory; use fewer samples, another predictor or fewer workers"
+    if isinstance(error, RecursionError):
+        return "the input is nested too deeply; is it the right file?"
+    return f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it"
+
+
+def _forget_stdout() -> None:
+    """Let Python's own flush at its end go nowhere: it would fail again, with a traceback."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _warn(
@@ -99,9 +133,9 @@ def _warn(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    sys.stderr.write(f"truepose: warning: {' '.join(str(message).split())}\n")
+    sys.stderr.write(f"truepose: warning: {one_line(str(message))}\n")
 
 
 def _fail(message: str, code: int = 1) -> None:
-    sys.stderr.write(f"truepose: {' '.join(message.split())}\n")
+    sys.stderr.write(f"truepose: {one_line(message)}\n")
     sys.exit(code)

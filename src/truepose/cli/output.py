@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 if TYPE_CHECKING:
     from rich.console import Group
+
+_BRACKET: Final = re.compile(r"(?<!\\)\[(?!(?:/|bold|dim|red|green|yellow)\])")
+"""A bracket that is none of our own markup: of a name, say."""
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output on stdout, and nothing else there.")]
 
@@ -31,7 +35,8 @@ def overwrite(force: bool, *outputs: Path) -> None:
 
 def emit_json(data: Mapping[str, Any]) -> None:
     """Write one JSON object to stdout; numbers that are not finite become null."""
-    typer.echo(json.dumps(_plain(data), indent=2, ensure_ascii=False))
+    text = json.dumps(_plain(data), indent=2, ensure_ascii=False)
+    typer.echo(text.encode("utf-8", "backslashreplace").decode())  # bytes of a name that are not UTF-8, as \udcff
 
 
 def say(*items: Any) -> None:
@@ -40,6 +45,8 @@ def say(*items: Any) -> None:
 
     console = Console(highlight=False)
     for item in items:
+        if isinstance(item, str):
+            item = _BRACKET.sub(r"\\[", item.encode("utf-8", "backslashreplace").decode())
         console.print(item, soft_wrap=isinstance(item, str))
 
 

@@ -201,8 +201,9 @@ def import_readings(
 
 def _reflectors(told: str | None) -> Any:
     """Return how many reflectors there are, or where they sit on the tool as read from a file (m, 3) [mm]."""
+    from truepose.strict import is_whole
     from truepose.trackers import read_readings
 
-    if told is None or told.isdigit():
+    if told is None or is_whole(told):
         return told and int(told)
     return read_readings(told).p

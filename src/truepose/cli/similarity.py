@@ -10,6 +10,7 @@ import typer
 from truepose.cli.maps import CellPath, SamplesPath
 from truepose.cli.output import Force, Json, emit_json, overwrite, say, table, working
 from truepose.errors import DataError
+from truepose.strict import to_float
 
 if TYPE_CHECKING:
     from truepose.report.joint_similarity import JointSimilarity
@@ -111,7 +112,7 @@ def _direction(text: str, tolerance: float, bandwidth: float | None) -> Directio
 
 def _numbers(text: str, option: str) -> list[float]:
     try:
-        return [float(word) for word in text.replace(",", " ").split()] or [float(text)]
+        return [to_float(word) for word in text.replace(",", " ").split()] or [to_float(text)]
     except ValueError:
         raise DataError(f"{option} is {text!r}; give numbers with commas between them") from None
 

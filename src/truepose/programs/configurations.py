@@ -20,8 +20,9 @@ from truepose.programs.target import FloatArray
 from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
 
 StrArray = NDArray[np.str_]
-_ABB: Final = re.compile(r"\s*(-?\d{1,3})\s*,\s*(-?\d{1,3})\s*,\s*(-?\d{1,3})\s*,\s*([0-7])\s*")
-_FANUC: Final = re.compile(r"\s*([NF])\s*[LR]?\s*([UD])\s*([TB])\s*,\s*(-?\d)\s*,\s*(-?\d)\s*,\s*(-?\d)\s*", re.I)
+_ABB: Final = re.compile(r"\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*([0-7])\s*")
+_TURN: Final = r"\s*,\s*(-?[0-9])"
+_FANUC: Final = re.compile(rf"\s*([NF])\s*[LR]?\s*([UD])\s*([TB]){3 * _TURN}\s*", re.I)
 _BRANCH: Final = 0b111  # of KUKA's Status
 _TURNS: Final = 0b111111
 _CHUNK: Final = 50_000
@@ -96,7 +97,7 @@ def _joints_of(controller: str, robot: Robot, flange: FloatArray, words: StrArra
     """Return the joints that poses and words name, (n, 6) [rad]; NaN where there are none."""
     solutions = find_branches(robot, flange).q
     rows = np.arange(len(words))
-    numbers = np.array([[int(n) for n in re.findall(r"-?\d+", word)] for word in words])
+    numbers = np.array([[int(n) for n in re.findall(r"-?[0-9]+", word)] for word in words])
     if controller == "kuka":
         from truepose.robots import select
 

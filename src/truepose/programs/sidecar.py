@@ -18,6 +18,7 @@ from truepose.errors import FileError, RefusedError
 from truepose.programs import history
 from truepose.programs.outcomes import DONE
 from truepose.programs.target import FloatArray, Target
+from truepose.samples.delimited import escaped
 
 if TYPE_CHECKING:
     from truepose.programs.correct import CorrectedProgram
@@ -150,7 +151,8 @@ def _templates(target: Target, angles: int) -> tuple[str, str]:
 
 
 def _cell(text: str) -> str:
-    """Return a cell of CSV, in quotes where it needs them."""
+    """Return a cell of CSV, in quotes where it needs them; no spreadsheet takes it for a formula."""
+    text = escaped(text)
     if any(mark in text for mark in ',"\r\n'):
         return '"' + text.replace('"', '""') + '"'
     return text

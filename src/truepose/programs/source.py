@@ -22,6 +22,8 @@ from itertools import accumulate, chain
 from pathlib import Path
 from typing import Final, Self
 
+import numpy as np
+
 from truepose import files
 from truepose.errors import FileError, RefusedError
 
@@ -30,6 +32,9 @@ NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+
 """Pattern of a number that nothing adheres to: `1.2.3` is none."""
 LARGEST: Final = 1e6
 """A coordinate [mm] or an angle [deg] beyond this is a mistake."""
+
+LONGEST_LINE: Final = 2**16
+"""Bytes of a line of a program; no controller takes such a line."""
 
 LONGEST: Final = 40
 """Characters of a number; 17 digits say everything about a double."""
@@ -86,7 +91,12 @@ class Source:
     def read(cls, path: str | Path) -> Self:
         """Read a file; see `truepose.files.read_bytes` for the errors, and `replaced`."""
         contents = _REPLACED.get() or {}
-        return cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
+        source = cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
+        length = np.diff(np.append(np.frombuffer(source._line_starts, np.int64), len(source.data)))
+        if length.max() > LONGEST_LINE:
+            line = int(length.argmax()) + 1
+            raise source.error(line, f"has {length[line - 1]} characters, at most {LONGEST_LINE} are read; break it")
+        return source
 
     @cached_property
     def sha256(self) -> str:

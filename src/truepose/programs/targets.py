@@ -275,7 +275,7 @@ class Program:
 def frame_key(key: Key) -> Key:
     """Return a number or a name as tables hold it: ``"3"`` is number 3, names are folded to lower case."""
     text = str(key).strip()
-    return int(text) if text.isdecimal() and len(text) < 6 else text.lower()
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 6 else text.lower()
 
 
 def linked(circles: Sequence[tuple[int, ...]], left_out: Iterable[int]) -> dict[int, int]:

@@ -27,7 +27,7 @@ _ALTER = re.compile(rb"(?<![\w:])alter(?:Begin|Mov\w*)?\s*\(", re.I)
 _HIDING = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
 """Parameters and local variables of a program hide the data of the application that have their names."""
 _ROOTS: Final = {"world": 0, "flange": 0}
-_FATHER = re.compile(r"(\w+)(?:\[(\d{1,9})\])?")
+_FATHER = re.compile(r"(\w+)(?:\[([0-9]{1,9})\])?")
 _POINTS: Final = ("pointRx", "point")
 
 

@@ -45,7 +45,7 @@ _FANUC_JOINTS: Final = np.array([3, 4, 5])
 _DOUBT: Final = np.deg2rad(1.0)  # poses with few digits may fall beside the quarter or turn that their word names
 # by the slots of OrthoParallel.branches: 4 · (reaching back) + 2 · (elbow below) + (joint 5 negative)
 _FANUC_LETTERS: Final = np.array([f"{'FN'[s & 1]} {'UD'[s >> 1 & 1]} {'TB'[s >> 2]}" for s in range(8)])
-_CONFIG: Final = re.compile(r"([NF])\s*([LR]?)\s*([UD])\s*([TB])\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)")
+_CONFIG: Final = re.compile(r"([NF])\s*([LR]?)\s*([UD])\s*([TB])\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)")
 
 
 def abb_configuration(robot: Robot, q: ArrayLike) -> IntArray:

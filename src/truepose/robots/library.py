@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -14,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, FileError, RobotError
-from truepose.files import read_text
+from truepose.files import LARGEST_CONFIG, read_text
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
 from truepose.robots.chain import Robot
+from truepose.strict import LARGEST, parse_toml
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
         return load_urdf(name)
     if suffix == ".toml":
-        return parse_robot(read_text(name), path=name)
+        return parse_robot(read_text(name, LARGEST_CONFIG), path=name)
     if suffix in (".xacro", ".xml"):
         raise RobotError(f"{name}: only .urdf is read; expand xacro first (xacro {Path(name).name} > robot.urdf)")
     known = list_robots()
@@ -91,10 +91,7 @@ def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
     FileError
         If it is no TOML, a key is missing, unknown (the nearest is given) or no number, or the chain is wrong.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(path, f"is not TOML: {error}") from None
+    table = parse_toml(text, path)
     _check_keys(path, "", table)
     for section in ("kinematics", "limits", "base", "flange"):
         if section in table and not isinstance(table[section], dict):
@@ -174,7 +171,8 @@ def _numbers(path: str | Path, key: str, value: object, count: int | None) -> Fl
     if value is None:
         raise FileError(path, f"{key} is missing")
     values = value if isinstance(value, list) else []
-    if values and count in (None, len(values)) and all(type(x) in (int, float) for x in values):
+    plain = all(type(x) in (int, float) and not LARGEST < abs(x) < float("inf") for x in values)
+    if values and count in (None, len(values)) and plain:
         return np.array(value, dtype=np.float64)
     wanted = "a list of numbers, one for each joint" if count is None else f"a list of {count} numbers"
     raise FileError(path, f"{key} must be {wanted}; got {value!r}")

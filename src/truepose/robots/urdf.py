@@ -16,6 +16,7 @@ from truepose.files import read_text
 from truepose.geometry.transforms import invert_transform, make_transform
 from truepose.robots.chain import Robot
 from truepose.robots.convert import mdh_of_fixed
+from truepose.strict import LARGEST, to_float
 from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
@@ -254,9 +255,9 @@ def _three(path: str | Path, joint: _Joint, what: str, text: str) -> FloatArray:
 
 def _floats(path: str | Path, joint: _Joint, what: str, text: str, count: int) -> FloatArray:
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array([to_float(word) for word in text.split()])
     except ValueError:
         values = np.empty(0)
-    if len(values) != count or not np.isfinite(values).all():
+    if len(values) != count or not (np.abs(values) <= LARGEST).all():
         raise FileError(path, f'joint "{joint.name}": {what} must be {count} finite numbers; got "{text}"')
     return values

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import FileError
-from truepose.samples.delimited import TextTable
+from truepose.samples.delimited import TextTable, unescaped
 from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
@@ -156,7 +156,7 @@ def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], 
         raise FileError(table.path, f"has {there} but not {', '.join(missing)}", line=table.header_line)
     columns = [places[index][0] for index in range(size)]
     if array == "name":
-        return table.fields[:, columns[0]]
+        return np.array([unescaped(name) for name in table.fields[:, columns[0]].tolist()], dtype=np.str_)
     values = table.numbers(columns)
     if finite and not np.isfinite(values).all():
         row, index = np.argwhere(~np.isfinite(values))[0]
@@ -173,4 +173,4 @@ def _whole(table: TextTable, values: FloatArray, column: int) -> NDArray[np.int6
     if len(bad):
         field = table.fields[bad[0], column]
         raise FileError(table.path, f"row is {field}, which is not a whole number", line=int(table.line[bad[0]]))
-    return values.astype(np.int64)
+    return values.astype(np.int64)  # below LARGEST, see TextTable.numbers

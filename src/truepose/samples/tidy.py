@@ -32,7 +32,7 @@ from truepose.errors import DataError, FileError
 from truepose.files import read_text, write_atomic
 from truepose.samples.checks import check
 from truepose.samples.columns import QUANTITIES, full_name, gather, require
-from truepose.samples.delimited import parse
+from truepose.samples.delimited import escaped, is_number, parse
 from truepose.samples.table import Poses, Samples
 
 FloatArray = NDArray[np.float64]
@@ -141,9 +141,15 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     added = [[f"{value:.12g}" for value in values] for values in columns.values()]
     text = StringIO()
     writer = csv.writer(text, delimiter=table.delimiter, lineterminator="\n")
-    writer.writerow([*(table.header[index] for index in kept), *columns])
-    writer.writerows([*row, *new] for row, *new in zip(table.fields[:, kept].tolist(), *added, strict=True))
+    writer.writerow([*(_cell(table.header[index]) for index in kept), *columns])
+    rows = ([_cell(field) for field in row] for row in table.fields[:, kept].tolist())
+    writer.writerows([*row, *new] for row, *new in zip(rows, *added, strict=True))
     write_atomic(out, text.getvalue())
+
+
+def _cell(field: str) -> str:
+    """Return a field as it was, but for one that a spreadsheet would take for a formula and that is no number."""
+    return field if field.startswith("'") or is_number(field) else escaped(field)
 
 
 def _rotations(arrays: dict[str, Any]) -> dict[str, Any]:
@@ -165,7 +171,7 @@ def _text(path: str | Path, values: NDArray[Any], kind: str) -> list[str]:
         bad = [name for name in values if any(letter in name for letter in ',;"\t\n\r')]
         if bad:
             raise FileError(path, f"the pose name {bad[0]!r} holds a delimiter or quotation mark; rename the pose")
-        return [str(name) for name in values]
+        return [escaped(str(name)) for name in values]
     if values.dtype.kind == "i":
         return [str(value) for value in values]
     return [f"{value:.12g}" for value in (np.degrees(values) if kind == "angle" else values)]

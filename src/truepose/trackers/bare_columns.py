@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose.samples import Samples
+from truepose.strict import to_float
 from truepose.trackers.columns import Columns, find_delimiter, first_row, read_millimetres
 from truepose.trackers.readings import Layout, Readings
 
@@ -16,7 +17,7 @@ def _matches(text: str) -> bool:
     row = first_row(text)
     delimiter = find_delimiter(row)
     try:
-        return len([float(field.replace(",", ".")) for field in row.split(delimiter.strip(" ") or None)]) == 3
+        return len([to_float(field.replace(",", ".")) for field in row.split(delimiter.strip(" ") or None)]) == 3
     except ValueError:
         return False
 

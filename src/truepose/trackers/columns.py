@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import DataError, FileError
-from truepose.files import read_text, write_atomic
-from truepose.samples.delimited import TextTable
+from truepose.files import LARGEST_CONFIG, read_text, write_atomic
+from truepose.samples.delimited import TextTable, check_lines, text_array
+from truepose.strict import is_whole, parse_toml, to_float
 from truepose.trackers.readings import Readings, check_metres, decode, millimetres_per
 from truepose.trackers.times import column_seconds
 
@@ -118,9 +118,9 @@ class Columns:
             If it cannot be read or is no mapping.
         """
         try:
-            return cls.from_dict(tomllib.loads(read_text(path)))
-        except tomllib.TOMLDecodeError as error:
-            raise FileError(path, f"is no TOML: {error}") from None
+            return cls.from_dict(parse_toml(read_text(path, LARGEST_CONFIG), path))
+        except FileError:
+            raise
         except (DataError, TypeError) as error:
             raise FileError(path, str(error)) from None
 
@@ -134,12 +134,12 @@ def _value(key: str, text: str) -> Any:
     if key in ("rotation", "std"):
         return tuple(_column(part) for part in text.split(":"))
     if key == "std_factor":
-        return float(text)
+        return to_float(text)
     return _column(text)
 
 
 def _column(text: str) -> Column:
-    return int(text) if text.strip().isdigit() else text.strip()
+    return int(text) if is_whole(text.strip()) else text.strip()
 
 
 def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = "columns as told") -> Readings:
@@ -203,13 +203,14 @@ def split(text: str, path: str | Path, delimiter: str = "", skip: int = 0) -> Te
     kept = [(number, line) for number, line in body if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not kept:
         raise FileError(path, "holds no readings")
+    check_lines(kept, path)
     delimiter = delimiter or find_delimiter(kept[0][1])
     rows = [_fields(line, delimiter) for _, line in kept]
     header = _fields(head[-1][1], delimiter) if head else []
     width = max(len(header), *map(len, rows))
     header += [f"column {k + 1}" for k in range(len(header), width)]
-    table = np.array([row + [""] * (width - len(row)) for row in rows], dtype=np.str_)
     numbers = np.array([number for number, _ in kept], dtype=np.int64)
+    table = text_array([row + [""] * (width - len(row)) for row in rows], path, numbers)
     return TextTable(path, delimiter, header, head[-1][0] if head else int(numbers[0]), table, numbers)
 
 

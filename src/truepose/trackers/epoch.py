@@ -15,8 +15,10 @@ from truepose.trackers.exporting import row_times
 from truepose.trackers.readings import Layout, Readings, decode
 from truepose.trackers.times import EPOCH
 
-_NUMBER: Final = r"[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?|nan"
-_ROW: Final = re.compile(rf"1\d{{9}}(?:\.\d+)?(?P<counters>(?:\s+\d+)*)(?:\s+(?:{_NUMBER})){{3}}", re.IGNORECASE)
+_NUMBER: Final = r"[+-]?[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|nan"
+_ROW: Final = re.compile(
+    rf"1[0-9]{{9}}(?:\.[0-9]+)?(?P<counters>(?:\s+[0-9]+)*)(?:\s+(?:{_NUMBER})){{3}}", re.IGNORECASE
+)
 
 
 def _matches(text: str) -> bool:

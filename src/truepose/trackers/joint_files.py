@@ -17,7 +17,7 @@ from truepose.trackers.readings import decode, first_line
 
 FloatArray = NDArray[np.float64]
 
-_N: Final = r"\s*([+-]?\d+\.?\d*(?:[eE][+-]?\d+)?)\s*"
+_N: Final = r"\s*([+-]?[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?)\s*"
 _RAPID: Final = re.compile(rf"jointtarget\s+(?P<name>\w+)\s*:=\s*\[\s*\[{','.join([_N] * 6)}\]", re.IGNORECASE)
 _KRL: Final = re.compile(
     rf"(?:(?P<name>\w+)\s*=\s*)?\{{\s*(?:E6AXIS\s*:)?\s*{','.join(rf'{chr(92)}s*A{k}{_N}' for k in range(1, 7))}",
@@ -25,7 +25,7 @@ _KRL: Final = re.compile(
 )
 _UR: Final = re.compile(rf"(?:(?P<name>\w+)\s*=\s*)?(?<!p)\[{','.join([_N] * 6)}\]")
 _JOINT_COLUMN: Final = re.compile(
-    r"(?:j|q|a|joint|axis)[ _]?(?P<number>\d+)\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
+    r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]+)\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
 )
 _PATTERNS: Final = ((_RAPID, np.pi / 180.0), (_KRL, np.pi / 180.0), (_UR, 1.0))
 _TIDY: Final = re.compile(r"\b(?:q1|x_cmd)_", re.IGNORECASE)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import FileError
 from truepose.samples import Samples
+from truepose.strict import to_float
 from truepose.trackers.exporting import row_names
 from truepose.trackers.readings import Layout, Readings, check_metres, decode, first_line
 
@@ -70,7 +71,7 @@ def _values(pairs: dict[str, str], path: str | Path, line: int) -> list[float]:
     if missing := [axis for axis in _POSITION if axis not in pairs]:
         raise FileError(path, f"has no {missing[0].upper()}=", line=line)
     try:
-        return [float(pairs.get(key, "nan")) for key in (*_POSITION, *_ANGLES)]
+        return [to_float(pairs.get(key, "nan")) for key in (*_POSITION, *_ANGLES)]
     except ValueError:
         key = next(key for key in (*_POSITION, *_ANGLES) if not _is_number(pairs.get(key, "nan")))
         raise FileError(path, f"{key} is {pairs[key]!r}, which is not a number", line=line) from None
@@ -78,7 +79,7 @@ def _values(pairs: dict[str, str], path: str | Path, line: int) -> list[float]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        to_float(text)
     except ValueError:
         return False
     return True

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.errors import FileError
 from truepose.samples import Samples, looks_like_metres
+from truepose.samples.delimited import check_lines
 from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
@@ -133,15 +134,19 @@ def decode(data: bytes, path: str | Path) -> str:
         If it is empty or no text at all.
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16", errors="replace")
+        text = data.decode("utf-16", errors="replace")
+        check_lines(list(enumerate(text.splitlines(), start=1)), path)
+        return text
     if not data.strip():
         raise FileError(path, "is empty; export the readings again")
     if b"\0" in data[:4096] or data.startswith(b"PK\x03\x04"):
         raise FileError(path, "is not a text file; export the readings as ASCII or CSV")
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        text = data.decode("latin-1")
+    check_lines(list(enumerate(text.splitlines(), start=1)), path)
+    return text
 
 
 def millimetres_per(unit: str, path: str | Path, line: int) -> float:

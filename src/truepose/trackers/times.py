@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import FileError
+from truepose.strict import to_float
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ _FORMS: Final = (
     "%d.%m.%Y %H:%M:%S.%f",
     "%d.%m.%Y %H:%M:%S",
 )
-_ROUNDED: Final = re.compile(r"\d[.,]\d{0,6}[eE]\+\d+")
+_ROUNDED: Final = re.compile(r"[0-9][.,][0-9]{0,6}[eE]\+[0-9]+")
 
 
 def seconds(text: str, path: str | Path, line: int) -> float:
@@ -46,13 +47,13 @@ def seconds(text: str, path: str | Path, line: int) -> float:
         If it is none of these.
     """
     bare = text.strip().lstrip("'").replace("T", " ", 1)
-    for form in _FORMS:
+    for form in _FORMS if bare.isascii() else ():
         try:
             return datetime.strptime(bare, form).replace(tzinfo=UTC).timestamp()
         except ValueError:
             continue
     try:
-        return float(bare.replace(",", "."))
+        return to_float(bare.replace(",", "."))
     except ValueError:
         known = "month/day/year hour:minute:second, year-month-day, day.month.year or seconds"
         raise FileError(path, f"the date {text.strip()!r} is not {known}", line=line) from None
