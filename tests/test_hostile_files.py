@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -74,19 +75,22 @@ def one_error(read: Callable[[Path], Any], path: Path) -> str:
 @pytest.mark.parametrize("reader", READERS)
 def test_content(reader, tmp_path, record_property):
     ending, read = READERS[reader]
+    told: list[str] = []
     for k, data in enumerate(BYTES.values()):
         path = tmp_path / f"f{k}{ending}"
         path.write_bytes(data)
         try:
             read(path)
         except TrueposeError as error:
-            assert str(error).isprintable()
+            told.append(str(error))
         else:  # a G-code or APT file of letters or brackets that moves to no point may be read
             assert ending in (".src", ".nc", ".apt", ".script", ".csv", ".dtx"), data[:20]
+    assert told
+    assert all(map(str.isprintable, told))
     record_property("cases", len(BYTES))
 
 
-@pytest.mark.promise("What is no regular file, or too large, is refused before it is opened: no reader waits for a pipe")
+@pytest.mark.promise("What is no regular file, or too large, is refused unopened: no reader waits for a pipe")
 @pytest.mark.parametrize("reader", READERS)
 def test_places(reader, tmp_path, record_property):
     ending, read = READERS[reader]
@@ -101,7 +105,14 @@ def test_places(reader, tmp_path, record_property):
     away.symlink_to(tmp_path / "absent")
     assert "pipe" in one_error(read, pipe)
     assert "at most" in one_error(read, sparse)
-    for path in (folder, here, away, tmp_path / f"absent{ending}", Path(f"a\0b{ending}"), tmp_path / f"{'x' * 300}{ending}"):
+    for path in (
+        folder,
+        here,
+        away,
+        tmp_path / f"absent{ending}",
+        Path(f"a\0b{ending}"),
+        tmp_path / f"{'x' * 300}{ending}",
+    ):
         one_error(read, path)
     record_property("cases", 8)
 
@@ -116,7 +127,10 @@ def test_numbers_that_are_none(tmp_path, record_property):
             "a.csv": ("q1_deg;x_meas_mm;y_meas_mm;z_meas_mm\n{};1;2;3\n0;2;3;4\n", read_samples),
             "b.txt": ("P1;{};2;3\nP2;1;2;3\n", lambda path: read_readings(path, Columns(x=2, y=3, z=4))),
             "c.toml": ('[robot]\nmodel = "ur10"\n[tool]\nx_mm = {}\n', load_cell),
-            "e.src": ("DEF e()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {{X {},Y 2,Z 3,A 0,B 0,C 0}}\nEND\n", read_program),
+            "e.src": (
+                "DEF e()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {{X {},Y 2,Z 3,A 0,B 0,C 0}}\nEND\n",
+                read_program,
+            ),
             "f.csv": ("x_mm;y_mm;z_mm;a_deg;b_deg;c_deg\n{};2;3;0;0;0\n", read_program),
         }
         for name, (form, read) in files.items():
@@ -174,7 +188,7 @@ def test_wide_tables_and_long_fields(tmp_path):
     assert "beyond 1e+12" in one_error(read_samples, long)
 
 
-@pytest.mark.promise("A cell of a CSV file that a spreadsheet would take for a formula is escaped, and read back as it was")
+@pytest.mark.promise("CSV cells that a spreadsheet would take for a formula are escaped, and read back as they were")
 def test_formulas(tmp_path):
     names = ["=1+2", "+x", "-5", "@a", "'=b", "''=c", "plain", "a=b"]
     n = len(names)
@@ -190,9 +204,9 @@ def test_formulas(tmp_path):
 
 
 def test_names_that_are_not_utf8(tmp_path, run):
-    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9\n[/x].csv"))
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9\n[x].csv"))
     told = one_error(read_samples, path)
-    assert r"caf\xe9 [/x].csv" in told
+    assert r"caf\xe9 [x].csv" in told
     path.write_text("q1_deg\n")
     assert run("predict", "absent", path).failed()
 
@@ -262,7 +276,7 @@ def test_unexpected_errors(run, monkeypatch, error, message):
 @pytest.mark.promise("A full disk and a closed pipe behind the output end in one line without a traceback")
 def test_full_output():
     code = "from truepose.cli import main; main()"
-    with open("/dev/full", "wb") as full:
+    with Path("/dev/full").open("wb") as full:
         done = subprocess.run([sys.executable, "-c", code, "robots"], stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == 1
     assert done.stderr.count(b"\n") == 1
@@ -297,14 +311,14 @@ def test_mutated_text(tmp_path_factory, data):
         elif kind == "drop":
             del broken[at : at + size]
         else:
-            broken[at:at] = data.draw(st.sampled_from([b"1e300", b"_0", b"[", b'"', b"\0", b"nan", b"\xff", b"'", b";"]))
+            broken[at:at] = data.draw(
+                st.sampled_from([b"1e300", b"_0", b"[", b'"', b"\0", b"nan", b"\xff", b"'", b";"])
+            )
     ending, read = READERS[reader]
     path = tmp_path_factory.getbasetemp() / f"mutated{ending}"
     path.write_bytes(bytes(broken))
-    try:
+    with contextlib.suppress(TrueposeError):  # any other error fails the test
         read(path)
-    except TrueposeError as error:
-        assert str(error).isprintable()
 
 
 def test_errors_are_one_line():

@@ -17,7 +17,9 @@ from truepose.errors import FileError
 __all__ = [
     "Commit",
     "check_outputs",
+    "check_regular",
     "overwrite",
+    "path_exists",
     "read_bytes",
     "read_text",
     "recover",
@@ -90,6 +92,23 @@ def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
         raise FileError(path, "is too large for the memory of this machine; split it") from None
 
 
+def path_exists(path: str | Path) -> bool:
+    """Return whether there is such a file or folder.
+
+    Raises
+    ------
+    FileError
+        If the path cannot be followed: a circle of links, a name too long, a zero byte in it.
+    """
+    try:
+        Path(path).stat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    return True
+
+
 def check_regular(path: str | Path, largest: int = LARGEST_FILE) -> None:
     """Refuse what is no regular file, before it is opened: opening a pipe would wait for ever.
 
@@ -104,7 +123,7 @@ def check_regular(path: str | Path, largest: int = LARGEST_FILE) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise FileError(path, "is a folder; name a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise FileError(path, "is no file but a device, a pipe or a socket; save what it holds as a file")
+        raise FileError(path, "is no file but a device or a pipe; save what it holds as a file")
     if status.st_size > largest:
         size = f"{status.st_size / 2**20:,.0f} MiB"
         raise FileError(path, f"has {size}, at most {largest / 2**20:,.0f} MiB are read; is it the right file?")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.files import recover
+from truepose.files import check_regular, path_exists, recover
 from truepose.programs.robot_base import standing
 from truepose.programs.targets import FrameTable, Program, ReadOptions
 
@@ -80,7 +80,7 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     array([[1., 2., 3.]])
     """
     path = Path(path)
-    if not path.is_dir():
+    if not (path_exists(path) and path.is_dir()):
         recover(path.parent)
         return _read_file(path, frames, options)
     found = read_programs([path], frames, options)
@@ -92,8 +92,8 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
 
 
 def _read_file(path: Path, frames: FrameTable | None, options: ReadOptions | None) -> Program:
-    if path.exists() and not path.is_file():
-        raise FileError(path, "is no file but a device or a pipe; name a program")
+    if path_exists(path):
+        check_regular(path)
     dialect = dialect_of(path)
     if not dialect:
         if not path.exists():
@@ -150,13 +150,13 @@ def read_programs(
 
     known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]
-    together = [path for path in given if path.suffix.lower() in _RAPID and not path.is_dir()]
+    together = [path for path in given if path.suffix.lower() in _RAPID and not os.path.isdir(path)]  # noqa: PTH112
     together = together if len(together) > 1 else []
     for path in given:
         if path in together:
             if path is together[0]:
                 take_all(partial(_named_together, together, known, allowed))
-        elif not path.is_dir():
+        elif not os.path.isdir(path):  # noqa: PTH112
             take(path)
         else:
             krl, rapid, others = _members(path)
