@@ -52,7 +52,7 @@ FORMS = (
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_forms_of_numbers(tmp_path: Path, make_map: Any, name: str, record_property: Any) -> None:
     path = tmp_path / name
-    options = ReadOptions(angles="z" if name.endswith(".apt") else "kuka")
+    options = ReadOptions(angles="z" if name.endswith(".apt") else "kuka", whole_task=True)
     corrected_forms = []
     for form in FORMS:
         path.write_bytes(PROGRAMS[name].format(*[form] * 20).encode())

@@ -114,6 +114,7 @@ class Correction(Section):
 
     ``tolerance_mm`` is how far the tool may be from its target; by default ``max_std_mm`` is half of it.
 
+    ``max_bend_mm`` is the largest bend that a correction makes in a path, see `truepose.programs.paths`.
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
     ``max_distance_mm`` is for maps in Cartesian space, ``max_distance_deg`` for those in joint space.
     """
@@ -128,6 +129,7 @@ class Correction(Section):
     max_tool_mm: Positive = 50.0
     max_rotation_mrad: Positive = 10.0
     max_rotation_std_mrad: Positive = 3.0
+    max_bend_mm: Positive | None = None
     require: Share = 0.0
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"
 

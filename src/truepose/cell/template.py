@@ -81,6 +81,7 @@ on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" th
 # max_std_mm = 0.15      # largest predicted standard deviation; left out: half of the tolerance, else 4 times RP
 # min_correction_stds = 1.0  # a correction smaller than this many of its standard deviations is not applied
 # max_distance_mm = 200  # to the nearest sample; left out: 1.5 times the widest gap between samples
+# max_bend_mm = 0.3      # largest bend that corrections make in a path; left out: found from their standard deviations
 # require = "95%"        # of a program's motion targets must be corrected, or nothing is written
 # max_distance_deg = 30  # the same for maps in joint space
 # max_angle_deg = 10.0   # between a target's orientation and that of the sample most alike; left out: as far as the

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
-from typing import Final, Protocol, overload
+from typing import Final, NamedTuple, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +178,24 @@ class Columns:
         return poses
 
 
+class Motions(NamedTuple):
+    """The motions of a program in the order of the text.
+
+    Attributes
+    ----------
+    target : (m,) array of int
+        The target of each.
+    on_path : (m,) array of bool
+        Whether the tool comes to it on a straight, circular or spline path from the target of the motion before.
+    """
+
+    target: IntArray
+    on_path: NDArray[np.bool_]
+
+
+NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))
+
+
 class Targets(Sequence[Target]):
     """The targets of a program, in the order of the text, file by file.
 
@@ -185,9 +203,11 @@ class Targets(Sequence[Target]):
     ----------
     items : iterable of Target or Stretch
         In that order.
+    motions : Motions
     """
 
-    def __init__(self, items: Iterable[Target | Stretch] = ()) -> None:
+    def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
+        self.motions = motions
         self._alike: list[Target] = []
         self._pieces: list[tuple[Columns | Stretch, int]] = []
         known: dict[object, int] = {}

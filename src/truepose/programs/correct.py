@@ -25,12 +25,12 @@ from truepose.programs.coverage import Coverage
 from truepose.programs.digits import moved
 from truepose.programs.orientations import turned
 from truepose.programs.outcomes import DONE, Outcomes, digit_step
-from truepose.programs.paths import StraightPaths
+from truepose.programs.paths import Continuity, Paths
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.source import Source, printable, unified_diff
 from truepose.programs.target import FloatArray, Verdict
-from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions, linked
+from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions
 from truepose.units import parse_share
 
 if TYPE_CHECKING:
@@ -107,8 +107,10 @@ class CorrectedProgram:
         SHA-256 of every file as it becomes, proven.
     limits : LimitsInForce
         The settings of ``[correction]`` that held, with their origin.
+    continuity : Continuity
+        What the correction does to the paths through the targets.
     warnings : tuple of str
-        What a user should look at: straight paths that bend (see `truepose.programs.paths`).
+        What a user should look at.
     map_path : Path, optional
         The file that the map was read from; corrected programs are remembered beside it.
     """
@@ -120,6 +122,7 @@ class CorrectedProgram:
     map_hash: str | None
     hashes: dict[Path, str]
     limits: LimitsInForce
+    continuity: Continuity
     warnings: tuple[str, ...] = ()
     map_path: Path | None = None
 
@@ -246,8 +249,9 @@ def correct_program(
         If a setting can have no effect: frames or options for a program that was read already, or a limit that does not
         apply to the map.
     RefusedError
-        If a target is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are corrected,
-        the program was corrected already, the map is weak, or it is of another robot than the program or the cell.
+        If a target or a path is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are
+        corrected, the program was corrected already, the map is weak, or it is of another robot than the program or
+        the cell.
     """
     if on_guard not in (None, "refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
@@ -283,18 +287,17 @@ def correct_program(
         progress(done, counts["correct"])
     if on_guard == "refuse":
         _refuse(program, refused)
-    members = {i for circle in program.circles for i in circle}
-    corrected = outcomes.corrected
-    left_out = [i for i in sorted(members) if not corrected[i]]
-    for j, i in linked(program.circles, left_out).items():
-        outcomes.code[j], change[j] = 0, 0.0
-        outcomes.why[j] = f"its circle's other point {program.targets[i].name} is not corrected"
+    outcomes.leave_circles()
+    paths = Paths(program, outcomes, limits.values.get("max_bend_mm"))
+    continuity = paths.settle(outcomes, on_guard)
+    limits = limits.with_found({"max_bend_mm": (paths.limit, paths.origin)})
     Coverage.of([outcomes]).check(limits.values["require"], program.path)
-    warnings += _weakness(error_map) + _write_digits(program, outcomes, change.shape[1], resolution)
+    warnings += _weakness(error_map)
+    _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = proven_hashes(outcomes, resolution)
     map_hash = getattr(error_map, "hash", None)
     return CorrectedProgram(
-        program, outcomes, on_guard, resolution, map_hash, hashes, limits, tuple(warnings), map_path
+        program, outcomes, on_guard, resolution, map_hash, hashes, limits, continuity, tuple(warnings), map_path
     )
 
 
@@ -388,26 +391,15 @@ def _ask(
     return change, answer.e, answer.std, code, reasons
 
 
-def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> list[str]:
-    """Turn changes (the first 3 or 6 columns of `after`) into what is written, in place; return the warnings."""
-    warnings: list[str] = []
-    path, corrected = StraightPaths(), outcomes.corrected
+def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> None:
+    """Turn changes (the first 3 or 6 columns of `after`) into what is written, in place."""
+    corrected = outcomes.corrected
     for rows, columns in program.correctable_columns():
         change = outcomes.after[rows, :size]
         outcomes.after[rows] = np.nan
         here = np.flatnonzero(corrected[rows])
         if len(here):
             outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
-        tf = columns.tf_base_frame()
-        p = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
-        added = np.einsum("nij,nj->ni", tf[:, :3, :3], change[:, :3])
-        for a, b, c, bend in path.bends(columns, rows, p, added):
-            target, before, behind = (program.targets[i] for i in (b, a, c))
-            warnings.append(
-                f"{target.where}: {target.name} bends a straight path by {bend:.3f} mm against its neighbours "
-                f"{before.name} and {behind.name}"
-            )
-    return warnings
 
 
 def _digits(program: Program, columns: Columns, change: FloatArray, resolution: float) -> FloatArray:

@@ -271,6 +271,11 @@ class Flow:
         return self._blocks[-1]
 
     @property
+    def section(self) -> int:
+        """A number that changes where a routine or a part of one begins."""
+        return len(self._routines) + len(self._parts)
+
+    @property
     def innermost(self) -> str:
         """What opened the innermost block; empty outside all."""
         return self._blocks[-1].kind if self._blocks else ""

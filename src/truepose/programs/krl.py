@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from truepose.programs.krl_motions import Goal
 from truepose.programs.krl_names import element
 from truepose.programs.krl_points import Judge, Variable, at
 from truepose.programs.krl_runs import Run
-from truepose.programs.points import in_order
+from truepose.programs.points import Visit, in_order
 from truepose.programs.source import Source
 from truepose.programs.targets import FrameTable, Program, ReadOptions, Target
 
@@ -128,22 +128,45 @@ def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: Fram
     judge = Judge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
     targets: list[Target | Run] = []
     place: dict[int, int] = {}
+    visits: list[Visit] = []
     for i, numbers in enumerate(shared.numbers):
         target = judge.target(numbers)
         if target is not None:
             place[i] = len(targets)
+            visits += [numbers.use.visit(place[i])] if numbers.use else []
             targets.append(target)
     circles: list[list[int]] = []
     unknown: dict[int, int] = {}
     for module in modules:
-        circles += _of_module(module, judge, targets, place, unknown)
+        circles += _of_module(module, judge, targets, visits, place, unknown)
     sources = [source for module in modules for source in (module.src, module.dat) if source is not None]
-    ordered = in_order(targets, circles, sources)
+    visits += _to_points(modules, place, unknown)
+    ordered = in_order(targets, circles, sources, visits)
     return Program(path, tuple(sources), *ordered, LEXER, root=path if shared.project else None)
 
 
+def _to_points(modules: Sequence[Module], place: Mapping[int, int], unknown: Mapping[int, int]) -> Iterator[Visit]:
+    """Yield the motions to named points; to a whole array where the run time names the element."""
+    variables = {id(variable): variable for module in modules for variable in _variables(module)}
+    for key, variable in variables.items():
+        for index, uses in variable.moves.items():
+            items = [place[i] for i in at(variable.literals, index) if i in place]
+            items = items or ([unknown[key]] if key in unknown else [])
+            for use in uses:
+                yield from (use.visit(item, order) for order, item in enumerate(items))
+
+
+def _variables(module: Module) -> list[Variable]:
+    return [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]
+
+
 def _of_module(
-    module: Module, judge: Judge, targets: list[Target | Run], place: dict[int, int], unknown: dict[int, int]
+    module: Module,
+    judge: Judge,
+    targets: list[Target | Run],
+    visits: list[Visit],
+    place: dict[int, int],
+    unknown: dict[int, int],
 ) -> list[list[int]]:
     """Add a module's runs and the motions whose target has no numbers; return its circles by places in `targets`.
 
@@ -154,10 +177,13 @@ def _of_module(
     for first, lines in module.runs:
         like = judge.target(first)
         assert like is not None  # it is moved to
+        assert first.use is not None
+        visits.append(first.use.visit(len(targets)))
         targets.append(Run(module.src, lines.start, lines.end, lines.line, lines.lines, like))
     first_other = len(targets)
     targets += module.motions.others
-    for variable in [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]:
+    visits += module.motions.visits(first_other)
+    for variable in _variables(module):
         if variable.moves and not variable.literals and id(variable) not in unknown:
             unknown[id(variable)] = len(targets)
             targets.append(_without_numbers(variable, module.src))

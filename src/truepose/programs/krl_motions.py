@@ -11,6 +11,7 @@ from truepose.programs.krl_lexer import Lines, Statement, closing_brace, parse_p
 from truepose.programs.krl_names import Names, element
 from truepose.programs.krl_points import Numbers, Use, Variable
 from truepose.programs.krl_words import APPROACH, CIRCLES
+from truepose.programs.points import Visit
 from truepose.programs.source import Source
 from truepose.programs.targets import Target, Verdict
 
@@ -53,6 +54,8 @@ class MotionReader:
     ----------
     others : list of Target
         Motions whose target is in no file: left as they are, or refused.
+    sections : list of int
+        Those of `others`, as in `truepose.programs.points.Visit`.
     circles : list of list of Goal
     block : Settings
         Of the spline block that is open.
@@ -62,20 +65,29 @@ class MotionReader:
         self._source, self._names, self._flow = source, names, flow
         self._file = source.path.name if named else ""
         self.others: list[Target] = []
+        self.sections: list[int] = []
         self.circles: list[list[Goal]] = []
         self.block = Settings()
 
     def other(self, word: str, line: int, verdict: Verdict, reason: str, name: str = "") -> int:
         """Note a motion that has no numbers to correct; return its place."""
         self.others.append(Target(name or f"{word}:{line}", self._source.path, line, (word,), verdict, reason))
+        self.sections.append(self._flow.section)
         return len(self.others) - 1
+
+    def visits(self, first: int) -> list[Visit]:
+        """Return the motions to `others`, which begin at `first` in a list of all targets."""
+        return [
+            Visit(self._file, target.line, 0, section, i, target.motions[0])
+            for i, (target, section) in enumerate(zip(self.others, self.sections, strict=True), first)
+        ]
 
     def read(self, statement: Statement) -> list[str]:
         """Take one motion; return the subprograms that its expressions call."""
         word, line, _, start, end = statement
         data = self._source.data
         if word not in CIRCLES and (m := _SIMPLE.fullmatch(data, start, end)):
-            use = Use(word, line, self._flow.node, *self.block, self._file)
+            use = Use(word, line, self._flow.node, *self.block, self._file, self._flow.section)
             if m[1]:
                 self._literal(*m.span(1), f"{word}:{line}", use)
                 return []
@@ -89,7 +101,7 @@ class MotionReader:
         m = _FIRST.match(self._source.data, lines.start)
         assert m is not None
         word = m[1].decode().upper()
-        use = Use(word, lines.line, self._flow.node, *self.block, self._file)
+        use = Use(word, lines.line, self._flow.node, *self.block, self._file, self._flow.section)
         aggregate = parse_point(self._source, *m.span(2), lines.line)
         return Numbers(f"{word}:{lines.line}", self._source, lines.line, aggregate, use=use)
 
@@ -130,7 +142,7 @@ class MotionReader:
         if len(spans) != expected or any(a == b for a, b in spans):
             self.other(word, line, "refuse", f"a motion that is not understood: {word}{shown(data, start, end)}")
             return []
-        use = Use(word, line, self._flow.node, *settings, self._file)
+        use = Use(word, line, self._flow.node, *settings, self._file, self._flow.section)
         names = [f"{word}:{line}"] if expected == 1 else [f"{word}:{line} auxiliary", f"{word}:{line} end"]
         calls: list[str] = []
         goals = [self._goal(a, b, name, use, calls) for (a, b), name in zip(spans, names, strict=True)]

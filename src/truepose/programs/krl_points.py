@@ -14,6 +14,7 @@ from truepose.geometry import euler, make_transform
 from truepose.programs import shifts
 from truepose.programs.flow import Frames, InForce, State
 from truepose.programs.krl_lexer import CARTESIAN, Aggregate
+from truepose.programs.points import Visit
 from truepose.programs.source import Source
 from truepose.programs.targets import FloatArray, FrameTable, ReadOptions, Target, Verdict
 
@@ -38,6 +39,11 @@ class Use(NamedTuple):
     base: InForce | None = None
     ipo: str | None = None
     file: str = ""
+    section: int = 0
+
+    def visit(self, item: int, order: int = 0) -> Visit:
+        """Return the motion as one to a target."""
+        return Visit(self.file, self.line, order, self.section, item, self.word)
 
     @property
     def where(self) -> str:
@@ -143,12 +149,17 @@ class Judge:
             self._check_numbers(numbers)
             if variable:
                 self._check_variable(variable, numbers.index, uses)
-            tool, base = self._in_force(uses, self._fdat(variable))
-            self._check_machine(numbers.aggregate)
-            self._check_world()
-            tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", base)
         except _Verdict as end:
             verdict, reason = end.verdict, end.reason
+        try:  # also where the target stays as it is: a path may go through it
+            if uses:
+                tool, base = self._in_force(uses, self._fdat(variable))
+                if not reason:
+                    self._check_machine(numbers.aggregate)
+                    self._check_world()
+                tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", base)
+        except _Verdict as end:
+            verdict, reason = (verdict, reason) if reason else (end.verdict, end.reason)
         values, spans = numbers.aggregate.values, numbers.aggregate.spans
         complete = all(key in values for key in CARTESIAN)
         return Target(

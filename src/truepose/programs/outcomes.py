@@ -16,7 +16,7 @@ from truepose.programs.digits import written
 from truepose.programs.orientations import DEGREES, STEPS, count
 from truepose.programs.source import Source, Span, apply_patches
 from truepose.programs.target import FloatArray, Target
-from truepose.programs.targets import Program
+from truepose.programs.targets import Program, linked
 
 DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
 """Verdicts of outcomes by their codes."""
@@ -130,6 +130,19 @@ class Outcomes(Sequence[Outcome]):
     def corrected(self) -> NDArray[np.bool_]:
         """Which targets are corrected, (n,)."""
         return np.isin(self.code, _CORRECTED)
+
+    def leave(self, rows: IntArray, why: str) -> None:
+        """Leave corrected targets of some rows as they are, for a reason."""
+        for i in rows[self.corrected[rows]].tolist():
+            self.code[i], self.after[i], self.why[i] = 0, 0.0, why
+
+    def leave_circles(self) -> None:
+        """Leave circles as they are where one of their points is not corrected."""
+        corrected, circles = self.corrected, self.program.circles
+        left_out = [i for i in sorted({i for circle in circles for i in circle}) if not corrected[i]]
+        for j, i in linked(circles, left_out).items():
+            self.code[j], self.after[j] = 0, 0.0
+            self.why[j] = f"its circle's other point {self.program.targets[i].name} is not corrected"
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""

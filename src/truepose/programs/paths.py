@@ -1,70 +1,238 @@
-"""Straight paths: neighbouring corrections that differ so much that the commanded path bends are told.
+"""Paths that a correction bends: judged over all consecutive motion targets, corrected or not.
 
-Three targets in a row, driven in straight lines and lying on one, stay on a line where the arm's errors change evenly.
-The bend is how far the middle target's correction is from that of its neighbours, interpolated. A bend may be right:
-the errors are then just so. But it is also what a wrong map looks like, so a user should see it.
+The arm's errors change evenly in space, and so do the corrections of neighbouring targets. Where one of them is left
+nominal between corrected ones, or where the map itself is uneven, the commanded path has a kink that the original has
+not. A path is a row of targets that straight, circular or spline motions join; it ends at a joint motion, at a target
+whose place is not known, and with its routine.
 """
 
 from __future__ import annotations
 
-import re
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.programs.columns import Columns, IntArray
+from truepose.errors import RefusedError
+from truepose.programs.columns import IntArray
+from truepose.programs.outcomes import Outcomes
+from truepose.programs.source import printable
 from truepose.programs.target import FloatArray
+from truepose.programs.targets import Program
 
-BEND: Final = 0.3
-"""[mm] Bends beyond this are told."""
-_STRAIGHT: Final = 0.05  # [mm] off the line of its neighbours
-_LINEAR: Final = re.compile(r"S?LIN|SPL|Move?L\w*|TriggL\w*|ArcL\w*|L|move[lp]|MOVL|G1|GOTO|target", re.I)
+SMALLEST_LIMIT: Final = 0.1
+"""[mm] No default limit is below this."""
+STANDARD_DEVIATIONS: Final = 4.0
+"""The default limit in standard deviations of the corrected targets."""
+SLOPE: Final = 0.005
+"""[mm per mm of spacing] Bends below this are the arm's: its errors change by a few millimetres per metre."""
+_BACK: Final = -0.5  # cosine of the turn at a target beyond which the path goes back: the tool stops there
+_BLOCK: Final = 1 << 16
+_SHOWN: Final = 3  # paths that a message names
 
 
-class StraightPaths:
-    """Looks for bends in a program, some targets at a time in their order."""
+@dataclass(frozen=True, eq=False)
+class Continuity:
+    """What a correction does to the paths through the targets.
 
-    def __init__(self, limit: float = BEND) -> None:
-        self._limit = limit
-        self._rows = np.empty(0, np.int64)
-        self._linear = np.empty(0, bool)
-        self._p, self._correction = np.empty((0, 3)), np.empty((0, 3))
+    Attributes
+    ----------
+    bend : (n,) array [mm]
+        Distance between a target's correction and that of its neighbours, interpolated; the largest of its motions.
+        NaN where a target lies in no path, as in the others.
+    direction : (n,) array [deg]
+        Change that the correction makes to the turn of the path at the target.
+    spacing : (n,) array [mm]
+        Change that it makes to the distance from the target before.
+    limit : float [mm]
+        Largest bend that is allowed.
+    slope : float
+        Bends below this share of the spacing are allowed, too.
+    """
 
-    def bends(
-        self, columns: Columns, rows: IntArray, p: FloatArray, correction: FloatArray
-    ) -> list[tuple[int, int, int, float]]:
-        """Return the bends that these targets complete: the rows of three in a row, and the bend at the middle [mm].
+    bend: FloatArray
+    direction: FloatArray
+    spacing: FloatArray
+    limit: float
+    slope: float
+
+    def summary(self) -> dict[str, Any]:
+        """Return the largest changes; None where there is no path."""
+        largest = {
+            "largest_bend_mm": self.bend,
+            "largest_change_of_direction_deg": self.direction,
+            "largest_change_of_spacing_mm": self.spacing,
+        }
+        found = {key: float(np.nanmax(v)) if np.isfinite(v).any() else None for key, v in largest.items()}
+        return {**found, "max_bend_mm": self.limit}
+
+
+@dataclass(frozen=True, eq=False)
+class Kink:
+    """A bend beyond the limit.
+
+    Attributes
+    ----------
+    target : int
+    bend : float [mm]
+    path : (k,) array of int
+        All targets of its path.
+    """
+
+    target: int
+    bend: float
+    path: IntArray
+
+
+class Paths:
+    """The paths of a program.
+
+    Parameters
+    ----------
+    program : Program
+    outcomes : Outcomes
+        With the changes of targets in their own frames in `after`.
+    limit : float [mm], optional
+        Largest bend. Default: four times the RMS standard deviation of the corrected targets, at least 0.1 mm; a bend
+        that is small for the spacing of its targets is allowed then, too.
+    """
+
+    def __init__(self, program: Program, outcomes: Outcomes, limit: float | None = None) -> None:
+        self._n, self._motions = len(program.targets), program.targets.motions
+        self._p, self._change = _in_base(program, outcomes)
+        self.limit, self._slope = limit or default_limit(outcomes), 0.0 if limit else SLOPE
+
+    @property
+    def origin(self) -> str:
+        """How the default limit was found, for the record."""
+        return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets"
+
+    def settle(self, outcomes: Outcomes, on_guard: str) -> Continuity:
+        """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
+
+        A point of such a path may lie in other paths, which are judged again then.
+
+        Raises
+        ------
+        RefusedError
+            If a path bends too much and `on_guard` is ``refuse``.
+        """
+        while True:
+            continuity, kinks = self.judge(outcomes.corrected)
+            if not kinks:
+                return continuity
+            if on_guard == "refuse":
+                raise RefusedError(self._told(outcomes, kinks))
+            for kink in kinks:
+                outcomes.leave(kink.path, f"its whole path stays nominal: {self._words(outcomes, kink)}")
+            outcomes.leave_circles()
+
+    def _words(self, outcomes: Outcomes, kink: Kink) -> str:
+        target = outcomes.program.targets[kink.target]
+        return (
+            f"the correction would bend the path by {kink.bend:.3f} mm at {target.name} (line {target.line}), "
+            f"limit {self.limit:.3f} mm"
+        )
+
+    def _told(self, outcomes: Outcomes, kinks: list[Kink]) -> str:
+        places = [f"{outcomes.program.targets[k.target].where}: {self._words(outcomes, k)}" for k in kinks[:_SHOWN]]
+        more = f" (and {len(kinks) - _SHOWN} more paths)" if len(kinks) > _SHOWN else ""
+        return printable(
+            f'{"; ".join(places)}{more}; leave such paths as they are with on_guard "skip", or state max_bend_mm in '
+            "[correction]"
+        )
+
+    def judge(self, corrected: NDArray[np.bool_]) -> tuple[Continuity, list[Kink]]:
+        """Return what the corrections of some targets do to the paths, and the worst bend of each path if too large.
 
         Parameters
         ----------
-        columns : Columns
-            The next n targets.
-        rows : (n,) array of int
-            Their places in the program.
-        p, correction : (n, 3) arrays [mm], base frame
-            Positions, and what is added; zero where a target stays as it is.
+        corrected : (n,) array of bool
+            The others stay as they are.
         """
-        kinds, which = columns.shared()
-        linear = np.array([bool(t.motions) and all(_LINEAR.fullmatch(word) for word in t.motions) for t in kinds])
-        rows = np.concatenate([self._rows, rows])
-        linear = np.concatenate([self._linear, linear[which]])
-        p, correction = np.concatenate([self._p, p]), np.concatenate([self._correction, correction])
-        self._rows, self._linear, self._p, self._correction = rows[-2:], linear[-2:], p[-2:], correction[-2:]
-        found = _bends(linear, p, correction, self._limit)
-        return [(int(rows[i - 1]), int(rows[i]), int(rows[i + 1]), size) for i, size in found.items()]
+        bend, direction, spacing = np.full((3, self._n), np.nan)
+        row, path = self._rows(corrected)
+        worst: dict[int, tuple[float, int]] = {}
+        for first in range(0, len(row), _BLOCK):
+            here = slice(max(0, first - 1), first + _BLOCK + 1)  # with the neighbours
+            seq = row[here]
+            change = np.where(corrected[seq][:, None], self._change[seq], 0.0)
+            measured = _measure(self._p[seq], change, path[here])
+            at, size, turn, spaced, along = measured
+            np.fmax.at(spacing, seq[1:], spaced)
+            np.fmax.at(bend, seq[at], size)
+            np.fmax.at(direction, seq[at], turn)
+            for k in np.flatnonzero(size > np.maximum(self.limit, self._slope * along)).tolist():
+                of = int(path[here][at[k]])
+                worst[of] = max(worst.get(of, (0.0, 0)), (float(size[k]), int(seq[at[k]])))
+        kinks = [Kink(target, size, np.unique(row[path == of])) for of, (size, target) in sorted(worst.items())]
+        return Continuity(bend, direction, spacing, self.limit, self._slope), kinks
+
+    def _rows(self, corrected: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+        """Return the targets along all paths, and for each the number of its path; standing still counts once."""
+        row, on_path = self._motions
+        known = np.isfinite(self._p[row, 0]) if len(row) else np.empty(0, bool)
+        joined = on_path & known
+        joined[1:] &= known[:-1]
+        path = np.cumsum(~joined)
+        same = np.zeros(len(row), bool)
+        same[1:] = joined[1:] & (row[1:] == row[:-1])
+        twins = np.flatnonzero(joined[1:] & ~same[1:] & (self._p[row[1:]] == self._p[row[:-1]]).all(axis=1)) + 1
+        change = [np.where(corrected[k][:, None], self._change[k], 0.0) for k in (row[twins], row[twins - 1])]
+        same[twins] = (change[0] == change[1]).all(axis=1)
+        keep = known & ~same
+        return row[keep], path[keep]
 
 
-def _bends(linear: NDArray[np.bool_], p: FloatArray, correction: FloatArray, limit: float) -> dict[int, float]:
-    """Return which targets bend a straight path, and by how much [mm]."""
-    if len(p) < 3:
-        return {}
-    a, b, c = p[:-2], p[1:-1], p[2:]
-    along = c - a
-    length = np.linalg.norm(along, axis=1)
-    share = np.einsum("ij,ij->i", b - a, along) / np.maximum(length**2, np.finfo(float).tiny)
-    off = np.linalg.norm(b - a - share[:, None] * along, axis=1)
-    straight = linear[1:-1] & linear[2:] & (length > 0) & (share > 0) & (share < 1) & (off < _STRAIGHT)
-    even = correction[:-2] + share[:, None] * (correction[2:] - correction[:-2])
-    bend = np.linalg.norm(correction[1:-1] - even, axis=1)
-    return {i + 1: float(bend[i]) for i in np.flatnonzero(straight & (bend > limit)).tolist()}
+def default_limit(outcomes: Outcomes) -> float:
+    """Return the largest bend [mm] that the predicted standard deviations of the corrected targets explain."""
+    std = outcomes.std[outcomes.corrected]
+    std = std[np.isfinite(std).all(axis=1)]
+    rms = float(np.sqrt(np.einsum("ij,ij->", std, std) / max(len(std), 1)))
+    return max(SMALLEST_LIMIT, STANDARD_DEVIATIONS * rms)
+
+
+def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArray]:
+    """Return positions and changes of all targets in the base frame, (n, 3) [mm]; NaN where not known."""
+    p, change = np.full((2, len(program.targets), 3), np.nan)
+    for first, columns in program.targets.chunks():
+        here = slice(first, first + len(columns))
+        tf = columns.tf_base_frame()
+        p[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
+        change[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], outcomes.after[here, :3])
+    return p, change
+
+
+def _measure(
+    p: FloatArray, change: FloatArray, path: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Measure consecutive targets (m, 3) [mm].
+
+    Returns
+    -------
+    at : (k,) array of int
+        Targets with a neighbour on both sides in their path, but for those where the path goes back.
+    bend, turn : (k,) arrays [mm], [deg]
+        At these.
+    spacing : (m − 1,) array [mm]
+        Change of every distance; NaN between two paths.
+    along : (k,) array [mm]
+        Harmonic mean of the distances to both neighbours.
+    """
+    step, changed = np.diff(p, axis=0), np.diff(p + change, axis=0)
+    before, after = np.linalg.norm(step, axis=1), np.linalg.norm(changed, axis=1)
+    one_path = path[1:] == path[:-1]
+    spacing = np.where(one_path, np.abs(after - before), np.nan)
+    h1, h2 = before[:-1], before[1:]
+    u, v = (d / np.maximum(size, np.finfo(float).tiny)[:, None] for d, size in ((step, before), (changed, after)))
+    goes_back = np.einsum("ij,ij->i", u[:-1], u[1:]) < _BACK
+    at = np.flatnonzero(one_path[:-1] & one_path[1:] & ~goes_back)
+    h1, h2 = h1[at], h2[at]
+    share = np.where(h1 + h2 > 0, h1 / np.maximum(h1 + h2, np.finfo(float).tiny), 0.5)[:, None]
+    between = change[at] + share * (change[at + 2] - change[at])
+    bend = np.linalg.norm(change[at + 1] - between, axis=1)
+    turn = np.linalg.norm((v[1:] - v[:-1])[at] - (u[1:] - u[:-1])[at], axis=1)
+    turn = np.rad2deg(2.0 * np.arcsin(np.minimum(turn / 2.0, 1.0)))
+    along = 2.0 * h1 * h2 / np.maximum(h1 + h2, np.finfo(float).tiny)
+    return at + 1, bend, turn, spacing, along

@@ -6,6 +6,7 @@ A dialect's reader makes a `Point` for each target that it finds, and `Judge` gi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -13,7 +14,7 @@ from itertools import accumulate
 from typing import Final, NamedTuple
 
 from truepose.programs import orientations
-from truepose.programs.columns import Stretch, Targets
+from truepose.programs.columns import NO_MOTIONS, Motions, Stretch, Targets
 from truepose.programs.source import Source, Span, parse_number
 from truepose.programs.target import FloatArray, Target, Verdict
 from truepose.programs.targets import FrameTable, Key, ReadOptions, frame_key, linked
@@ -22,13 +23,45 @@ AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
 
 
-Place = int | str
+class FileLine(NamedTuple):
+    """A line of one of several files."""
+
+    file: str
+    line: int
+
+
+Place = int | FileLine
 """A line; or, in a program of several files, a file with its line."""
 
 
 def at(place: Place) -> str:
     """Return a place in words."""
-    return f"line {place}" if isinstance(place, int) else place
+    return f"line {place}" if isinstance(place, int) else f"{place.file}, line {place.line}"
+
+
+class Visit(NamedTuple):
+    """A motion to a target, as it stands in the order of the text.
+
+    Attributes
+    ----------
+    file : str
+        Empty where there is one.
+    line, order : int
+        The line, and the place among the motions of a line.
+    section : int
+        Another one from the motion before: control does not go from there to here.
+    item : int
+        The target, or the stretch of targets.
+    word : str
+        Of the motion.
+    """
+
+    file: str
+    line: int
+    order: int
+    section: int
+    item: int
+    word: str
 
 
 class Problem(NamedTuple):
@@ -61,13 +94,23 @@ class Frame(NamedTuple):
 
 
 class Use(NamedTuple):
-    """A motion to a point; without tool or frame, the one that the user says is in force."""
+    """A motion to a point; without tool or frame, the one that the user says is in force.
+
+    `section` and `order` are those of `Visit`.
+    """
 
     word: str
     line: Place
     tool: Frame | None = None
     frame: Frame | None = None
     problem: Problem | None = None
+    section: int = 0
+    order: int = 0
+
+    def visit(self, item: int) -> Visit:
+        """Return the motion as one to a target."""
+        file, line = ("", self.line) if isinstance(self.line, int) else self.line
+        return Visit(file, line, self.order, self.section, item, self.word)
 
 
 @dataclass(slots=True, eq=False)
@@ -165,10 +208,14 @@ class Judge:
         problem: Problem | None = None
         try:
             self._check(point)
-            tool, frame = self._in_force(point.uses)
-            tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
         except _Stop as stop:
             problem = stop.problem
+        try:  # also where the target stays as it is: a path may go through it
+            if point.uses:
+                tool, frame = self._in_force(point.uses)
+                tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
+        except _Stop as stop:
+            problem = problem or stop.problem
         known = len(point.values) == 3 + orientations.count(self._controller)
         return Target(
             name=point.name,
@@ -269,7 +316,9 @@ class Judge:
         """
         place = {id(point): i for i, point in enumerate(points)}
         joined = [[place[id(point)] for point in circle] for circle in circles]
-        return in_order([self.target(point) for point in points], joined, list({p.source: None for p in points}))
+        visits = [use.visit(place[id(point)]) for point in points for use in point.uses]
+        sources = list({point.source: None for point in points})
+        return in_order([self.target(point) for point in points], joined, sources, visits)
 
 
 @lru_cache(maxsize=256)
@@ -280,7 +329,10 @@ def _array(tf: bytes) -> FloatArray:
 
 
 def in_order(
-    items: Sequence[Target | Stretch], circles: Iterable[Sequence[int]], sources: Sequence[Source]
+    items: Sequence[Target | Stretch],
+    circles: Iterable[Sequence[int]],
+    sources: Sequence[Source],
+    visits: Iterable[Visit],
 ) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
     """Return a program's targets in the order of the text, file by file, and its circles by their places there.
 
@@ -293,6 +345,8 @@ def in_order(
         Places in `items`.
     sources : sequence of Source
         In the order of the files.
+    visits : iterable of Visit
+        The motions to the items.
     """
     rank = {source.path: k for k, source in enumerate(sources)}
 
@@ -304,8 +358,33 @@ def in_order(
     starts = accumulate([1 if isinstance(item := items[i], Target) else len(item) for i in order], initial=0)
     place = dict(zip(order, starts, strict=False))
     replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
-    targets = Targets(replaced.get(i, items[i]) for i in order)
+    motions = _motions(visits, place, items)
+    targets = Targets((replaced.get(i, items[i]) for i in order), motions)
     return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
+
+
+_NO_PATH: Final = re.compile(
+    r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
+)
+"""Motions by joints, whose path is no line in space; and points of data that no motion is known to."""
+
+
+def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[Target | Stretch]) -> Motions:
+    """Return the motions in the order of the text."""
+    import numpy as np
+
+    targets, linear, before = [], [], None
+    for visit in sorted(visits):
+        item, first = items[visit.item], place[visit.item]
+        size = 1 if isinstance(item, Target) else len(item)
+        on_path = _NO_PATH.fullmatch(visit.word) is None
+        targets.append(np.arange(first, first + size))
+        linear.append(np.full(size, on_path))
+        linear[-1][0] = on_path and before == (visit.file, visit.section)
+        before = (visit.file, visit.section)
+    if not targets:
+        return NO_MOTIONS
+    return Motions(np.concatenate(targets), np.concatenate(linear))
 
 
 def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:

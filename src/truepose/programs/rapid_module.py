@@ -11,7 +11,7 @@ from truepose.errors import FileError
 from truepose.programs import rapid_syntax as syntax
 from truepose.programs import shifts
 from truepose.programs.flow import UNSET, InForce, Structure
-from truepose.programs.points import Place, Point, Problem, at
+from truepose.programs.points import FileLine, Place, Point, Problem, at
 from truepose.programs.rapid_data import frame_data, robtarget
 from truepose.programs.rapid_motions import MotionReader
 from truepose.programs.rapid_names import Datum, Read, Routine, Scope, Task, Variable, late_bound
@@ -97,7 +97,7 @@ class Module:
 
     def place(self, line: int) -> Place:
         """Return a line, with the file's name if the task has several."""
-        return f"{self.source.path.name}, line {line}" if self._task.named else line
+        return FileLine(self.source.path.name, line) if self._task.named else line
 
     def find(self, name: str) -> Variable | None:
         """Return the robtarget of a name."""

@@ -27,7 +27,8 @@ class MotionReader:
 
     def joint(self, token: Token, line: int) -> None:
         """Take a motion to joints."""
-        self._add(Point(f"{self._module.cased(token)}:{line}", self._source, line, problem=JOINTS), token.text, line)
+        name = f"{self._module.cased(token)}:{line}"
+        self._add(Point(name, self._source, line, problem=JOINTS), self._use(token.text, token, line))
 
     def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> None:
         """Refuse an instruction that looks like a motion."""
@@ -38,7 +39,8 @@ class MotionReader:
         if literal or (shape and len(positional) > 3):
             word = self._module.cased(statement[0])
             reason = f"looks like a motion that is not known: {self._module.shown(statement)}"
-            self._add(Point(f"{word}:{line}", self._source, line, problem=Problem("refuse", reason)), word, line)
+            point = Point(f"{word}:{line}", self._source, line, problem=Problem("refuse", reason))
+            self._add(point, self._use(word, statement[0], line))
 
     def read(self, token: Token, circle: bool, arguments: list[Argument], line: int) -> None:
         """Take a motion."""
@@ -49,7 +51,7 @@ class MotionReader:
         goals = 2 if circle else 1
         if len(positional) < goals + 2:
             problem = Problem("refuse", "a motion that is not understood")
-            self._add(Point(f"{word}:{line}", self._source, line, problem=problem), word, line)
+            self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
             return
         tool, tool_problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional[goals - 1 :]))
         wobj_tokens = next((a.tokens for a in arguments if a.name == "WOBJ"), None)
@@ -58,8 +60,11 @@ class MotionReader:
         if wobj_tokens is not None:
             wobj, wobj_problem = self._frame("wobjdata", wobj_tokens)
         shifted = _CORRECTED_PATH if any(a.name == "CORR" for a in arguments) else None
-        use = Use(word, self._module.place(line), tool, wobj, tool_problem or wobj_problem or shifted)
-        found = [self._goal(tokens, word, line, use, k, goals) for k, tokens in enumerate(positional[:goals])]
+        use = self._use(word, token, line)._replace(
+            tool=tool, frame=wobj, problem=tool_problem or wobj_problem or shifted
+        )
+        uses = [use, use._replace(order=use.order + 1)][:goals]
+        found = [self._goal(positional[k], line, use, k, goals) for k, use in enumerate(uses)]
         if circle:
             self._task.circles += [[a, b] for a in found[0] for b in found[1]] or [found[0] + found[1]]
 
@@ -90,10 +95,10 @@ class MotionReader:
         text = self._module.cased(items[0])
         return Frame(text, text), None
 
-    def _goal(self, items: list[Token], word: str, line: int, use: Use, k: int, goals: int) -> list[Point]:
+    def _goal(self, items: list[Token], line: int, use: Use, k: int, goals: int) -> list[Point]:
         """Take where a motion goes; return the points that it may be."""
         suffix = ("", "") if goals == 1 else (" auxiliary", " end")
-        name = f"{word}:{line}{suffix[k]}"
+        name = f"{use.word}:{line}{suffix[k]}"
         parsed = syntax.value(items)
         if is_list(parsed):
             point = robtarget(self._source, self._options, name, parsed, line)
@@ -108,7 +113,7 @@ class MotionReader:
         if function in OFFSETS and self._options.offsets:
             reason = f"offset from a point that is corrected: {self._module.shown(items)}"
         point = Point(name, self._source, line, problem=Problem("skip", reason))
-        return [self._add(point, word, line)]
+        return [self._add(point, use)]
 
     def _named(self, items: list[Token], name: str, line: int, use: Use) -> list[Point]:
         variable = self._module.find(items[0].text)
@@ -116,15 +121,15 @@ class MotionReader:
             known = self._module.is_inner(items[0].text)
             reason = "target known at run time only" if known else "declared in another module"
             point = Point(self._module.cased(items[0]), self._source, line, problem=Problem("skip", reason))
-            return [self._add(point, use.word, line)]
+            return [self._add(point, use)]
         index = syntax.constant_index(items[1:])
         if not variable.elements:
             problem = Problem("skip", "its value is known at run time only")
-            return [self._add(Point(variable.name, self._source, line, problem=problem), use.word, line)]
+            return [self._add(Point(variable.name, self._source, line, problem=problem), use)]
         found = [p for key, p in variable.elements.items() if index is None or key == index]
         if not found:
             point = Point(name, self._source, line, problem=Problem("refuse", f"{variable.name} has no such element"))
-            return [self._add(point, use.word, line)]
+            return [self._add(point, use)]
         for point in found:
             self._move(point, use)
         return found
@@ -165,8 +170,11 @@ class MotionReader:
             return None
         return Problem("skip", "")  # the words follow when the largest offset is known
 
-    def _add(self, point: Point, word: str, line: int) -> Point:
-        point.uses.append(Use(word, self._module.place(line)))
+    def _use(self, word: str, token: Token, line: int) -> Use:
+        return Use(word, self._module.place(line), section=self._task.flow.section, order=token.start)
+
+    def _add(self, point: Point, use: Use) -> Point:
+        point.uses.append(use)
         self._task.points.append(point)
         return point
 

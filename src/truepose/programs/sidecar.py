@@ -31,7 +31,7 @@ _TARGETS: Final = ' "targets": ['
 _COLUMNS: Final = (
     *("file", "line", "name", "motion", "frame", "tool", "status", "turn"),
     *("x_mm", "y_mm", "z_mm", "x_after_mm", "y_after_mm", "z_after_mm"),
-    *("ex_mm", "ey_mm", "ez_mm", "sx_mm", "sy_mm", "sz_mm"),
+    *("ex_mm", "ey_mm", "ez_mm", "sx_mm", "sy_mm", "sz_mm", "bend_mm", "turn_deg", "spacing_mm"),
 )
 _quoted = json.encoder.encode_basestring
 
@@ -58,6 +58,7 @@ def record(corrected: CorrectedProgram, *, with_targets: bool = True) -> dict[st
         "limits": corrected.limits.to_dict(),
         "resolution_mm": corrected.resolution,
         "summary": corrected.summary(),
+        "continuity": corrected.continuity.summary(),
         "warnings": list(corrected.warnings),
     }
     if with_targets:
@@ -98,14 +99,15 @@ def _angle_columns(corrected: CorrectedProgram) -> list[str]:
 
 def _rows(corrected: CorrectedProgram) -> Iterator[tuple[list[str], list[str]]]:
     """Yield some thousand targets at a time, each as a line of JSON and a line of CSV."""
-    done = corrected.targets
+    done, path = corrected.targets, corrected.continuity
     k = done.after.shape[1]
     for first, columns in corrected.program.targets.chunks():
         here = slice(first, first + len(columns))
         before = columns.values[:, :k]
         after = np.where(np.isnan(done.after[here]), before, done.after[here])
         size = np.linalg.norm(done.std[here], axis=1)[:, None]
-        xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], after[:, :3] - before[:, :3], size]
+        bends = np.column_stack([path.bend[here], path.direction[here], path.spacing[here]])
+        xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], bends, after[:, :3] - before[:, :3], size]
         texts = _texts(np.concatenate([*xyz, before[:, 3:], after[:, 3:]], axis=1))
         kinds, which = columns.shared()
         templates = [_templates(kind, k - 3) for kind in kinds]
@@ -118,7 +120,7 @@ def _rows(corrected: CorrectedProgram) -> Iterator[tuple[list[str], list[str]]]:
             json_form, csv_form = templates[kind]
             filled = [number or "null" for number in (status, turn, *row)]
             lines.append(json_form % (line, _quoted(name), *filled, verdict, _quoted(reason)))
-            shown = (*row[:12], *row[16:])
+            shown = (*row[:15], *row[19:])
             rows.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason)))
         yield lines, rows
 
@@ -143,11 +145,12 @@ def _templates(target: Target, angles: int) -> tuple[str, str]:
     json_form = (
         f'{{"file": {_quoted(file)}, "line": %s, "name": %s, "motion": {_quoted(motion)}, "frame": {_quoted(frame)}, '
         f'"tool": {_quoted(tool)}, "configuration": {_quoted(configuration)}, "status": %s, "turn": %s, '
-        f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, "correction_mm": {three}, '
+        f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, '
+        f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "correction_mm": {three}, '
         f'"std_mm": %s{oriented}, "verdict": "%s", "reason": %s}}'
     )
     head = f"{_cell(file)},%s,%s,{_cell(motion)},{_cell(frame)},{_cell(tool)},%s,%s,"
-    return json_form, head + ",".join(["%s"] * (12 + 2 * angles + 2)) + "\n"
+    return json_form, head + ",".join(["%s"] * (15 + 2 * angles + 2)) + "\n"
 
 
 def _cell(text: str) -> str:

@@ -269,7 +269,7 @@ class _Reader:
 
     def _goal(self, name: str, word: str, statement: _Statement, a: int, b: int, masked: bytearray) -> Point | str:
         line, text = statement.line, statement.code[a:b]
-        use = Use(word, line, None, _BASE)
+        use = Use(word, line, None, _BASE, section=self._flow.section)
         variable = self._key(text.decode("latin-1"))
         if variable in self._named:
             masked[a:b] = b" " * (b - a)
@@ -287,7 +287,8 @@ class _Reader:
         return self._other(word, line, Problem("skip", f"target computed at run time: {_shown(text)}"), name)
 
     def _other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
-        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line)])
+        use = Use(word, line, section=self._flow.section)
+        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[use])
         self._others.append(point)
         return point
 

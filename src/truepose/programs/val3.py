@@ -16,7 +16,18 @@ import numpy as np
 from truepose import files
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
-from truepose.programs.points import AS_MEASURED, JOINTS, NOT_HERE, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.points import (
+    AS_MEASURED,
+    JOINTS,
+    NOT_HERE,
+    FileLine,
+    Frame,
+    Judge,
+    Point,
+    Problem,
+    Use,
+    numbers_at,
+)
 from truepose.programs.source import PLAIN_LEXER, Source
 from truepose.programs.targets import FloatArray, FrameTable, Key, Program, ReadOptions
 
@@ -266,7 +277,7 @@ def _uses(
             for point in chosen:
                 if m.start() in direct:
                     word, frame, problem = direct[m.start()]
-                    point.uses.append(Use(word, line, frame, frame_of[id(point)], problem))
+                    point.uses.append(Use(word, FileLine(program.name, line), frame, frame_of[id(point)], problem))
                 else:
                     point.reads.append((line, f"read by arithmetic in {program.name}"))
     return changed
