@@ -31,11 +31,15 @@ class Answer:
 
 @dataclass
 class FakeMap:
-    """Asks for the same shift [mm], base frame, at every target; guards the targets whose number is in `guarded`."""
+    """Asks for the same shift [mm], base frame, at every target; guards the targets whose number is in `guarded`.
+
+    Its standard deviation [mm] is so large that no path counts as bent; tests of paths state another.
+    """
 
     shift: Any = (0.0, 0.0, 0.0)
     guarded: dict[int, str] = field(default_factory=dict)
     hash: str = "0" * 64
+    std: float = 2.0
     calls: list[dict[str, Any]] = field(default_factory=list)
 
     def correct(self, poses: np.ndarray, **more: Any) -> Answer:
@@ -51,7 +55,7 @@ class FakeMap:
             if before <= i < before + n:
                 verdict[i - before] = "refuse" if more["on_guard"] == "refuse" else "skip"
                 reason[i - before], shift[i - before] = why, 0.0
-        return Answer(p, p + shift, -shift, np.full((n, 3), 0.02), verdict, reason)
+        return Answer(p, p + shift, -shift, np.full((n, 3), self.std), verdict, reason)
 
 
 @pytest.fixture

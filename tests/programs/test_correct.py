@@ -153,7 +153,7 @@ def test_write_leaves_every_file_and_the_record(path: Path, frames: FrameTable, 
     assert record["map_sha256"] == "0" * 64
     assert record["summary"]["corrected"] == 3
     assert record["summary"]["largest_correction_mm"] == pytest.approx(np.sqrt(0.14), abs=2e-3)
-    assert record["summary"]["largest_std_mm"] == pytest.approx(0.02 * np.sqrt(3))
+    assert record["summary"]["largest_std_mm"] == pytest.approx(2.0 * np.sqrt(3))
     home = record["targets"][0]
     assert (home["name"], home["before_mm"], home["std_mm"]) == ("XHOME", [None] * 3, None)
     rows = list(csv.DictReader(io.StringIO(written[3].read_text())))

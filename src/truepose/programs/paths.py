@@ -106,7 +106,8 @@ class Paths:
     @property
     def origin(self) -> str:
         """How the default limit was found, for the record."""
-        return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets"
+        least = f"at least {SMALLEST_LIMIT:g} mm"
+        return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets, {least}"
 
     def settle(self, outcomes: Outcomes, on_guard: str) -> Continuity:
         """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
