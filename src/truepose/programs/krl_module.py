@@ -33,6 +33,7 @@ from truepose.programs.krl_words import (
     WORLD_CHANGE,
     split_parameters,
 )
+from truepose.programs.points import FileLine
 from truepose.programs.robot_base import is_null
 from truepose.programs.source import Source
 from truepose.programs.targets import ReadOptions
@@ -235,7 +236,7 @@ class Module:
     def _other(self, statement: Statement) -> None:
         word, line, start, rest, end = statement
         data = self._src.data
-        where = f"{self._src.path.name}, line {line}" if self._shared.project else line
+        where = FileLine(self._src.path.name, line) if self._shared.project else line
         shifts.follow(self._flow, shifts.KRL, data[start:end], where)
         for given in HANDED_POSE.finditer(data, start, end):
             if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
