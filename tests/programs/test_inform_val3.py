@@ -50,9 +50,18 @@ def test_postype_is_modal_and_switches_inside_a_job(job: Read) -> None:
     assert program.targets[1].configuration == "1,0,0,0,0"
 
 
+@pytest.mark.promise("P variables of INFORM are corrected only where no other job uses them.")
+def test_p_variables_are_those_of_all_jobs(job: Read) -> None:
+    program = job("MOVL P002 V=1.0\nMOVL C00001 V=1.0", f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nP00002={XYZ}")
+    assert verdicts(program) == {"C00001": "correct", "P00002": "refuse"}
+    reason = next(t.reason for t in program.targets if t.name == "P00002")
+    assert "P variables are those of all jobs" in reason
+    assert "--whole-task" in reason
+
+
 def test_p_variables_shifts_increments_and_mframe(job: Read) -> None:
     positions = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nP00002={XYZ}"
-    assert verdicts(job("MOVL P002 V=1.0", positions))["P00002"] == "correct"
+    assert verdicts(job("MOVL P002 V=1.0", positions, whole_task=True))["P00002"] == "correct"
     for code in ("SET P002 (1) 5", "GETS PX002 $PX001", "ADD P002 P003", "CNVRT PX002 PX003 BF"):
         assert verdicts(job(f"{code}\nMOVL P002 V=1.0", positions))["P00002"] == "skip", code
     assert verdicts(job("MOVL P[I001] V=1.0", positions))["P[I001]"] == "skip"

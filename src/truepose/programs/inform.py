@@ -13,6 +13,9 @@ from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, 
 from truepose.programs.source import PLAIN_LEXER, Source, printable
 from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
 
+_OF_ALL_JOBS: Final = Problem(
+    "refuse", "P variables are those of all jobs: another may move to it or write it; say that none does (--whole-task)"
+)
 _POSITION = re.compile(rb"[ \t]*(B?E?[CP])(\d{3,6})[ \t]*=[ \t]*")
 _MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
 _MOTION = re.compile(rb"[ \t]*[+*]?[ \t]*S?(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CP]X?\d+)*)", re.I)
@@ -160,6 +163,8 @@ class _Reader:
             if problem is None and shifted_by:
                 problem = Problem("skip", f"{min(shifted_by)} shifts it at run time")
             problem = shifts.problem_of(state.shifts) or problem
+            if problem is None and point.name.startswith("P") and not self._options.whole_task:
+                problem = _OF_ALL_JOBS
             point.uses.append(Use(word, line, tool, frame, problem))
 
     def _instruction(self, line: int, code: bytes, labels: set[bytes], structured: bool) -> None:
