@@ -273,7 +273,7 @@ def test_unexpected_errors(run, monkeypatch, error, message):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.promise("A full disk and a closed pipe behind the output end in one line without a traceback")
+@pytest.mark.promise("A full disk behind the output ends in one line without a traceback")
 def test_full_output():
     code = "from truepose.cli import main; main()"
     with Path("/dev/full").open("wb") as full:
