@@ -176,6 +176,23 @@ def test_the_largest_deviation_does_not_depend_on_the_samples(virtual, targets, 
     record_property("cases", 2 * len(cases))
 
 
+@pytest.mark.promise("A drift that the campaign shows, also one below the limit, widens the deviation of corrections.")
+def test_a_drift_below_the_limit_widens_the_deviation(record_property):
+    seeds = (102, 103)
+    for seed in seeds:
+        cold, warm = (tp.VirtualCell(kind, seed=seed) for kind in ("cold-start", "hard"))
+        cold, warm = (
+            tp.fit_cell(cell.cell, cell.measure(cell.design(100, seed=seed), seed=seed), "registration")
+            for cell in (cold, warm)
+        )
+        (drift,) = [fault["size"] for fault in cold.campaign["faults"]]
+        assert 0.05 < drift < cold.campaign["limit_mm"]
+        assert warm.campaign["faults"] == []
+        beyond = cold.unexplained - np.maximum(cold.predictor.nugget_ - (0.051 / 3.6) ** 2, 0.0)
+        assert beyond.sum() == pytest.approx((2 * drift) ** 2, rel=0.05)
+    record_property("cases", len(seeds))
+
+
 @pytest.mark.promise("Samples at one orientation support targets within 2° of it, whatever max_angle_deg says.")
 def test_one_orientation_supports_no_other(good, virtual, targets):
     turned = targets.copy()

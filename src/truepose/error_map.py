@@ -206,10 +206,14 @@ class ErrorMap:
         """Variance of what the arm does beyond the predictor's field, in each direction, (3,) [mm²], base frame.
 
         The predictor's nugget less what is known of repeatability; the noise of readings is not in the nugget where it
-        is known. What is not known is not taken off, and counts as error of the arm.
+        is known. What is not known is not taken off, and counts as error of the arm. A drift that the tests of the
+        campaign found comes on top, also below their limit, and twice: it goes on after the campaign, as an arm does
+        that warmed up while it was measured.
         """
+        faults = self.campaign.get("faults", [])
+        drift = sum((2.0 * fault["size"]) ** 2 for fault in faults if fault["kind"] in ("drift", "moved")) / 3.0
         repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
-        return np.asarray(np.maximum(self.predictor.nugget_ - repeatability**2, 0.0))
+        return np.asarray(np.maximum(self.predictor.nugget_ - repeatability**2, 0.0) + drift)
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors and their deviation at commanded poses, both (n, 3) [mm], base frame.
