@@ -40,8 +40,8 @@ LIMITS = {
     "max_std_mm": 1e-4,
     "max_correction_mm": 1e-3,
     "max_distance_mm": 1e-6,
-    "max_angle_deg": 1e-9,
-    "max_tool_mm": 1e-9,
+    "max_angle_deg": 1e-6,
+    "max_tool_mm": 1e-6,
 }
 
 
