@@ -195,10 +195,11 @@ def _fit(cell: Cell, samples: Samples, method: Method) -> ErrorMap:
     with (7) in terms of semivariograms, γ(0) = 0, the prediction passes through the samples.
     """
     if method.predictor:
-        return fit_cell(cell, samples, method.predictor, splits=["blocks"], folds=3)
+        options: dict[str, Any] = {"splits": ["blocks"], "folds": 3} if method.predictor == "auto" else {}
+        return fit_cell(cell, samples, method.predictor, **options)
     registered = fit_cell(cell, samples, "registration")
     kriging = OrdinaryKriging("spherical", exact=True).fit(registered.p_cmd, registered.e)
-    return replace(registered, predictor_name="ordinary-kriging", predictor=kriging)
+    return replace(registered, predictor_name="ordinary-kriging", predictor=kriging, known_worth=None)
 
 
 def _miss(

@@ -347,9 +347,9 @@ def test_on_the_command_line(tmp_path):
 
 
 def test_the_measured_ur10(ur10):
-    """Poses chosen before any reading is looked at leave less than as many at random (issue's marks: 0.33, 0.21 mm)."""
+    """Poses chosen before any reading is looked at leave less than as many at random (marks: 0.33, 0.21 mm)."""
     samples = tp.read_samples(ur10 / "samples.csv")
-    cell = Cell.from_toml('[robot]\nmodel = "universal-robots-ur10"\n[tool]\nz_mm = 109.0\n')
+    cell = Cell.from_toml('[robot]\nmodel = "universal-robots-ur10"\n[tool]\nz_mm = 109.0\nrz_rad = 1.5717\n')
     for n, mark in ((20, 0.33), (60, 0.21)):
         chosen = plan(cell, n, candidates=samples.q).q
         rows = np.array([int(np.argmin(np.abs(samples.q - q).max(axis=1))) for q in chosen])
