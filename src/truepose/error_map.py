@@ -206,14 +206,24 @@ class ErrorMap:
         """Variance of what the arm does beyond the predictor's field, in each direction, (3,) [mm²], base frame.
 
         The predictor's nugget less what is known of repeatability; the noise of readings is not in the nugget where it
-        is known. What is not known is not taken off, and counts as error of the arm. A drift that the tests of the
-        campaign found comes on top, also below their limit, and twice: it goes on after the campaign, as an arm does
-        that warmed up while it was measured.
+        is known. What is not known is not taken off, and counts as error of the arm. A nugget is taken one standard
+        error larger than it was estimated: near the repeatability, the difference is mostly that error. A drift that
+        the tests of the campaign found comes on top, also below their limit, and twice: it goes on after the campaign,
+        as an arm does that warmed up while it was measured.
         """
         faults = self.campaign.get("faults", [])
         drift = sum((2.0 * fault["size"]) ** 2 for fault in faults if fault["kind"] in ("drift", "moved")) / 3.0
+        nugget, known = self._nugget_and_known
+        return np.asarray(nugget - known + drift)
+
+    @cached_property
+    def _nugget_and_known(self) -> tuple[FloatArray, FloatArray]:
+        """The nugget with one standard error, that of a variance of 3n readings; what of it is known, (3,) [mm²]."""
+        nugget, reading = self.predictor.nugget_, self.predictor.noise_std_
+        noise = 0.0 if reading is None else np.mean(reading**2, axis=0)
+        nugget = np.where(nugget > 0.0, nugget + np.sqrt(2.0 / (3 * len(self.samples))) * (nugget + noise), 0.0)
         repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
-        return np.asarray(np.maximum(self.predictor.nugget_ - repeatability**2, 0.0) + drift)
+        return nugget, np.minimum(nugget, repeatability**2)
 
     def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors and their deviation at commanded poses, both (n, 3) [mm], base frame.
@@ -233,8 +243,7 @@ class ErrorMap:
         """Return what errors (n, 3) [mm] are expected of new samples, and the std of that with a reading's noise."""
         e, std = self.predict_errors(samples)
         known = self.reading_noise(samples)
-        beyond = self.predictor.nugget_ - self.unexplained
-        return e, np.sqrt(std**2 + beyond + (0.0 if known is None else known**2))
+        return e, np.sqrt(std**2 + self._nugget_and_known[1] + (0.0 if known is None else known**2))
 
     def reading_noise(self, samples: Samples) -> FloatArray | None:
         """Return what is known beforehand of the noise of new samples, (n, 3) [mm], base frame: see `reading_noise`.
