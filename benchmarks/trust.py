@@ -26,7 +26,19 @@ ROOT = Path(__file__).parent.parent
 SEEDS = range(20)
 QUICK_PREDICTORS = ("ordinary-kriging", "kinematic-kriging")
 COLUMNS = (
-    *("kind", "predictor", "corrected", "worse", "worst cell", "below", "inside", "worst", "refused"),
+    *(
+        "kind",
+        "predictor",
+        "corrected",
+        "worse",
+        "worst cell",
+        "below",
+        "inside",
+        "worst",
+        "readings",
+        "worst",
+        "refused",
+    ),
     *("before [mm]", "after [mm]"),
 )
 FEWEST_COMPONENTS = 30  # of a cell's corrected targets, for a share inside their intervals
@@ -115,8 +127,9 @@ def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> No
         "noise, in the base frame of the map. Worse: corrected targets whose true error is larger than before, of all "
         "cells of the row, and in the worst cell with 30 corrected targets or more. Inside: components of the true "
         "errors of corrected targets inside their 95 % intervals, median over the cells with at least "
-        f"{FEWEST_COMPONENTS} components, and the worst such cell. Maps refused: weak, or of a campaign that was "
-        "refused. `below`: targets that stay nominal since their correction is below its uncertainty."
+        f"{FEWEST_COMPONENTS} components, and the worst such cell. Readings: the same share of new readings at all "
+        "targets, as `validate` states it, measured in the conditions of the samples. Maps refused: weak, or of a "
+        "campaign that was refused. `below`: targets that stay nominal since their correction is below its uncertainty."
     )
     page.head(COLUMNS)
     names = QUICK_PREDICTORS if quick else tuple(PREDICTORS)
@@ -148,6 +161,8 @@ class Row(NamedTuple):
     below: int
     inside: float
     worst_inside: float
+    readings: float
+    worst_readings: float
     refused: str
     before_mm: float
     after_mm: float
@@ -158,6 +173,7 @@ class Row(NamedTuple):
         corrected = sum(cell.corrected for cell in cells)
         inside = [cell.coverage for cell in cells if cell.components >= FEWEST_COMPONENTS]
         worse = [cell.worse / cell.corrected for cell in cells if cell.corrected >= FEWEST_COMPONENTS]
+        readings = [cell.of_readings for cell in cells if not np.isnan(cell.of_readings)]
         used = [cell for cell in cells if cell.corrected]
         weights = [cell.corrected for cell in used]
         return cls(
@@ -167,6 +183,8 @@ class Row(NamedTuple):
             sum(cell.below for cell in cells),
             float(np.median(inside)) if inside else float("nan"),
             min(inside, default=float("nan")),
+            float(np.median(readings)) if readings else float("nan"),
+            min(readings, default=float("nan")),
             f"{sum(bool(cell.refused) for cell in cells)} of {len(cells)}",
             float(np.average([cell.before_mm for cell in used], weights=weights)) if used else float("nan"),
             float(np.average([cell.after_mm for cell in used], weights=weights)) if used else float("nan"),
@@ -181,6 +199,8 @@ class Row(NamedTuple):
             str(self.below),
             _percent(self.inside, 1),
             _percent(self.worst_inside, 1),
+            _percent(self.readings, 1),
+            _percent(self.worst_readings, 1),
             self.refused,
             _millimetres(self.before_mm),
             _millimetres(self.after_mm),

@@ -6,7 +6,7 @@ from the samples is part of the map, and takes up what a tool or a drift has in 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,8 @@ class Fate:
         Components of the corrected targets' errors inside their 95 % intervals, and all.
     before_mm, after_mm : float
         Mean true error of the corrected targets.
+    of_readings : float
+        Share of the components of new readings inside their 95 % intervals, as ``validate`` states it.
     refused : str
         Why the map is not used, or could not be made; empty where it is used.
     """
@@ -56,6 +58,7 @@ class Fate:
     components: int = 0
     before_mm: float = float("nan")
     after_mm: float = float("nan")
+    of_readings: float = float("nan")
     refused: str = ""
 
     @property
@@ -79,7 +82,8 @@ def fates(
     for name in predictors:
         try:
             error_map = fit_cell(cell.cell, measured, name)
-            found.append(_fate(kind, cell, error_map, q))
+            readings = error_map.validate(cell.measure(q, seed=seed + _WORK))["coverage"]["within_95"]
+            found.append(replace(_fate(kind, cell, error_map, q), of_readings=readings))
         except TrueposeError as error:
             found.append(Fate(kind, seed, name, refused=str(error)))
     return found
