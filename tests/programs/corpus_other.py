@@ -106,6 +106,25 @@ END
         2,
         1,
     ),
+    "val3-public": Example(
+        {
+            "library.dtx": """<?xml version="1.0" encoding="utf-8"?>
+<Database xmlns="http://www.staubli.com/robotics/VAL3/Data/2">
+  <Datas>
+    <Data name="pShared" access="public" type="pointRx" size="1">
+      <Value key="0" x="600" y="-20.25" z="800" rx="180" ry="0" rz="0" fatherId="world[0]" />
+    </Data>
+    <Data name="pOwn" access="private" type="pointRx" size="1">
+      <Value key="0" x="620" y="-20.25" z="800" rx="180" ry="0" rz="0" fatherId="world[0]" />
+    </Data>
+  </Datas>
+</Database>
+"""
+        },
+        1,
+        0,
+        1,
+    ),
     "csv-semicolon": Example(
         {
             "t.csv": '\ufeffname;x_mm;y_mm;z_mm;a_deg;b_deg;c_deg;note\r\np1;1.5;2.5;3.5;0;0;0;"a;b"\r\n# comment\r\np2; 1 ; 2 ; 3 ;0;0;0;\r\n'

@@ -182,7 +182,7 @@ DIALECTS = {
                 "",
             ),
             (
-                f'<Data type="pointRx" name="p<i>"  size="2"><Value key="0" y="<y>" x="<x>"\n z=\'<z>\' {DTX}<Value  key="1" x="<x>" y="<y>" z="<z>" {DTX}</Data>',
+                f'<Data access="private" type="pointRx" name="p<i>"  size="2"><Value key="0" y="<y>" x="<x>"\n z=\'<z>\' {DTX}<Value  key="1" x="<x>" y="<y>" z="<z>" {DTX}</Data>',
                 "",
             ),
             (

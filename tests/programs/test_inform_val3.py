@@ -185,7 +185,7 @@ def test_programs_beside_the_data_say_how_points_are_used(dtx: Read) -> None:
 
 def test_attributes_are_patched_in_place(tmp_path: Path, make_map: Any) -> None:
     text = (
-        b"<?xml version='1.0' encoding='iso-8859-1'?>\r\n<Database  xmlns='x'><!-- gr\xfcn -->\r\n<Datas><Data type=\"pointRx\" name='p'>"
+        b"<?xml version='1.0' encoding='iso-8859-1'?>\r\n<Database  xmlns='x'><!-- gr\xfcn -->\r\n<Datas><Data access=\"private\" type=\"pointRx\" name='p'>"
         b'<Value  key="0"\r\n  z = \'800.000\' x="600" y="-.5" rx="0" ry="180" rz="0" fatherId="world[0]"/></Data></Datas></Database>'
     )
     path = tmp_path / "a.dtx"
@@ -276,3 +276,32 @@ def test_val3_parameters_and_local_variables(dtx: Read, tmp_path: Path) -> None:
         "<Code><![CDATA[begin\np1.trsf.x=5\nmovel(appro(p1,x),t,m)\nmovel(p2,t,m)\nend]]></Code></Program>"
     )
     assert verdicts(read_program(tmp_path / "a.dtx", FRAMES)) == {"p1": "correct", "p2": "skip"}
+
+
+@pytest.mark.promise("VAL3: public points are corrected only when every application that may use them is read")
+def test_val3_public_points(dtx: Read, tmp_path: Path) -> None:
+    public = item("pointRx", "p1", "f[0]").replace("private", "public")
+    data = public + item("pointRx", "p2") + item("frame", "f").replace("private", "public")
+    unsaid = item("pointRx", "p3").replace('access="private" ', "")
+    program = dtx(data + unsaid + item("tool", "t", "flange[0]"), "movel(p1,t,m)\nmovel(p2,t,m)\nmovel(p3,t,m)")
+    assert verdicts(program) == {"p1": "refuse", "p2": "correct", "p3": "refuse"}
+    assert "--whole-task" in program.targets[0].reason
+    assert "make it private" in program.targets[0].reason
+    correct = dict.fromkeys(("p1", "p2", "p3"), "correct")
+    assert verdicts(read_program(tmp_path / "a.dtx", FRAMES, ReadOptions(whole_task=True))) == correct
+    assert verdicts(read_program(tmp_path, FRAMES)) == correct
+    other = tmp_path / "other"
+    other.mkdir()
+    code = "<Program><Code><![CDATA[begin\n{}\nend]]></Code></Program>"
+    for line, refused in {
+        "movel(lib:p1,t,m)": ["p1"],
+        "lib:P3[0].trsf.x=5": ["p3"],
+        "x=lib:p1.trsf.x+lib:p3.trsf.x": ["p1", "p3"],
+        "lib:f.trsf.x=5": ["p1"],
+        "x=lib:p2.trsf.x // lib:p1": [],  # private: another one of that name
+    }.items():
+        (other / "start.pgx").write_text(code.format(line))
+        judged = read_program(tmp_path, FRAMES)
+        assert [t.name for t in judged.targets if t.verdict == "refuse"] == refused, line
+        if line.startswith("movel"):
+            assert "lib:p1 (line 2 of other/start.pgx)" in judged.targets[0].reason

@@ -78,7 +78,7 @@ def inform(rows: list[np.ndarray], frames: list[int]) -> str:
 def val3(rows: list[np.ndarray], frames: list[int]) -> str:
     keys = ("x", "y", "z", "rx", "ry", "rz")
     data = "".join(
-        f'<Data name="p{i}" type="pointRx"><Value key="0" '
+        f'<Data name="p{i}" access="private" type="pointRx"><Value key="0" '
         + " ".join(f'{k}="{v:.4f}"' for k, v in zip(keys, r, strict=True))
         + f' fatherId="w{f}[0]" /></Data>\n'
         for i, (r, f) in enumerate(zip(rows, frames, strict=True))

@@ -91,7 +91,9 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     return found.programs[0]
 
 
-def _read_file(path: Path, frames: FrameTable | None, options: ReadOptions | None) -> Program:
+def _read_file(
+    path: Path, frames: FrameTable | None, options: ReadOptions | None, folder: Path | None = None
+) -> Program:
     if path_exists(path):
         check_regular(path)
     dialect = dialect_of(path)
@@ -104,7 +106,8 @@ def _read_file(path: Path, frames: FrameTable | None, options: ReadOptions | Non
     module = importlib.import_module(f"truepose.programs.{dialect}")
     options = options or ReadOptions()
     frames = standing(frames or FrameTable(), path, dialect)
-    return _again(partial(module.read, path, frames, options), options)
+    whole = {"folder": folder} if dialect == "val3" and folder is not None else {}
+    return _again(partial(module.read, path, frames, options, **whole), options)
 
 
 def dialect_of(path: Path) -> str:
@@ -137,7 +140,7 @@ def read_programs(
 
     def take(path: Path, root: Path | None = None) -> None:
         try:
-            program = read_program(path, frames, options) if root is None else _read_file(path, frames, options)
+            program = read_program(path, frames, options) if root is None else _read_file(path, frames, options, root)
             programs.append(program if root is None else replace(program, root=root))
         except FileError as error:
             unreadable.append(error)

@@ -1,7 +1,8 @@
 """Stäubli VAL3 (.dtx): points of an application's data, with the frames and tools of the same file.
 
-What the application does with a point is read from the programs (.pgx) beside the file. Without any, every point counts
-as one that is moved to. The XML is never written again: only digits of attributes change.
+What the application does with a point is read from the programs (.pgx) beside the file. Without any, every point is
+one that is moved to. Other applications use public data as `library:name`, so public points are judged over a folder
+and refused in a file that is read alone. The XML is never written again: only digits of attributes change.
 """
 
 from __future__ import annotations
@@ -40,13 +41,20 @@ _HIDING = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re
 _ROOTS: Final = {"world": 0, "flange": 0}
 _FATHER = re.compile(r"(\w+)(?:\[([0-9]{1,9})\])?")
 _POINTS: Final = ("pointRx", "point")
+_PUBLIC: Final = Problem(
+    "refuse",
+    "it is public: another application may move to it or write it; give the folder with all applications, say that "
+    "none does (--whole-task), or make it private",
+)
 
 
 class _Value:
     """One <Value> of one <Data>: its attributes with their bytes."""
 
-    def __init__(self, data: str, key: str, attributes: dict[str, tuple[bytes, int]], line: int) -> None:
-        self.data, self.key, self.attributes, self.line = data, key, attributes, line
+    def __init__(
+        self, data: str, key: str, attributes: dict[str, tuple[bytes, int]], line: int, *, public: bool
+    ) -> None:
+        self.data, self.key, self.attributes, self.line, self.public = data, key, attributes, line, public
 
     @property
     def name(self) -> str:
@@ -56,8 +64,16 @@ class _Value:
         return self.attributes[key][0].decode("latin-1") if key in self.attributes else ""
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: FrameTable, options: ReadOptions, *, folder: Path | None = None) -> Program:
     """Read a .dtx file.
+
+    Parameters
+    ----------
+    path : Path
+    frames : FrameTable
+    options : ReadOptions
+    folder : Path, optional
+        Holds all applications that may use public data of the file.
 
     Raises
     ------
@@ -86,6 +102,13 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
             points[-1].problem = Problem("refuse", "it has no fatherId: its frame is not known")
         points[-1].uses.append(Use(kind, value.line, None, frame))
     changed = _uses(path, named, chains["tool"], tables["frame"])
+    public = {value.data.lower() for _, value in values if value.public}
+    if folder is not None:
+        changed = _foreign_uses(path, folder, named, public, tables["frame"]) | changed
+    elif not options.whole_task:
+        for name in public & named.keys():
+            for point in named[name]:
+                point.problem = point.problem or _PUBLIC
     judge = Judge(frames, options, "staubli", tool_default=Frame(AS_MEASURED), changed=changed)
     targets, circles = judge.program_targets(points, [])
     return Program(path, (source,), targets, circles, PLAIN_LEXER)
@@ -94,7 +117,7 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
 def _values(source: Source) -> list[tuple[str, _Value]]:
     """Return every <Value>, with the type of its <Data>."""
     found: list[tuple[str, _Value]] = []
-    data: list[tuple[str, str]] = []
+    data: list[tuple[str, str, bool]] = []
     seen: dict[tuple[str, str], int] = {}
     names: dict[str, int] = {}
     parser = expat.ParserCreate()
@@ -106,14 +129,15 @@ def _values(source: Source) -> list[tuple[str, _Value]]:
             if name in names:
                 raise source.error(line, f"{name} is declared twice, first in line {names[name]}; keep one")
             names[name] = line
-            data.append((attributes.get("type", ""), name))
+            data.append((attributes.get("type", ""), name, attributes.get("access", "").lower() != "private"))
         elif tag == "Value" and data:
-            kind, name = data[-1]
+            kind, name, public = data[-1]
             key = attributes.get("key", "0")
             if (name, key) in seen:
                 raise source.error(line, f"{name}[{key}] is there twice, first in line {seen[name, key]}; keep one")
             seen[name, key] = line
-            found.append((kind, _Value(name, key, _attributes(source, parser.CurrentByteIndex), line)))
+            attributes_at = _attributes(source, parser.CurrentByteIndex)
+            found.append((kind, _Value(name, key, attributes_at, line, public=public)))
 
     def end(tag: str) -> None:
         if tag == "Data":
@@ -214,6 +238,35 @@ class _Frames:
         return tf
 
 
+def _code(program: Path) -> tuple[set[bytes], Source]:
+    """Return the names that a program hides, and its code without comments and texts."""
+    text = files.read_bytes(program)
+    hidden = {m[1].lower() for m in _HIDING.finditer(text)}
+    return hidden, Source(program, re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), text))
+
+
+def _foreign_uses(
+    path: Path, folder: Path, named: dict[str, list[Point]], public: set[str], frames: dict[str, _Value]
+) -> dict[tuple[str, Key | None], int]:
+    """Refuse public points that other applications of a folder use; return the public frames that they change."""
+    changed: dict[tuple[str, Key | None], int] = {}
+    programs = [p for p in folder.rglob("*") if p.suffix.lower() == ".pgx" and p.is_file() and p.parent != path.parent]
+    for program in sorted(programs):
+        _, source = _code(program)
+        for m in re.finditer(rb"(?<![\w.])(\w+):(\w+)(?:\[[^\]]*\])?((?:\.\w+)*\s*=(?!=))?", source.data):
+            name, line = m[2].decode("latin-1").lower(), source.line(m.start())
+            if name not in public:
+                continue
+            used = f"{m[1].decode('latin-1')}:{m[2].decode('latin-1')} (line {line} of {program.relative_to(folder)})"
+            for point in named.get(name, ()):
+                reason = f"it is public, and another application may use it: {used}"
+                point.problem = point.problem or Problem("refuse", reason)
+            for value in frames.values():
+                if m[3] and value.data.lower() == name:
+                    changed.setdefault(("base", value.name.lower()), line)
+    return changed
+
+
 def _uses(
     path: Path, named: dict[str, list[Point]], tools: _Frames, frames: dict[str, _Value]
 ) -> dict[tuple[str, Key | None], int]:
@@ -230,10 +283,8 @@ def _uses(
         rb"(?<![\w.:])(" + b"|".join(re.escape(n.encode()) for n in named) + rb")\b(?:\[\s*(\d{1,9})\s*\])?", re.I
     )
     for program in programs:
-        text = files.read_bytes(program)
-        hidden = {m[1].lower() for m in _HIDING.finditer(text)}
-        data = re.sub(rb"//[^\r\n]*|\"[^\"\r\n]*\"", lambda m: b" " * len(m[0]), text)
-        source = Source(program, data)
+        hidden, source = _code(program)
+        data = source.data
         altered = _ALTER.search(data)
         for value in frames.values():
             pattern = rb"(?<![\w.:])" + re.escape(value.data.encode()) + rb"(?:\[[^\]]*\])?(?:\.\w+)*\s*=(?!=)"
