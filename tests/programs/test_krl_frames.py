@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 
 from truepose.errors import FileError
-from truepose.programs import Program, Target
+from truepose.programs import FrameTable, Program, Target
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
 Read = Callable[..., Program]
@@ -140,3 +142,29 @@ def test_broken_structure(pair: Callable[..., object], body: str, message: str) 
 
     with pytest.raises(FileError, match=message):
         read_program(pair(f"DEF cell( )\n{body}\nEND\n"))  # type: ignore[arg-type]
+
+
+@pytest.mark.promise("KRL: motions of interrupt and trigger programs have the frames of whatever they interrupt")
+def test_interrupt_programs_have_the_frames_of_what_they_interrupt(read: Read, record_property: Any) -> None:
+    table = FrameTable({1: np.eye(4), 2: np.eye(4), 3: np.eye(4)}, {1: np.eye(4)}, tool=3, base=0)
+    handler = f"END\nDEF handler( )\nLIN {POSE}\nEND\n"
+    declared = "INTERRUPT DECL 5 WHEN $IN[1] DO handler( )\nINTERRUPT ON 5"
+    one = f"BAS(#TOOL,1)\nBAS(#BASE,1)\n{declared}\nLIN {{X 9}}"
+    cases: dict[str, int | str] = {
+        one: 1,
+        f"{declared}\nLIN {{X 9}}": 3,
+        f"BAS(#TOOL,1)\n{declared}\nBAS(#TOOL,2)\nLIN {{X 9}}": "TOOL_DATA[1] or TOOL_DATA[2]",
+        f"{declared}\nBAS(#TOOL,1)\nLIN {{X 9}}": "TOOL_DATA[1]",
+        f"BAS(#TOOL,2)\nLIN {{X 9}}\nBAS(#TOOL,1)\n{declared}\nsub()\nLIN {{X 9}}": "TOOL_DATA[1] or TOOL_DATA[2]",
+        "BAS(#TOOL,1)\nTRIGGER WHEN DISTANCE=0 DELAY=0 DO handler( ) PRIO=-1\nBAS(#TOOL,2)\nLIN {X 9}": "TOOL_DATA",
+        one.replace("INTERRUPT DECL", "GLOBAL INTERRUPT DECL"): 1,
+    }
+    record_property("cases", len(cases))
+    sub = "DEF sub( )\nBAS(#TOOL,2)\nLIN {X 9}\nBAS(#TOOL,1)\nEND\n"
+    for body, expected in cases.items():
+        target = next(t for t in read(f"DEF cell( )\n{body}\n{handler}{sub}", table=table).targets if t.xyz)
+        if isinstance(expected, int):
+            assert (target.verdict, target.tool_number) == ("correct", expected), body
+        else:
+            assert target.verdict == "refuse", body
+            assert expected in target.reason, (body, target.reason)

@@ -218,3 +218,21 @@ def test_poses_handed_to_own_functions_are_listed(read: Read) -> None:
     assert verdicts(read(f"w={P}\nmovel(w)\npick(w)")) == {"w": "refuse"}
     assert verdicts(read(f"move_there({P})")) == {"move_there:2": "refuse"}
     assert len(read(f'textmsg("a", {P})\nx=pose_dist({P},{Q})\nset_tcp({P})').targets) == 0
+
+
+@pytest.mark.promise("URScript: motions of a thread have the TCP of the program that it runs beside")
+def test_threads_have_the_tcp_of_what_they_run_beside(read: Read, record_property: Any) -> None:
+    first, second = "set_tcp(p[0,0,0.1,0,0,0])", "set_tcp(p[0,0,0.2,0,0,0])"
+    body = f"def prog():\nthread t():\n{{}}\nend\n{{}}\nmovel({P})\nend\n"
+    cases = {
+        (f"movel({P})", f"{first}\nrun t()"): ["correct", "correct"],
+        (f"movel({P})", f"run t()\n{first}"): ["refuse", "correct"],
+        (f"movel({P})", f"{first}\nrun t()\n{second}"): ["refuse", "correct"],
+        (f"{second}\n{first}", f"{first}\nrun t()"): ["refuse"],
+        (f"{first}", f"{first}\nrun t()"): ["correct"],
+    }
+    record_property("cases", len(cases))
+    for (thread, main), expected in cases.items():
+        program = read(body.format(thread, main))
+        assert [t.verdict for t in program.targets] == expected, (thread, main)
+        assert program.targets[0].verdict == "refuse" or {target.tool for target in program.targets} == {first}

@@ -137,6 +137,9 @@ class Flow:
         self._parts: list[_Part] = []
         self._interrupting = False
         self.handlers: list[str] = []
+        self.concurrent = False
+        """Whether handlers run beside the program (threads), and do not only interrupt it."""
+        self._started: list[tuple[str, int]] = []
         self.states: list[State] = []
         self._new()
         self._open.add(0)
@@ -227,6 +230,10 @@ class Flow:
         before = self.node
         after = self._new()
         self._calls.append((name, before, after, text))
+
+    def start(self, name: str) -> None:
+        """Let a routine of this program run at any time from here on: an interrupt handler or a thread."""
+        self._started.append((name, self.node))
 
     def call_one_of(self, names: list[str]) -> None:
         """Call one of several subprograms of this program, or none."""
@@ -334,10 +341,18 @@ class Flow:
                         "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
                     }  # fmt: skip
         self._connect_parts(changing)
-        entries = {entry for entry, _ in self._routines.values()}
+        first = self._open | {entry for entry, _ in self._routines.values()} - called
+        self._follow(first)
+        ambient = self._ambient()
+        if started := self._connect_started():
+            self._follow(first - (started - self._open))
+        return ambient
+
+    def _follow(self, first: set[int]) -> None:
+        """Follow all ways from some nodes until nothing new arrives."""
         self.states = [NOWHERE] * len(self._nodes)
         before_node = [NOWHERE] * len(self._nodes)
-        waiting = [(node, START) for node in (self._open | entries - called)]
+        waiting = [(node, START) for node in first]
         while waiting:
             node, state = waiting.pop()
             joined = before_node[node].join(state)
@@ -346,7 +361,33 @@ class Flow:
             before_node[node] = joined
             self.states[node] = out = self._transfer(node, joined)
             waiting += [(follower, out) for follower in self._nodes[node].followers]
-        return self._ambient()
+
+    def _connect_started(self) -> set[int]:
+        """Let control enter what `start` named from every node that may follow; return where it enters.
+
+        It does not go back: what it sets for others is that of `_ambient`.
+        """
+        entries = {name: self._routines[name][0] for name, _ in self._started if name in self._routines}
+        done: set[tuple[int, int]] = set()
+        size = -1
+        while size != len(done):  # one that interrupts another follows what the other follows
+            size = len(done)
+            for name, node in self._started:
+                if name in entries:
+                    new = {(other, entries[name]) for other in self._reach(node)} - done
+                    for other, entry in new:
+                        self._nodes[other].followers.append(entry)
+                    done |= new
+        return set(entries.values())
+
+    def _reach(self, node: int) -> set[int]:
+        """Return a node and all that control may reach from it."""
+        found, waiting = {node}, [node]
+        while waiting:
+            new = set(self._nodes[waiting.pop()].followers) - found
+            found |= new
+            waiting += new
+        return found
 
     def _changing(self) -> set[str]:
         """Return the routines of this file that may change what is in force, by themselves or by what they call."""
@@ -409,10 +450,13 @@ class Flow:
                 tool.add(unknown)
                 base.add(unknown)
                 continue
-            for node in self._routines[name][1]:
-                tool |= self.states[node].tool - {UNSET}
-                base |= self.states[node].base - {UNSET}
+            for last_node in self._routines[name][1]:
+                tool |= self.states[last_node].tool - {UNSET}
+                base |= self.states[last_node].base - {UNSET}
             first, last = self._routines[name][0], self._last.get(name, len(self._nodes))
+            if self.concurrent:
+                for node in self._nodes[first : last + 1]:
+                    tool |= node.changes.get("tool", frozenset())  # type: ignore[arg-type]
             # motions elsewhere go on while a handler or a thread runs: what it ends itself counts, too
             shifts |= {node.begins for node in self._nodes[first : last + 1] if node.begins}
         return State(frozenset(tool), frozenset(base), frozenset(), frozenset(), frozenset(shifts))

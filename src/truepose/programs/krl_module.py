@@ -250,6 +250,8 @@ class Module:
             self._flow.label(word)
         elif word == "INTERRUPT" and self._interrupt(statement):
             pass
+        elif word == "TRIGGER":
+            self._trigger(statement)
         elif word and word not in OTHER_STATEMENTS and word not in KEEPS_FRAMES and _OPERAND.match(data, rest, end):
             self._names.scan(data, rest, end, line)
             self._motions.other(
@@ -316,7 +318,16 @@ class Module:
         if (m := _HANDLER.search(code)) and m[1].decode().upper() not in KEEPS_FRAMES:
             handler = m[1].decode().upper()
             self._flow.handlers.append(self._own.get(handler, handler))
+            self._flow.start(self._own.get(handler, handler))
         return True
+
+    def _trigger(self, statement: Statement) -> None:
+        """Take TRIGGER … DO subprogram( ), which runs while the motions after it do."""
+        _, _, start, _, end = statement
+        if m := _HANDLER.search(self._src.data[start:end]):
+            name = m[1].decode().upper()
+            self._flow.start(self._own.get(name, name))
+        self._scan(statement)
 
     def _call(self, names: list[str]) -> None:
         where = "project" if self._shared.project else "file"

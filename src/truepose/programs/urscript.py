@@ -99,14 +99,14 @@ class _Reader:
         try:
             for name, body in routines.items():
                 self._routine = name
-                self._flow.begin_routine(name or "(file)", outside=True)
+                self._flow.begin_routine(name or "(file)", outside=name not in self._threads)
                 for statement in body:
                     line = statement.line
                     self._statement(statement, set(routines))
                 self._flow.end_routine()
         except Structure as error:
             raise self._source.error(line, f"{error}; correct the file") from None
-        self._flow.handlers = self._threads
+        self._flow.handlers, self._flow.concurrent = self._threads, True
         ambient = self._flow.solve()
         points = self._attach(ambient)
         judge = Judge(frames, self._options, "ur", unit=1000.0, tool_default=Frame(AS_MEASURED), frame_default=_BASE)
@@ -207,7 +207,9 @@ class _Reader:
         for m in _NAME.finditer(_KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
             if m[2]:
-                if name in routines:
+                if name in self._threads:
+                    flow.start(name)
+                elif name in routines:
                     flow.call(name, "")
                 if name in routines or not (strange or _TAKES_POSES.fullmatch(name) or _MOTION.match(code, m.start())):
                     self._handed(name, statement, m.end(), masked)
