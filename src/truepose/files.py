@@ -161,7 +161,7 @@ def check_outputs(*paths: str | Path, force: bool = True, inputs: Iterable[str |
     for path in map(Path, paths):
         try:
             status = path.lstat()
-        except (FileNotFoundError, NotADirectoryError):
+        except FileNotFoundError:
             continue
         except OSError as error:
             raise FileError(path, f"cannot be written: {error.strerror}; choose another output path") from None

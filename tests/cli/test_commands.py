@@ -265,6 +265,8 @@ def test_unwritable_output(run, cell_files, tmp_path):
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "m.truepose"
     assert "cannot be written" in run("fit", cell_files.cell, cell_files.samples, "--out", out).failed()
+    # before anything is read or fitted
+    assert "cannot be written" in run("fit", tmp_path / "no.toml", tmp_path / "no.csv", "--out", out).failed()
 
 
 def test_unknown_predictor(run, cell_files, tmp_path):
