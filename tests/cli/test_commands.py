@@ -151,9 +151,8 @@ def test_similarity(run, cell_files, tmp_path):
     shown = " ".join(run("similarity", cell_files.cell, cell_files.samples).out.split())
     for words in ("Yes, near points", "How much is noise? Standard deviation", "Along which directions?", "kinematic"):
         assert words in shown
-    assert (
-        "use .svg, .png or .pdf" in run("similarity", cell_files.cell, cell_files.samples, "--plot", "a.xyz").failed()
-    )
+    nothing = tmp_path / "no.toml", tmp_path / "no.csv"  # the ending is looked at before they are
+    assert "use .svg, .png or .pdf" in run("similarity", *nothing, "--plot", "a.xyz").failed()
 
 
 def test_similarity_with_choices_of_ones_own(run, cell_files):

@@ -48,10 +48,12 @@ def similarity(
     from truepose.cli.campaign import show_campaign
     from truepose.fitting import fit_cell
     from truepose.report.joint_similarity import joint_similarity
-    from truepose.report.study import similarity_study
+    from truepose.report.study import plot_format, similarity_study
     from truepose.samples import read_samples
 
     overwrite(force, *([] if plot is None else [plot]))
+    if plot is not None:
+        plot_format(plot)
     cell, samples = load_cell(cell_path), read_samples(samples_path)
     by_hand = {"nugget": nugget, "sill": sill, "range": range_}
     with working() as progress:

@@ -217,6 +217,8 @@ class SimilarityStudy:
 
         from truepose.similarity.plot import draw_curves, draw_variogram
 
+        ending = plot_format(path)
+
         columns = len(self.parts) + bool(self.joints)
         figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
         grid = figure.add_gridspec(2, columns)
@@ -238,11 +240,24 @@ class SimilarityStudy:
         if self.joints:
             draw_joint_similarity(figure.add_subplot(grid[:, -1]), self.joints)
         buffer = io.BytesIO()
-        try:
-            figure.savefig(buffer, format=path.suffix.removeprefix(".") or "svg", dpi=150)
-        except ValueError as error:
-            raise FileError(path, f"{error}; use .svg, .png or .pdf") from None
+        figure.savefig(buffer, format=ending, dpi=150)
         files.write_atomic(path, buffer.getvalue())
+
+
+def plot_format(path: Path) -> str:
+    """Return the format of a picture by the ending of its file; svg without one.
+
+    Raises
+    ------
+    FileError
+        If the ending names no format.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    ending = path.suffix.removeprefix(".") or "svg"
+    if ending.lower() not in FigureCanvasBase.get_supported_filetypes():
+        raise FileError(path, f"its ending {path.suffix} names no format of pictures; use .svg, .png or .pdf")
+    return ending
 
 
 def similarity_study(
