@@ -92,7 +92,7 @@ def test_fit_and_validate(run, cell_files):
 def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
     few = (
         "--candidates",
-        "registration,ordinary-kriging,calibration",
+        "registration,idw,ordinary-kriging",
         "--workers",
         "1",
         "--out",

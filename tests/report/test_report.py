@@ -386,7 +386,7 @@ def test_samples_on_a_line_have_no_maps(error_map):
 
 @pytest.mark.promise("the report names the faults of the measuring campaign, in each language")
 @pytest.mark.parametrize("language", LOCALES)
-def test_faults_of_the_campaign_are_named(evidence, language):
+def test_faults_of_the_campaign_are_named(evidence, language, no_figures):
     def told(campaign: dict) -> str:
         error_map = replace(evidence.error_map, campaign=campaign)
         return document(replace(evidence, error_map=error_map), load_locale(language)).text()
