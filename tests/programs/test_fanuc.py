@@ -107,6 +107,30 @@ def test_changed_frame_is_refused(read: Read) -> None:
     assert only(read("UFRAME[3]=PR[1]\nJ P[1] 100% FINE")).verdict == "correct"
 
 
+SYSTEM_VARIABLES = {
+    "$MNUFRAME[1,2]=PR[1]": "refuse",
+    "$MNUTOOL[1,1]=PR[1]": "refuse",
+    "$MNUTOOL[1,R[3]]=PR[1]": "refuse",
+    "$mnutool[ 1 , 1 ].$Z=R[1]": "refuse",
+    "$GROUP[1].$UTOOL=PR[1]": "refuse",
+    "$GROUP[1].$UFRAME=PR[1]": "refuse",
+    "$MNUTOOLNUM[1]=2": "refuse",
+    "$MNUFRAMENUM[1]=3": "refuse",
+    "$MNUTOOL[1,2]=PR[1]": "correct",
+    "$MNUFRAMENUM[1]=2": "correct",
+    "PR[1]=$MNUTOOL[1,1]": "correct",
+    "PR[1]=$GROUP[1].$UFRAME": "correct",
+    "PR[2]=UTOOL[1]": "correct",
+}
+
+
+@pytest.mark.promise("A FANUC frame or tool that a program sets through a system variable counts as changed.")
+def test_frames_set_through_system_variables(read: Read, record_property: Callable[[str, object], None]) -> None:
+    for change, verdict in SYSTEM_VARIABLES.items():
+        assert only(read(f"{change}\nJ P[1] 100% FINE")).verdict == verdict, change
+    record_property("cases", len(SYSTEM_VARIABLES))
+
+
 def test_external_axis_groups_and_coord(read: Read) -> None:
     assert only(read("J P[1] 100% FINE", position(more=",\n\tE1=   100.000  mm"))).verdict == "refuse"
     assert (

@@ -47,8 +47,15 @@ _SHIFTS: Final = (
     (re.compile(rb"\b(?:RTCP|REMOTE_TCP)\b", re.I), Problem("refuse", "remote TCP: tool and frame change roles")),
     (re.compile(rb"\bCOORD\b", re.I), Problem("refuse", "COORD: the frame moves with another group; it has no model")),
 )
-_FRAME_NUMBER = re.compile(rb"\b(UFRAME|UTOOL)_NUM\s*(?:\[\s*GP\d[^\]]*\]\s*)?=\s*(.*)", re.I)
-_FRAME_SET = re.compile(rb"\b(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\d{0,9})[^=]*\]\s*=", re.I)
+_FRAME_NUMBER = re.compile(
+    rb"(?:\bU(FRAME|TOOL)_NUM\s*(?:\[\s*GP\d[^\]]*\]\s*)?|\$MNU(FRAME|TOOL)NUM\s*\[[^\]]*\]\s*)=\s*(.*)", re.I
+)
+_FRAME_SET = re.compile(
+    rb"(?:(?<![\w$])U(FRAME|TOOL)\s*\[\s*(?:GP\d+\s*:\s*)?|\$MNU(FRAME|TOOL)\s*\[[^\],=]*,\s*)(\d{0,9})[^=]*\][\s.$\w]*="
+    rb"|\$GROUP\s*\[[^\]=]*\]\s*\.\s*\$U(FRAME|TOOL)\b[^=]*=",
+    re.I,
+)
+"""A frame that is set, also as a system variable. Without a number it may be any."""
 _LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
@@ -60,6 +67,7 @@ _CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
 _VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
 _AXES: Final = ("X", "Y", "Z", "W", "P", "R")
 _UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
+_WHICH: Final = {b"TOOL": "tool", b"FRAME": "base"}
 _NUMBERS: Final = {"tool": ("UTOOL_NUM", "UT"), "base": ("UFRAME_NUM", "UF")}
 
 
@@ -278,17 +286,17 @@ class _Reader:
 
     def _frames(self, line: int, code: bytes) -> None:
         for m in _FRAME_NUMBER.finditer(code):
-            digits = m[2].strip(b" \t;")
-            text = f"{m[1].decode().upper()}_NUM={digits.decode('latin-1')}"
+            digits, which = m[3].strip(b" \t;"), _WHICH[(m[1] or m[2]).upper()]
+            text = f"{_NUMBERS[which][0]}={digits.decode('latin-1')}"
             value = (
                 InForce("number", text, int(digits))
                 if digits.isdigit() and len(digits) < 10
                 else InForce("unknown", text[:40])
             )
-            self._flow.change(**{"base" if m[1].upper() == b"UFRAME" else "tool": value})
+            self._flow.change(**{which: value})
         for m in _FRAME_SET.finditer(code):
-            which = "base" if m[1].upper() == b"UFRAME" else "tool"
-            self._changed.setdefault((which, int(m[2]) if m[2] else None), line)
+            which = _WHICH[(m[1] or m[2] or m[4]).upper()]
+            self._changed.setdefault((which, int(m[3]) if m[3] else None), line)
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that what is in force at each is known."""
