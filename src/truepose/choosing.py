@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from truepose.errors import DataError, IdentifiabilityError
 from truepose.geometry import Registration, register
 from truepose.predictors import Arm, Choice, Errors
 from truepose.predictors import choose as choose_among
-from truepose.registering import reading_noise, register_samples
+from truepose.registering import check_samples, reading_noise, register_checked
 from truepose.robots import Robot
 from truepose.samples import Samples
 
@@ -32,8 +33,15 @@ class CellSamples:
 
     def register(self, rows: Rows = slice(None)) -> tuple[Registration, FloatArray]:
         """Return the registration with some rows, and the tool (4, 4) [mm] found with it or as stated."""
-        registration, tf_flange_tool, _ = register_samples(self.cell, self.robot, self.samples[rows])
+        _ = self._checked
+        registration, tf_flange_tool, _ = register_checked(self.cell, self.robot, self.samples[rows])
         return registration, tf_flange_tool
+
+    @cached_property
+    def _checked(self) -> bool:
+        """All samples were checked, once for all parts of them."""
+        check_samples(self.cell, self.robot, self.samples)
+        return True
 
     def registered_by(self, rows: Rows = slice(None)) -> Errors:
         """Return the errors of all samples after a registration with some rows.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
@@ -39,8 +41,38 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
     IdentifiabilityError
         If the samples cannot tell the tool from the station.
     """
-    try:
+    check_samples(cell, robot, samples)
+    return register_checked(cell, robot, samples)
+
+
+def check_samples(cell: Cell, robot: Robot, samples: Samples) -> None:
+    """Refuse samples whose joints are beyond their limits, or disagree with their commanded poses.
+
+    Raises
+    ------
+    DataError, RobotError
+        As `register_samples`.
+    """
+    if samples.q is None:
+        return
+    with _radians_hinted(samples):
+        check_limits(robot, samples)
+        check_not_compensated(samples, robot)
+        if cell.tool.fit == "none":
+            check_arm(robot, samples, cell.tf_flange_tool)
+
+
+def register_checked(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    """Register samples, or some of those, that `check_samples` accepted; see `register_samples`."""
+    with _radians_hinted(samples):
         return _register(cell, robot, samples)
+
+
+@contextmanager
+def _radians_hinted(samples: Samples) -> Iterator[None]:
+    """Say with an error of the samples where their joints look like radians read as degrees."""
+    try:
+        yield
     except DataError as error:
         if samples.q is not None and np.abs(samples.q).max() < _DEGREES_OF_RADIANS:
             hint = "all joints lie within 6.3 degrees: are the columns q1_deg … in radians? Then name them q1_rad …"
@@ -89,11 +121,7 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
             )
         assert samples.p_cmd is not None
         return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
-    check_limits(robot, samples)
-    check_not_compensated(samples, robot)
     tf_base_flange = robot.forward(samples.q)
-    if cell.tool.fit == "none":
-        check_arm(robot, samples, tf_flange_tool)
     if cell.tool.fit == "none":
         p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
         return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
