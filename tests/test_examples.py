@@ -11,6 +11,7 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
 
 
+@pytest.mark.filterwarnings("ignore:.*no sill within the samples:truepose.errors.VariogramWarning")
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_runs(path: Path) -> None:
     with mpl.rc_context({"backend": "agg"}), warnings.catch_warnings():

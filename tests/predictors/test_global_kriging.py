@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from truepose.errors import DataError, KrigingError
+from truepose.errors import DataError, IllConditionedWarning, KrigingError
 from truepose.predictors import (
     LocalKriging,
     OrdinaryKriging,
@@ -257,7 +257,8 @@ def test_near_points_that_contradict_each_other(rng):
     with pytest.raises(KrigingError, match=r"rows 4 and 20 are 1\.73e-06 apart, but .* differ by 0\.1, .*noise_std"):
         OrdinaryKriging(smooth, exact=True).fit(twice, again)
     OrdinaryKriging(smooth, exact=True).fit(twice, again, noise_std=0.05)
-    OrdinaryKriging(smooth, exact=True).fit(twice, np.vstack([e, e[4:5]]))
+    with pytest.warns(IllConditionedWarning, match=r"rows 4 and 20 of the points, are 1\.73e-06 apart"):
+        OrdinaryKriging(smooth, exact=True).fit(twice, np.vstack([e, e[4:5]]))
 
 
 def test_gstools_model_is_a_variogram(rng):

@@ -65,6 +65,7 @@ def test_noise_is_not_structure():
     assert 0.35 < np.mean(p) < 0.65
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_verdict_on_noise(rng):
     band = permutation_envelope(rng.random((100, 3)), rng.standard_normal((100, 3)))
     assert verdict(fit_variogram(band.variogram), band).startswith("No similarity can be told from chance")
@@ -82,6 +83,7 @@ def test_refusals(structured):
         permutation_envelope(*structured, level=1.0)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 @pytest.mark.parametrize("component", [None, 1])
 def test_picture(structured, component):
     band = permutation_envelope(*structured)

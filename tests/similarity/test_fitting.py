@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from truepose.errors import DataError, KrigingError
+from truepose.errors import DataError, KrigingError, VariogramWarning
 from truepose.similarity import (
     FAMILIES,
     Direction,
@@ -69,7 +69,8 @@ def test_linear(bins):
 
 
 def test_all_nugget(bins):
-    fitted = fit_variogram(replace(bins, vector=np.full_like(bins.lag, 2.0)), "spherical")
+    with pytest.warns(VariogramWarning, match="the semivariogram is flat"):
+        fitted = fit_variogram(replace(bins, vector=np.full_like(bins.lag, 2.0)), "spherical")
     assert (fitted.nugget, fitted.sill) == pytest.approx((2.0, 0.0))
     assert fitted.structural_ratio == 0
     assert fitted.fit.bounds_hit == {"sill": "lower"}
@@ -78,11 +79,13 @@ def test_all_nugget(bins):
 
 
 def test_trend_without_sill_is_reported(bins):
-    fitted = fit_variogram(replace(bins, vector=0.01 + 1e-3 * bins.lag**1.7), "spherical")
+    with pytest.warns(VariogramWarning, match="no sill within the samples"):
+        fitted = fit_variogram(replace(bins, vector=0.01 + 1e-3 * bins.lag**1.7), "spherical")
     assert fitted.fit.bounds_hit["range"] == "upper"
     assert any("trend" in remark for remark in fitted.fit.remarks)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_component(rng):
     x = rng.random((200, 3))
     ev = experimental_variogram(x, rng.standard_normal((200, 3)) * [1, 2, 3])
@@ -109,6 +112,7 @@ def test_likelihood_finds_the_model(rng):
     np.testing.assert_allclose([found.nugget, found.sill, found.range], [0.1, 1.0, 150.0], rtol=0.35)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_likelihood_of_noise_has_no_structure(rng):
     assert fit_likelihood(rng.random((100, 3)), rng.standard_normal((100, 3))).structural_ratio < 0.2
 
@@ -134,6 +138,7 @@ def test_shape_is_found_or_given(bins, family, shape):
         np.testing.assert_allclose(found.semivariance(bins.lag), exact.vector, rtol=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_nugget_alone_cubic_and_hole(bins):
     flat = replace(bins, vector=np.full_like(bins.lag, 2.0))
     assert fit_variogram(flat, "nugget").nugget == pytest.approx(2.0)
@@ -143,6 +148,7 @@ def test_nugget_alone_cubic_and_hole(bins):
         assert found.range == pytest.approx(300, rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_a_value_set_by_hand_stands_beside_the_fit(bins):
     fitted = fit_variogram(bins, "exponential")
     assert not fitted.overridden
@@ -151,6 +157,7 @@ def test_a_value_set_by_hand_stands_beside_the_fit(bins):
     assert by_hand.fit.fitted["range"] == fitted.range
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_two_structures_are_recovered(bins):
     true = VariogramModel("spherical", nugget=0.1, sill=1.0, range=120.0)
     true = true + VariogramModel("gaussian", sill=2.0, range=500.0)
@@ -164,12 +171,14 @@ def test_two_structures_are_recovered(bins):
     assert fitted.fit.fitted == fitted.to_dict()
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_a_structure_that_is_not_needed_is_told(bins):
     true = VariogramModel("spherical", nugget=0.1, sill=1.0, range=300.0)
     fitted = fit_variogram(replace(bins, vector=true.semivariance(bins.lag)), "spherical+spherical")
     np.testing.assert_allclose(fitted.semivariance(bins.lag), true.semivariance(bins.lag), rtol=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 @pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.5), (0.3, -0.2, 0.6), None])
 def test_ranges_along_axes_are_recovered(rng, rotation):
     """From the semivariance along 13 directions; turned axes may come in any order."""

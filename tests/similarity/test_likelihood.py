@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-from truepose.errors import DataError, KrigingError
+from truepose.errors import DataError, KrigingError, VariogramWarning
 from truepose.similarity import VariogramModel, fit_likelihood
 from truepose.similarity.likelihood import _Problem
 from truepose.similarity.structures import Structures
@@ -72,6 +72,7 @@ def test_likelihoods_are_the_densities(rng, common):
         assert value == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 @pytest.mark.promise("the restricted log-likelihood depends on the space that a drift spans, not on its columns")
 def test_restricted_likelihood_does_not_depend_on_the_columns_of_the_drift(rng, record_property):
     x = rng.random((40, 2))
@@ -107,6 +108,7 @@ def drawn():
     return x, np.linalg.cholesky(K) @ rng.standard_normal((520, 3))
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_same_optimum_as_scikit_learn(drawn):
     x, e = drawn[0][:150], drawn[1][:150]
     found = fit_likelihood(x, e, "matern32", method="ml", ranges="each", drift="none", common_scale=True)
@@ -117,6 +119,7 @@ def test_same_optimum_as_scikit_learn(drawn):
     np.testing.assert_allclose([found.sill, found.nugget], np.exp(peer.kernel_.theta)[[0, -1]], rtol=2e-3)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 @pytest.mark.parametrize("method", ["reml", "ml", "loo"])
 def test_finds_a_range_for_each_coordinate(drawn, method):
     found = fit_likelihood(*drawn, "matern32", method=method, ranges="each", largest=None)
@@ -133,6 +136,7 @@ def test_finds_a_range_for_each_coordinate(drawn, method):
         assert np.isnan(found.fit.standard_error["sill"]) == (method == "loo")
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_finds_turned_axes():
     """Two coordinates, 30 degrees off, ranges 5 to 1; the axes may come in either order."""
     rng = np.random.default_rng(5)
@@ -175,6 +179,7 @@ def test_standard_errors_are_the_spread_of_fits():
         assert np.nanmedian(told) == pytest.approx(np.std(values), rel=0.35)
 
 
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_shape_is_fitted(drawn):
     x, e = drawn[0][:150] / [200, 400, 900], drawn[1][:150]
     found = fit_likelihood(x, e, "stable")
@@ -185,8 +190,10 @@ def test_shape_is_fitted(drawn):
 
 def test_bounds_hit_are_told(rng):
     x = np.linspace(0, 1, 60)[:, None]
-    assert fit_likelihood(x, x + 0 * x, "matern52").fit.bounds_hit["nugget"] == "lower"
-    noise = fit_likelihood(rng.random((80, 3)), rng.standard_normal((80, 3)), "matern32")
+    with pytest.warns(VariogramWarning, match="no nugget can be told"):
+        assert fit_likelihood(x, x + 0 * x, "matern52").fit.bounds_hit["nugget"] == "lower"
+    with pytest.warns(VariogramWarning, match="the semivariogram is flat"):
+        noise = fit_likelihood(rng.random((80, 3)), rng.standard_normal((80, 3)), "matern32")
     assert set(noise.fit.bounds_hit) <= {"sill", "range", "nugget"}
 
 
