@@ -3,7 +3,7 @@ How many poses does each method need?
 =====================================
 
 An arm with every fault that virtual arms can have, its tool turned by up to 15° about each axis and its tool point
-known. Each method gets the same readings, 30 to 120 of them, and predicts the errors of 200 other poses. Cartesian
+known. Each method gets the same readings, 20 to 80 of them, and predicts the errors of 200 other poses. Cartesian
 Kriging does not know how the tool is turned; calibration knows geometry and nothing else; kinematic Kriging knows both
 geometry and the similarity of each joint's errors.
 """
@@ -16,8 +16,8 @@ from truepose.simulation import EFFECTS
 
 cell = tp.VirtualCell("hard", seed=3, effects={*EFFECTS} - {"tool"})
 held_out = cell.measure(cell.design(200, seed=99), seed=99)
-samples = cell.measure(cell.design(120))
-counts = [30, 60, 120]
+samples = cell.measure(cell.design(80))
+counts = [20, 40, 80]
 methods = {
     "ordinary-kriging": "#8a5aa8",
     "ordinary-kriging-joint": "#5a8f3d",

@@ -28,7 +28,7 @@ from truepose.simulation import EFFECTS
 from truepose.verification import coverage, summary
 
 cell = tp.VirtualCell("hard", seed=6, effects={*EFFECTS} - {"tool"})  # the tool point is known
-error_map = tp.fit_cell(cell.cell, cell.measure(cell.design(100)), "registration")
+error_map = tp.fit_cell(cell.cell, cell.measure(cell.design(60)), "registration")
 q, p, e = error_map.samples.q, error_map.p_cmd, error_map.e
 print(f"{len(e)} samples, error {summary(e)['mean_mm']:.3f} mm in the mean, noise floor {cell.noise_floor:.3f} mm")
 
