@@ -53,6 +53,16 @@ def ur10() -> Path:
     return Path(__file__).parent / "data" / "ur10"
 
 
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of a report's text: pictures take most of the time."""
+    from truepose.report import figures
+
+    picture = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"></svg>'
+    for name in ("error_arrows", "histogram", "maps", "variogram"):
+        monkeypatch.setattr(figures, name, lambda *_: picture)
+
+
 @dataclass(frozen=True)
 class Run:
     code: int

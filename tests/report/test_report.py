@@ -22,7 +22,7 @@ from fontTools.ttLib import TTFont
 from truepose.error_map import load_map
 from truepose.errors import DataError, FileError
 from truepose.fitting import fit_cell
-from truepose.report import figures, write_report
+from truepose.report import write_report
 from truepose.report.document import Document, Table
 from truepose.report.evidence import Evidence, gather
 from truepose.report.locale import LOCALES, load_locale
@@ -61,15 +61,6 @@ def documents(evidence) -> dict[str, Document]:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib warns of a glyph that no font has
         return {locale: document(evidence, load_locale(locale)) for locale in LOCALES}
-
-
-@pytest.fixture
-def no_figures(monkeypatch):
-    """For tests of text: pictures take most of the time."""
-    for name in ("error_arrows", "histogram", "maps", "variogram"):
-        monkeypatch.setattr(
-            figures, name, lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"></svg>'
-        )
 
 
 @pytest.fixture(scope="module")

@@ -137,7 +137,7 @@ def test_a_fitted_point_need_not_be_the_controllers_tool(virtual, shown, cell_te
 
 
 @pytest.mark.promise("Without commanded positions fit, map, repr and report say that arm and tool were not checked.")
-def test_what_was_not_checked_is_said(run, cell_text, bare, tmp_path):
+def test_what_was_not_checked_is_said(run, cell_text, bare, tmp_path, no_figures):
     from truepose.report import write_report
     from truepose.report.locale import load_locale
 

@@ -31,7 +31,7 @@ def test_candidates_of_a_named_predictor_are_refused(samples, cell_text, record_
 
 
 @pytest.mark.promise("The report lists the limits that held for a corrected program, and who stated them.")
-def test_the_report_lists_the_limits(run, map_path, krl, tmp_path):
+def test_the_report_lists_the_limits(run, map_path, krl, tmp_path, no_figures):
     done = run("correct", map_path, krl(), "--out", tmp_path / "out", "--on-guard", "skip")
     assert done.code == 0, done.err
     page, record = tmp_path / "report.html", tmp_path / "out" / "a.corrections.json"
