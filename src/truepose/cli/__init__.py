@@ -79,10 +79,14 @@ def _root(
 
 
 _INTERRUPTED = 130
+_BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
 def main() -> None:
-    """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage."""
+    """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage.
+
+    If the reader of the output is gone (``truepose robots | head -1``), it ends silently with 141.
+    """
     for stream in (sys.stdout, sys.stderr):  # names of files may hold bytes that no encoding shows
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -95,7 +99,11 @@ def main() -> None:
                 sys.stdout.flush()
     except TrueposeError as error:
         _fail(str(error))
+    except BrokenPipeError:
+        _end_at_broken_pipe()
     except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end.__context__, BrokenPipeError):  # of which typer and rich make an exit
+            _end_at_broken_pipe()
         if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # which typer makes of Ctrl-C
             raise
         _fail("interrupted; files are written whole or not at all", code=_INTERRUPTED)
@@ -103,6 +111,11 @@ def main() -> None:
         if os.environ.get("TRUEPOSE_TRACEBACK"):
             raise
         _fail(_explained(error))
+
+
+def _end_at_broken_pipe() -> None:
+    _forget_stdout()
+    sys.exit(_BROKEN_PIPE)
 
 
 def _explained(error: Exception) -> str:
