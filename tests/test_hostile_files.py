@@ -21,6 +21,7 @@ import truepose as tp
 from truepose.cell import load_cell
 from truepose.errors import FileError, TrueposeError
 from truepose.programs import read_program
+from truepose.programs.krl_config import read_config_dat
 from truepose.report.records import read_record
 from truepose.robots import load_robot
 from truepose.samples import Samples, append_columns, read_poses, read_samples, write_samples
@@ -57,6 +58,14 @@ BYTES = {
     "one long number": b"1" * 10**6,
     "commas": b"," * 200_000 + b"\n" + b"," * 200_000,
     "dots": b"a." * 300_000 + b"a = 1",
+    "a long number with a letter": b"1" * 10**6 + b"x = 1",
+    "lines of long numbers with a letter": (b"1" * 19_000 + b"x\n") * 50,
+    "fields of long numbers with a letter": b"P;1;2;" + b"1" * 19_000 + b"x\n" + b"P,1,2," + b"1" * 19_000 + b"x\n",
+    "lines of letters": (b"x" * 19_000 + b"\n") * 50,
+    "lines of blanks": (b"Pos" + b" " * 19_000 + b"b\n" + b"x [" + b" " * 19_000 + b"\n") * 20,
+    "a header of a long number": b"j" + b"1" * 5000 + b";x\n1;2\n",
+    "signs without an end": b"-\n" * 40_000,
+    "separators of records": b"\x1c\x1d\x1e\x85\n" * 9,
     "entities": b'<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>',
     "elements": b"<a>" * 10**5,
 }
@@ -324,3 +333,59 @@ def test_mutated_text(tmp_path_factory, data):
 def test_errors_are_one_line():
     assert str(FileError("a\nb", "x\x1b[31m\udcff")) == r"a b: x\x1b[31m\xff"
     assert len(str(TrueposeError("x" * 10**7))) < 5000
+
+
+@pytest.mark.skipif(not hasattr(os, "pipe"), reason="needs pipes")
+@pytest.mark.promise(
+    "A reader of the output that goes away ends a command silently, with the exit code of a broken pipe"
+)
+@pytest.mark.parametrize("arguments", [["robots"], ["robots", "--json"], ["--help"], ["--version"]])
+def test_broken_pipe(arguments):
+    read, write = os.pipe()
+    os.close(read)
+    code = "from truepose.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code, *arguments], stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+@pytest.mark.promise("1_000 and digits of other scripts are no numbers in files about controllers, robots and times")
+def test_numbers_of_other_files_that_are_none(tmp_path, run, record_property):
+    src = "DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"
+    rt = "[[600,0,800],[0,0,-1,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    mod = f"MODULE a\nPROC main()\nMoveL {rt},v1,fine,tool0;\nENDPROC\nENDMODULE\n"
+    joint = '<joint name="j" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>'
+    forms: dict[str, tuple[str, Callable[[Path], Any]]] = {
+        "$config.dat": ("DEFDAT $CONFIG\nTOOL_DATA[1]={{X {},Y 2,Z 3,A 0,B 0,C 0}}\nENDDAT\n", read_config_dat),
+        "$machine.dat": ("$ROBROOT={{X {},Y 2,Z 3,A 0,B 0,C 0}}\n", lambda path: read_program(path.with_name("a.src"))),
+        "MOC.cfg": (
+            'ROBOT:\n\n  -name "R" -base_frame_pos_x {}\n',
+            lambda path: read_program(path.with_name("a.mod")),
+        ),
+        "r.urdf": (
+            f'<robot name="r"><link name="b"/><link name="c"/>{joint}<limit lower="{{}}" upper="9"/></joint></robot>',
+            load_robot,
+        ),
+        "index.mod": (mod.replace("MoveL", "MoveL p{{{}}},v1,fine,tool0;\nMoveL"), read_program),
+        "t.txt": ("P1;1;2;3;{}\nP2;1;2;30;5\n", lambda path: read_readings(path, Columns(x=2, y=3, z=4, time=5))),
+    }
+    for k, (name, (form, read)) in enumerate(forms.items()):
+        for text in ("1_000", "٣", "１２", "²", "1_0"):
+            folder = tmp_path / f"{k}{ord(text[1:2] or text):x}{len(text)}"
+            folder.mkdir(exist_ok=True)
+            (folder / "a.src").write_text(src)
+            (folder / "a.mod").write_text(mod)
+            path = folder / name
+            path.write_text(form.format("1"), encoding="utf-8")
+            read(path)  # a number
+            path.write_text(form.format(text), encoding="latin-1" if text == "²" else "utf-8")
+            if name == "index.mod":
+                assert read(path).targets[0].verdict != "correct"
+            elif name == "$config.dat":  # an expression: the tool is not known
+                with contextlib.suppress(TrueposeError):
+                    assert read(path)[0] == {}
+            else:
+                one_error(read, path)
+    for text in ("1_000", "٣", "²", "0,1_0,20"):
+        assert run("similarity", "x", "y", "--bins", text).code in (1, 2)
+    record_property("cases", 5 * len(forms) + 4)

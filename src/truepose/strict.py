@@ -19,7 +19,7 @@ LARGEST: Final = 1e12
 DEEPEST: Final = 32
 """Levels of brackets or dotted keys in a JSON or TOML text."""
 
-_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+")
 _NOT_FINITE: Final = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _MOST_DIGITS: Final = 40
 _OPEN, _CLOSED = "[{", "]}"

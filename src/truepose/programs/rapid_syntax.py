@@ -115,7 +115,7 @@ def _header_done(now: list[Token], brackets: list[Token], token: Token) -> bool:
     """Return whether a routine's or module's head is complete before this token."""
     if not now or brackets:
         return False
-    words = [t.text for t in now if t.kind == "word"]
+    words = [t.text for t in now[:2] if t.kind == "word"]
     if now[0].text == "ERROR" and len(now) == 1:
         return token.text != "(" and token.text != ":="
     if now[0].text == "ERROR":
@@ -238,7 +238,7 @@ def constant_index(items: list[Token]) -> tuple[int, ...] | None:
     if not items:
         return ()
     inside = [token.text for token in items[1:-1] if token.text != ","]
-    return tuple([int(n) for n in inside]) if all(n.isdigit() and len(n) < 6 for n in inside) else None
+    return tuple([int(n) for n in inside]) if all(n.isascii() and n.isdigit() and len(n) < 6 for n in inside) else None
 
 
 def position_of(mark: str, items: list[Token]) -> int:

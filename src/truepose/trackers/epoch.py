@@ -15,7 +15,7 @@ from truepose.trackers.exporting import row_times
 from truepose.trackers.readings import Layout, Readings, decode
 from truepose.trackers.times import EPOCH
 
-_NUMBER: Final = r"[+-]?[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|nan"
+_NUMBER: Final = r"[+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+|nan"
 _ROW: Final = re.compile(
     rf"1[0-9]{{9}}(?:\.[0-9]+)?(?P<counters>(?:\s+[0-9]+)*)(?:\s+(?:{_NUMBER})){{3}}", re.IGNORECASE
 )

@@ -80,7 +80,7 @@ def _names(line: str) -> list[str]:
     """Return the names of a header line; between blanks a unit in brackets belongs to the name before it."""
     bare = line.lstrip("#% ")
     delimiter = find_delimiter(bare)
-    return re.sub(r"\s+(?=[\[(])", "", bare).split() if delimiter == " " else bare.split(delimiter)
+    return re.sub(r"(?<!\s)\s++(?=[\[(])", "", bare).split() if delimiter == " " else bare.split(delimiter)
 
 
 def _rotation(found: dict[str, tuple[int, str]]) -> dict[str, Any]:

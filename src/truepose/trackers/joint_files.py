@@ -17,15 +17,15 @@ from truepose.trackers.readings import decode, first_line
 
 FloatArray = NDArray[np.float64]
 
-_N: Final = r"\s*([+-]?[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?)\s*"
+_N: Final = r"\s*+([+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+)\s*+"
 _RAPID: Final = re.compile(rf"jointtarget\s+(?P<name>\w+)\s*:=\s*\[\s*\[{','.join([_N] * 6)}\]", re.IGNORECASE)
 _KRL: Final = re.compile(
-    rf"(?:(?P<name>\w+)\s*=\s*)?\{{\s*(?:E6AXIS\s*:)?\s*{','.join(rf'{chr(92)}s*A{k}{_N}' for k in range(1, 7))}",
+    rf"(?:\b(?P<name>\w++)\s*+=\s*+)?\{{\s*(?:E6AXIS\s*:)?\s*{','.join(rf'{chr(92)}s*A{k}{_N}' for k in range(1, 7))}",
     re.IGNORECASE,
 )
-_UR: Final = re.compile(rf"(?:(?P<name>\w+)\s*=\s*)?(?<!p)\[{','.join([_N] * 6)}\]")
+_UR: Final = re.compile(rf"(?:\b(?P<name>\w++)\s*+=\s*+)?(?<!p)\[{','.join([_N] * 6)}\]")
 _JOINT_COLUMN: Final = re.compile(
-    r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]+)\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
+    r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]{1,3})\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
 )
 _PATTERNS: Final = ((_RAPID, np.pi / 180.0), (_KRL, np.pi / 180.0), (_UR, 1.0))
 _TIDY: Final = re.compile(r"\b(?:q1|x_cmd)_", re.IGNORECASE)
@@ -57,7 +57,10 @@ def read_plan(path: str | Path) -> Poses:
 
 def _read_table(text: str, path: str | Path) -> Poses:
     """Read columns j1 … with their unit."""
-    table = split(text, path, skip=text.splitlines().index(next(ln for ln in text.splitlines() if ln.strip())) + 1)
+    header = next((k for k, line in enumerate(text.splitlines(), start=1) if line.strip()), None)
+    if header is None:
+        raise FileError(path, "is empty; name a plan")
+    table = split(text, path, skip=header)
     found = {}
     for column, name in enumerate(table.header):
         if match := _JOINT_COLUMN.fullmatch(name.strip()):

@@ -19,7 +19,7 @@ from truepose.trackers.columns import Columns, first_row, read_millimetres
 from truepose.trackers.exporting import row_names
 from truepose.trackers.readings import Layout, Readings
 
-_NUMBER: Final = r"(?:[+-]?[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|nan)"
+_NUMBER: Final = r"(?:[+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+|nan)"
 _ROW: Final = re.compile(rf"\S+(?:\s+{_NUMBER}){{12}}", re.IGNORECASE)
 _COLUMNS: Final = Columns(name=1, x=8, y=9, z=10, rotation=(11, 12, 13), delimiter=" ")
 

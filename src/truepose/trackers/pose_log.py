@@ -18,8 +18,8 @@ from truepose.strict import to_float
 from truepose.trackers.exporting import row_names
 from truepose.trackers.readings import Layout, Readings, check_metres, decode, first_line
 
-_BLOCK: Final = re.compile(r"\s*Pos(?:e|ition)?\s*[:#=]?\s*(?P<name>\w+)\s*:?\s*", re.IGNORECASE)
-_PAIR: Final = re.compile(r"(?P<key>[A-Za-z]+)\s*=\s*(?P<value>[^\s,;=]+)")
+_BLOCK: Final = re.compile(r"\s*+Pos(?:e|ition)?+\s*+[:#=]?+\s*+(?P<name>\w++)\s*+:?+\s*+", re.IGNORECASE)
+_PAIR: Final = re.compile(r"(?<![A-Za-z])(?P<key>[A-Za-z]++)\s*=\s*(?P<value>[^\s,;=]+)")
 _POSITION: Final = ("x", "y", "z")
 _ANGLES: Final = ("rotx", "roty", "rotz")
 

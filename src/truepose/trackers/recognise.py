@@ -117,4 +117,4 @@ def _first_data_line(text: str) -> tuple[int, str]:
     """Return the first line with three numbers, else the first that is not blank; with its number from 1."""
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     with_numbers = (item for item in lines if len(re.findall(r"(?<![\w.])[+-]?[0-9]*\.?[0-9]+", item[1])) >= 3)
-    return next(with_numbers, lines[0])
+    return next(with_numbers, lines[0] if lines else (1, ""))

@@ -11,7 +11,7 @@ from truepose.trackers.columns import Columns, first_row, read_millimetres
 from truepose.trackers.exporting import row_names
 from truepose.trackers.readings import Layout, Readings
 
-_NUMBER: Final = r"\s*[+-]?[0-9]+(?:[.,][0-9]*)?(?:[eE][+-]?[0-9]+)?\s*"
+_NUMBER: Final = r"\s*+[+-]?[0-9]++(?:[.,][0-9]*+)?+(?:[eE][+-]?[0-9]++)?+\s*+"
 _ROW: Final = re.compile(rf"[^;]*;{_NUMBER};{_NUMBER};{_NUMBER}(?:;\s*)*")
 _COLUMNS: Final = Columns(name=1, x=2, y=3, z=4, delimiter=";")
 

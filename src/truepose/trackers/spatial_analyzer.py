@@ -14,7 +14,7 @@ from truepose.trackers.exporting import row_names, row_times
 from truepose.trackers.readings import Layout, Readings, check_metres, decode, first_line, millimetres_per
 from truepose.trackers.times import date, seconds
 
-_NUMBER: Final = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?nan"
+_NUMBER: Final = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+|[+-]?nan"
 _ROW: Final = re.compile(
     rf"^\s*(?P<name>[^/].*?)\s*,\s*(?P<x>{_NUMBER})\s*,\s*(?P<y>{_NUMBER})\s*,\s*(?P<z>{_NUMBER})"
     r"(?:\s*,\s*(?P<date>[0-9]+/[0-9]+/[0-9]+[^,]*?))?\s*,?\s*$",
