@@ -6,8 +6,9 @@ The frame is ``--base``, or G54 … G59 by name in the frame table. `ReadOptions
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from truepose.errors import FileError
 from truepose.programs.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
@@ -32,12 +33,14 @@ _VARIABLE = re.compile(rb"(?:#(?:\d++|<[^>\r\n]*>|\[[^\]\r\n]*\])|R\d++(?:\[[^\]
 """A variable that is set: `#100=5`, `R1=2.5`."""
 _CONTROL = re.compile(
     rb"[ \t/]*+(?:N\d++[ \t]*+)?(?:[A-Z_]\w++:[ \t]*+)?"
-    rb"((?:IF|ELSEIF|WHILE|GOTO[BFC]?|FOR|LOOP|REPEAT|UNTIL|CASE)\b"
+    rb"((?:IF|ELSEIF|WHILE|GOTO[BFCS]?|FOR|LOOP|REPEATB?|UNTIL|CASE)\b"
     rb"|(?:ELSE|END(?:IF|FOR|WHILE|LOOP)|(?:END|DO)\d)(?=[ \t]*+$))",
     re.I,
 )
 _VECTOR = re.compile(rb"(?:[ABC]\d|LEAD|TILT|THETA)[ \t]*+=[ \t]*+[-+.\w]*+(?:\([^\r\n()]*+\))?+", re.I)
 """Other ways to say the orientation."""
+_JUMP = re.compile(rb"(?:GOTO[BFCS]?|REPEATB?)\b[ \t]*+([A-Z_]\w*+|\d++(?![ \t]*+[-+*/.]))?+", re.I)
+_LABEL = re.compile(rb"[ \t/]*+(?:N?+(\d++)|([A-Z_]\w++):)", re.I)
 _AXIS = re.compile(rb"(?<![\w#<])[XYZ][ \t]*+[-+=#\[.\d]", re.I)
 _COMMENT = re.compile(rb"\([^\r\n)]*\)|;[^\r\n]*")
 _AXES: Final = "XYZABC"
@@ -68,6 +71,10 @@ _STRAY: Final = [b"%c" % c for c in b":,*\"'@$&.<>_-"]
 _CURVES: Final = (b"CIP", b"CT", b"ASPLINE", b"BSPLINE", b"CSPLINE", b"POLY", b"INVCW", b"INVCCW")
 _EXPONENTS: Final = "exponent "
 """Of an axis: its place among what is strange in a line."""
+_MODAL: Final = ("_offset", "_motion", "_relative", "_unit", "_problem", "_compensated")
+"""Attributes of the reader: what holds from one line to the next. The orientation, which is changed in place, too."""
+_RETURNS: Final = 20
+"""More jumps to different labels are taken as one to the beginning."""
 _ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
 
 
@@ -80,6 +87,16 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
         If no word of it is G-code, or a number is broken; with its line.
     """
     return _Reader(Source.read(path), frames, options).program(path)
+
+
+@dataclass(frozen=True)
+class _Return:
+    """A jump that may go back: to a label, or to the beginning."""
+
+    line: int
+    word: str
+    label: str | None
+    state: dict[str, Any]
 
 
 class _Reader:
@@ -96,10 +113,12 @@ class _Reader:
         self._problem: Problem | None = None
         self._compensated = 0
         self._words = 0
+        self._returns: list[_Return] = []
 
     def program(self, path: Path) -> Program:
         for line, start, end in self._source.lines():
             self._line(line, start, end)
+        self._follow_returns()
         if not self._words:
             raise FileError(path, "has no word such as G1 or M30: it is no G-code")
         known = self._options.angles
@@ -117,6 +136,41 @@ class _Reader:
         targets, circles = judge.program_targets(self._points, self._circles)
         return Program(path, (self._source,), targets, circles, LEXER)
 
+    def _follow_returns(self) -> None:
+        """Read again what a jump back repeats, with what is in force at the jump; refuse what differs then."""
+        returns = {back.label: back for back in self._returns}  # of many to one label, the last
+        if self._options.calls_keep_frames or not returns:
+            return
+        if len(returns) > _RETURNS:
+            self._come_back(self._returns[-1].line, self._returns[-1].word, None, anywhere=True)
+            returns = {None: self._returns[-1]}
+        for back in returns.values():
+            again = _Reader(self._source, self._frames, self._options)
+            again.__dict__.update(back.state)
+            begun = back.label is None
+            for line, start, end in self._source.lines():
+                if line > back.line:
+                    break
+                begun = begun or _label(self._source.data[start:end]) == back.label
+                if begun:
+                    again._line(line, start, end)
+            repeated = {point.line: point for point in again._points}
+            for point in self._points:
+                other = repeated.get(point.line)
+                if point.problem is None and other is not None and not self._alike(point, other):
+                    reason = f"line {back.line} ({back.word}) comes back here with other settings in force"
+                    point.problem = Problem("refuse", reason)
+
+    def _alike(self, one: Point, other: Point) -> bool:
+        frames = [[self._in_frame(use).frame for use in point.uses] for point in (one, other)]
+        return other.problem is None and one.values == other.values and frames[0] == frames[1]
+
+    def _come_back(self, line: int, word: str, label: str | None, *, anywhere: bool = False) -> None:
+        state = {name: getattr(self, name) for name in _MODAL} | {"_angles": dict(self._angles)}
+        if anywhere:
+            state["_problem"] = Problem("refuse", f"line {line} ({word}) may come to any line")
+        self._returns.append(_Return(line, word, label, state))
+
     def _in_frame(self, use: Use) -> Use:
         """Leave the work offset to the user's base where the program has only one and the table none of its name."""
         named = use.frame is not None and use.frame.key is not None and frame_key(use.frame.key) in self._frames.bases
@@ -125,7 +179,7 @@ class _Reader:
     def _line(self, line: int, start: int, end: int) -> None:
         code = _COMMENT.sub(lambda m: b" " * len(m[0]), self._source.data[start:end])
         if control := _CONTROL.match(code):
-            self._control(line, control[1].decode().upper(), code[control.end() :])
+            self._control(line, control[1].decode().upper(), code)
             return
         words, spans, strange = self._parse(line, code, start)
         self._words += sum(key in "GM" for key, _ in words)
@@ -136,7 +190,7 @@ class _Reader:
             loose += [key for key in "ABC" if key not in loose]
         if [key for key, _ in words if key in _AXES] != list(dict.fromkeys(key for key, _ in words if key in _AXES)):
             raise self._source.error(line, "names an axis twice; correct the file")
-        self._modal(line, codes)
+        self._modal(line, codes, words)
         if any(name.startswith(_TRANSFORMS) for name in strange.values()):
             self._problem = Problem("refuse", f"coordinates are changed in line {line}")
         if curves := [name for name in strange.values() if name in _CURVES]:
@@ -157,13 +211,17 @@ class _Reader:
             point.values = tuple(axes[key] for key in "XYZ") + tuple(self._angles[key] for key in "ABC")
             point.spans = tuple([spans.get(key, NOT_HERE) for key in _AXES])
 
-    def _control(self, line: int, word: str, rest: bytes) -> None:
+    def _control(self, line: int, word: str, code: bytes) -> None:
         """Take a jump, loop or condition: what is in force behind it depends on the way."""
+        for jump in _JUMP.finditer(code):
+            label = _name(jump[1])
+            computed = label is None and jump[0].upper() != b"GOTOS"
+            self._come_back(line, word, label, anywhere=computed)
         if not self._options.calls_keep_frames:
             self._problem = Problem("refuse", f"what is in force after line {line} ({word}) is not known")
         self._angles = {}
         self._words += 1
-        if _AXIS.search(rest):
+        if _AXIS.search(code, code.upper().index(word.encode()) + len(word)):
             self._add(line, Problem("refuse", f"a motion behind {word} that is not understood"))
 
     def _judge(self, line: int, gs: list[str], axes: dict[str, float], loose: list[str]) -> Problem | None:
@@ -205,12 +263,15 @@ class _Reader:
             elif key in axes:
                 self._angles[key] = axes[key]
 
-    def _modal(self, line: int, codes: list[str]) -> None:
+    def _modal(self, line: int, codes: list[str], words: list[tuple[str, float]]) -> None:
         for code in codes:
             number = code[1:]
             if code[0] == "O" or code in _CALLS:
                 if not self._options.calls_keep_frames and (code[0] != "O" or self._points):
                     self._problem = Problem("refuse", f"what is in force after line {line} ({code}) is not known")
+            elif code == "M99":
+                to = [_plain(value) for key, value in words if key == "P"]
+                self._come_back(line, code, to[0] if to else None)
             elif code[0] != "G":
                 continue
             elif number in ("90", "91"):
@@ -309,6 +370,21 @@ def _ambiguous(strange: dict[str, bytes]) -> Problem | None:
             shown = f"{key.removeprefix(_EXPONENTS)}{text.decode()}"
             return Problem("refuse", f"{shown}: one number or two words; write it without exponent, or a blank between")
     return None
+
+
+def _label(code: bytes) -> str | None:
+    """Return the number or name of a line; None without one."""
+    m = _LABEL.match(code)
+    return _name(m[1] or m[2]) if m else None
+
+
+def _name(label: bytes | None) -> str | None:
+    """Return a label as it is compared; None for one that is computed, or for none."""
+    if label is None or re.fullmatch(rb"R\d+", label, re.I):
+        return None
+    text = label.decode("latin-1").upper()
+    number = text.removeprefix("N")
+    return (number.lstrip("0") or "0") if number.isdigit() else text
 
 
 def _plain(value: float) -> str:
