@@ -30,6 +30,7 @@ MINIMAL_LINEAR: Final = 5
 """Readings that determine the fifteen unknowns of the linear start at the least."""
 
 _DEGENERATE: Final = 1e-6  # singular values below this part of the largest count as zero
+_SETTLED: Final = 1e-9  # steps of candidates below this part of the largest coordinate end their search
 _WEAK: Final = 5.0  # mm: a direction known worse is worth a hint
 _SUBSETS: Final = 300  # chance that none of them is clean, with 3 of 10 readings gross and 8 in a subset: 2e-8
 _SCORED: Final = 500  # readings on which the candidates are compared
@@ -209,6 +210,8 @@ def _damped_steps(poses: Poses, station: Station, steps: int = 15) -> Station:
         gradient = np.swapaxes(columns, -1, -2) @ station.residuals(poses).reshape(k, -1, 1)
         step = np.linalg.solve(normal, -gradient)[..., 0]
         station = _moved(station, np.asarray(step, dtype=np.float64), centre)
+        if np.abs(step).max() <= _SETTLED * np.abs(poses.p_commanded).max():  # each to be refined if it wins
+            break
     return station
 
 
