@@ -25,15 +25,26 @@ Rows = NDArray[np.int64] | slice
 
 @dataclass(frozen=True, eq=False)
 class CellSamples:
-    """Samples of a cell, registered anew with whatever part of them is known."""
+    """Samples of a cell, registered anew with whatever part of them is known.
+
+    Attributes
+    ----------
+    cell : Cell
+    robot : Robot
+    samples : Samples
+    accepted : bool
+        `check_samples` has accepted them before, as those of a map.
+    """
 
     cell: Cell
     robot: Robot
     samples: Samples
+    accepted: bool = False
 
     def register(self, rows: Rows = slice(None)) -> tuple[Registration, FloatArray]:
         """Return the registration with some rows, and the tool (4, 4) [mm] found with it or as stated."""
-        _ = self._checked
+        if not self.accepted:
+            _ = self._checked
         registration, tf_flange_tool, _ = register_checked(self.cell, self.robot, self.samples[rows])
         return registration, tf_flange_tool
 

@@ -119,7 +119,7 @@ class ErrorMap:
 
     def _without(self, block: IntArray) -> LeftOut:
         """Return what is left of the samples' errors without their blocks, see `LeftOut`."""
-        measured = CellSamples(self.cell, self.robot, self.samples)
+        measured = CellSamples(self.cell, self.robot, self.samples, accepted=True)
         found = LeftOut(np.empty_like(self.e), np.empty_like(self.e))
         for k in np.unique(block):
             out, known = np.flatnonzero(block == k), np.flatnonzero(block != k)
