@@ -20,6 +20,7 @@ import numpy as np
 from benchmarks.held_out import Page
 from benchmarks.trust_cells import KINDS, SAMPLES, TARGETS, Fate, fates
 from truepose.predictors import PREDICTORS
+from truepose.similarity.threads import become_worker, cores
 
 PAGE = "trust"
 ROOT = Path(__file__).parent.parent
@@ -227,8 +228,8 @@ def _of_kind(kind: str, seeds: range, names: tuple[str, ...]) -> list[Fate]:
         return folder / f"{kind}-{seed}-{len(names)}.json"
 
     missing = [seed for seed in seeds if not kept(seed).exists()]
-    workers = max(1, min(len(missing), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1))
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+    workers = max(1, min(len(missing), cores()))
+    with ProcessPoolExecutor(workers, get_context("spawn"), become_worker) as pool:
         running: dict[Future[list[Fate]], int] = {
             pool.submit(fates, kind, seed, predictors=names): seed for seed in missing
         }

@@ -15,6 +15,7 @@ from truepose.identification import Arm
 from truepose.registering import reading_noise
 from truepose.robots import Load, Robot
 from truepose.samples import Samples
+from truepose.similarity.threads import blas_threads
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, Campaign, Change, changes, noise, reference_change
 
@@ -105,7 +106,8 @@ def check_campaign(
     """
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
-    found = changes(campaign)
+    with blas_threads(len(samples)):
+        found = changes(campaign)
     before, after = _references(samples, order)
     others = np.setdiff1d(np.arange(len(samples)), after)
     std = noise(campaign[others]) if len(before) and len(others) >= FEWEST else _stated(cell, samples, registration)

@@ -12,6 +12,7 @@ from scipy.stats import t as student_t
 
 from truepose.errors import TrueposeError
 from truepose.predictors import block_folds
+from truepose.similarity.threads import blas_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -113,7 +114,8 @@ def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOu
     if n < _FEWEST:
         return Worth(n, mean, note=f"{n} samples are too few to leave some out; measure {_FEWEST} or more")
     try:
-        left, alone = (np.linalg.norm(one, axis=1) for one in without(block_folds(p_cmd, _BLOCKS)))
+        with blas_threads(n):
+            left, alone = (np.linalg.norm(one, axis=1) for one in without(block_folds(p_cmd, _BLOCKS)))
     except (TrueposeError, np.linalg.LinAlgError) as error:
         return Worth(n, mean, note=f"without a block of samples it cannot be fitted ({error})")
     gains = _interval(nothing - left), _interval(alone - left)
