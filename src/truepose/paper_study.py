@@ -25,6 +25,7 @@ from truepose.fitting import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
 from truepose.predictors import OrdinaryKriging
 from truepose.samples import Samples
+from truepose.samples.delimited import escaped
 from truepose.simulation import VirtualCell
 from truepose.verification import summary
 
@@ -292,12 +293,21 @@ def write_study(directory: Path, results: Sequence[Result]) -> None:
     writer.writeheader()
     for result in results:
         row = asdict(result)
-        writer.writerow({name: f"{value:.4f}" if isinstance(value, float) else value for name, value in row.items()})
+        writer.writerow(
+            {
+                name: f"{value:.4f}" if isinstance(value, float) else _unlike_formula(value)
+                for name, value in row.items()
+            }
+        )
     picture = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "truepose"}):
         plot(results).savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
     texts = (rows.getvalue(), markdown(results), picture.getvalue())
     write_all({directory / name: text for name, text in zip(STUDY_FILES, texts, strict=True)})
+
+
+def _unlike_formula(value: object) -> object:
+    return escaped(value) if isinstance(value, str) else value
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -309,3 +310,17 @@ def test_no_such_layout(tmp_path: Path, measured: Samples) -> None:
         write_readings(tmp_path / "x", measured, "xls")
     with pytest.raises(DataError, match="has no commanded positions"):
         write_readings(tmp_path / "x", Samples(np.ones((2, 3)), q=np.zeros((2, 6))), "motion")
+
+
+@pytest.mark.promise("No layout writes a name that a spreadsheet would take for a formula")
+def test_no_layout_writes_a_formula(tmp_path: Path, record_property) -> None:
+    virtual = VirtualCell("paper", seed=4)
+    names = np.array(["=1+2", "+x", "-y", "@a"])
+    samples = replace(virtual.measure(virtual.design(4, seed=1)), name=names)
+    for layout in LAYOUTS:
+        path = tmp_path / "a.txt"
+        write_readings(path, samples, layout.key)
+        for line in path.read_bytes().decode("latin-1").splitlines():
+            cells = [cell.strip() for cell in re.split("[,;\t]", line)]
+            assert not any(re.match("[=+@]|-[a-z]", cell) for cell in cells), (layout.key, line)
+    record_property("cases", 4 * len(LAYOUTS))

@@ -6,15 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.samples import Samples
+from truepose.samples.delimited import escaped
 
 FloatArray = NDArray[np.float64]
 _SECONDS_PER_ROW = 15.0
 
 
 def row_names(samples: Samples) -> list[str]:
-    """Return a name for each row: its own, else the number of its pose, from 1."""
+    """Return a name for each row, as a cell that is no formula: its own, else the number of its pose, from 1."""
     assert samples.row is not None
-    return samples.name.tolist() if samples.name is not None else [str(row + 1) for row in samples.row.tolist()]
+    if samples.name is None:
+        return [str(row + 1) for row in samples.row.tolist()]
+    return [escaped(name) for name in samples.name.tolist()]
 
 
 def row_times(samples: Samples) -> FloatArray:

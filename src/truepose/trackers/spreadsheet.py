@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 
 from truepose.samples import Samples
-from truepose.samples.delimited import escaped
 from truepose.trackers.columns import read_columns, read_millimetres
 from truepose.trackers.exporting import row_names
 from truepose.trackers.headed import header_columns, names_xyz, states_unit
@@ -38,7 +37,7 @@ def write(samples: Samples) -> bytes:
     joints = np.zeros((len(samples), 6)) if samples.q is None else samples.q
     names = [f"j{k + 1} [rad]" for k in range(joints.shape[1])]
     header = ";".join(["Time", "Point", *names, "X [m]", "Y [m]", "Z [m]"])
-    name = list(map(escaped, row_names(samples)))
+    name = row_names(samples)
     rows = (
         ";".join(
             ["2.02E+13", name[i], *(f"{value:.7f}" for value in joints[i]), *(f"{1e-3 * value:.7f}" for value in p)]
