@@ -104,6 +104,8 @@ def _read_file(
             raise FileError(path, why)
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
     module = importlib.import_module(f"truepose.programs.{dialect}")
+    if dialect == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
+        raise FileError(path, "is empty; name a program")
     options = options or ReadOptions()
     frames = standing(frames or FrameTable(), path, dialect)
     whole = {"folder": folder} if dialect == "val3" and folder is not None else {}
