@@ -240,6 +240,27 @@ def test_inform_run_time_shifts(job: Read, record_property: Any) -> None:
     assert verdicts(job("MOVL C00001 V=1.0 CV#(1) CTP=5.0", positions))["C00001"] == "refuse"
 
 
+STRAYS = (
+    "MOVL C00000 V=10.0 MOVL C00001 V=10.0",
+    "MOVL C00000 V=10.0 SMOVL C00001 V=10.0",
+    "DOUT OT#(1) ON MOVJ C00001 VJ=1.0",
+    "*A WAIT IN#(1)=ON IMOV P001 V=1 MOVC C00001",
+    "MOVL C00000 V=10.0 SFTON P001",
+)
+HARMLESS = ("'MOVL C00001 V=1", "MOVL C00000 V=1.0 'MOVL C00001", 'MSG "MOVL C00001 V=1"', "JUMP *MOVL IF IN#(1)=ON")
+
+
+@pytest.mark.promise("An INFORM job with a motion or shift inside another instruction is not read.")
+def test_inform_motion_inside_another_instruction(job: Read, record_property: Any) -> None:
+    positions = f"///POSTYPE BASE\n///RECTAN\n///RCONF 1,0,0,0,0\nC00000={XYZ}\nC00001={XYZ}"
+    for code in STRAYS:
+        with pytest.raises(FileError, match=r"a\.jbi:\d+: a motion or shift inside another instruction"):
+            job(f"MOVL C00000 V=10.0\n{code}", positions)
+    for code in HARMLESS:
+        assert verdicts(job(f"MOVL C00000 V=10.0\n{code}\nMOVL C00001 V=1.0", positions))["C00001"] == "correct", code
+    record_property("cases", len(STRAYS) + len(HARMLESS))
+
+
 @pytest.mark.promise("INFORM: a rectangular position with another number of values than six is refused")
 def test_inform_seventh_number(job: Read) -> None:
     program = job("MOVL C00001 V=1.0", "///POSTYPE BASE\n///RECTAN\nC00001=600,5,-0.500,800.000,180.0,0.0,-90.0")

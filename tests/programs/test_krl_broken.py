@@ -39,6 +39,27 @@ def test_broken_source(pair: Any, body: str, message: str) -> None:
         read_program(pair(f"DEF cell( )\n{body}\nEND\n"))
 
 
+STRAYS = (
+    "x=1 LIN",
+    "$VEL.CP=1 LIN",
+    "P[2]=XP1 SPTP",
+    "BAS(#VEL_PTP,100) LIN",
+    "WAIT SEC 0 PTP",
+    "IF a THEN LIN",
+    "a: LIN",
+)
+
+
+@pytest.mark.promise("A KRL motion behind another statement in its line is refused, not passed over.")
+def test_motion_behind_another_statement(pair: Any, record_property: Callable[[str, object], None]) -> None:
+    for stray in STRAYS:
+        end = "\nENDIF" if stray.startswith("IF") else ""
+        program = read_program(pair(f"DEF cell( )\n{stray} {POSE}{end}\nEND\n"))
+        assert [target.verdict for target in program.targets] == ["refuse"], stray
+        assert "a motion inside another statement" in program.targets[0].reason, stray
+    record_property("cases", len(STRAYS))
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [

@@ -19,6 +19,8 @@ _OF_ALL_JOBS: Final = Problem(
 _POSITION = re.compile(rb"[ \t]*(B?E?[CP])(\d{3,6})[ \t]*=[ \t]*")
 _MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
 _MOTION = re.compile(rb"[ \t]*[+*]?[ \t]*S?(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CP]X?\d+)*)", re.I)
+_STRAY = re.compile(rb"\"[^\"]*+\"|(?<![\w*:#$])([SE]?I?MOV[JLCS](?=[ \t]+[A-Z]+[\d\[])|SFTON\b|SFTOF\b)", re.I)
+"""What must begin an instruction; texts are passed over."""
 _OPERAND = re.compile(rb"(?<![\w#$])(C|P)X?(\d{3,6})\b")
 _RELATIVE = re.compile(rb"[ \t]*(?:S|E)?IMOV\w*", re.I)
 _CONVEYOR = re.compile(rb"\bCV#\([^)]*\)?", re.I)
@@ -172,6 +174,11 @@ class _Reader:
         if m := _LABEL.match(code):
             flow.label(m[1].decode("latin-1"))
             code = code[m.end() :]
+        begin = re.match(rb"[ \t]*+[+*]?+[ \t]*+\w*+", code)
+        for m in _STRAY.finditer(code, begin.end() if begin else 0):
+            if m[1]:
+                message = f"a motion or shift inside another instruction ({_shown(code)}): write each on its own line"
+                raise self._source.error(line, message)
         if m := _MOTION.match(code):
             self._motion(m, line, _CONVEYOR.search(code, m.end()))
             return

@@ -243,8 +243,10 @@ class Module:
                 reason = f"handed to {name}(): where that moves is known at run time only"
                 self._motions.other(name, line, "skip", reason)
         if word and (m := _ASSIGN.match(data, rest, end)):
+            self._stray(statement)
             self._assign(statement, m)
         elif word == "BAS" and _CALL.match(data, rest, end):
+            self._stray(statement)
             bas(self._flow, self._src, rest + len(data[rest:end]) - len(data[rest:end].lstrip()), end, line)
         elif word and (m := _LABEL.fullmatch(data, rest, end)):
             self._flow.label(word)
@@ -264,19 +266,20 @@ class Module:
         """Take any other statement: what it reads and calls, and whether a motion hides in it."""
         _, line, start, _, end = statement
         data = self._src.data
-        for m in STRAY_MOTION.finditer(data, start, end):
-            if m[1]:
-                word = m[1].decode().upper()
-                self._motions.other(
-                    word, line, "refuse", f"a motion inside another statement: {shown(data, start, end)}"
-                )
-                break
+        self._stray(statement)
         if WORLD_CHANGE.search(data, start, end):
             self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
         if FRAME_CHANGE.search(data, start, end):
             unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             self._flow.change(tool=unknown, base=unknown)
         self._call(self._names.scan(data, start, end, line))
+
+    def _stray(self, statement: Statement) -> None:
+        _, line, start, _, end = statement
+        data = self._src.data
+        if found := next((m for m in STRAY_MOTION.finditer(data, start, end) if m[1]), None):
+            reason = f"a motion inside another statement: {shown(data, start, end)}"
+            self._motions.other(found[1].decode().upper(), line, "refuse", reason)
 
     def _assign(self, statement: Statement, m: re.Match[bytes]) -> None:
         word, line, start, rest, end = statement
