@@ -386,3 +386,14 @@ def test_missing_dat(run, program, tmp_path):
     source, error_map = program
     source.with_suffix(".dat").unlink()
     assert "panel.dat" in run("correct", error_map, source, "--out", tmp_path / "alone").failed()
+
+
+def test_titles_of_tables_are_whole_in_a_narrow_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from truepose.cli.output import say, table
+
+    monkeypatch.setenv("COLUMNS", "40")
+    title = "after registration, and predicted without the sample itself (n = 80)"
+    say(table(title, ["", "before [mm]"], [["mean", 0.5]]))
+    assert title in capsys.readouterr().out.splitlines()

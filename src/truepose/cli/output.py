@@ -47,7 +47,7 @@ def say(*items: Any) -> None:
     for item in items:
         if isinstance(item, str):
             item = _BRACKET.sub(r"\\[", item.encode("utf-8", "backslashreplace").decode())
-        console.print(item, soft_wrap=isinstance(item, str))
+        console.print(item, soft_wrap=isinstance(item, str), crop=False)
 
 
 @contextmanager
