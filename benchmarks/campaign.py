@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.held_out import Page
 from truepose import Samples, VirtualCell
-from truepose.campaign import CampaignCheck, check_campaign
+from truepose.error_map.campaign import CampaignCheck, check_campaign
+from truepose.error_map.registration import register_samples
 from truepose.planning.tour import shortest_tour
-from truepose.registering import register_samples
 
 PAGE = "campaign"
 SIZE = 60

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import Job, Slow
-from truepose.fitting import fit_cell
+from truepose.error_map.fit import fit_cell
 from truepose.geometry import euler, make_transform
 from truepose.programs import FrameTable, correct_program, read_program
 from truepose.simulation import VirtualCell

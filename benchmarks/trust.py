@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.held_out import Page
 from benchmarks.trust_cells import KINDS, SAMPLES, TARGETS, Fate, fates
+from truepose.numerics.threads import become_worker, cores
 from truepose.predictors import PREDICTORS
-from truepose.similarity.threads import become_worker, cores
 
 PAGE = "trust"
 ROOT = Path(__file__).parent.parent

@@ -13,7 +13,7 @@ were shuffled among the poses: below the band is structure that a map can use.
 import matplotlib.pyplot as plt
 
 import truepose as tp
-from truepose.similarity import draw_variogram
+from truepose.report.plots import draw_variogram
 
 cell = tp.VirtualCell("paper", seed=1)
 samples = cell.measure(cell.design(200))

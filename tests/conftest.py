@@ -18,7 +18,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 import numpy as np
 import pytest
 
-from truepose.similarity.threads import cores
+from truepose.numerics.threads import cores
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -5,7 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from truepose import archive
+from truepose._io import archive
 from truepose.errors import FileError
 
 CONTENT = {"name": "cell", "values": [1, 2.5, None], "text": "Größe"}

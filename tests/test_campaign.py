@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
-from truepose.campaign import CampaignCheck, check_campaign
+from truepose.error_map.campaign import CampaignCheck, check_campaign
+from truepose.error_map.registration import register_samples
 from truepose.errors import DataError
-from truepose.registering import register_samples
 from truepose.samples import Samples, write_samples
 from truepose.simulation import VirtualCell
 

@@ -16,10 +16,11 @@ from typing import Any
 
 import pytest
 
-from truepose import files
+from truepose._io import files
 from truepose.errors import FileError, RecoveryWarning
-from truepose.programs import history, sidecar
-from truepose.programs.source import Source
+from truepose.programs import history
+from truepose.programs import record as sidecar
+from truepose.programs.core.source import Source
 
 HOW = ("fails", "killed", "stops", "fails from then on", "interrupted before", "interrupted after", "signal")
 WHERE = ("in place", "new folder", "over results")

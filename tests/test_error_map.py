@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
+from truepose.error_map.target_joints import Follower
 from truepose.errors import DataError, IdentifiabilityError, RobotError
-from truepose.following import Follower
 from truepose.geometry import make_transform
 from truepose.robots import nearest_branch, status_turn
 from truepose.samples import Poses, Samples

@@ -4,7 +4,7 @@ import stat
 
 import pytest
 
-from truepose import files
+from truepose._io import files
 from truepose.errors import FileError
 
 

@@ -16,9 +16,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import truepose as tp
-from truepose import archive
+from truepose._io import archive
+from truepose.error_map.file import from_bytes, to_bytes
 from truepose.errors import FileError
-from truepose.map_file import from_bytes, to_bytes
 
 Arrays = dict[str, np.ndarray]
 

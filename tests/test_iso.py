@@ -11,8 +11,8 @@ import pytest
 import truepose as tp
 from truepose.cell import Cell
 from truepose.errors import DataError, RobotError
-from truepose.iso import EDGES_MM
 from truepose.samples import read_poses, write_samples
+from truepose.studies.iso9283 import EDGES_MM
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from truepose.cli import app
-from truepose.paper_study import METHODS, groups, markdown, run_study, spread, write_study
+from truepose.studies.paper import METHODS, groups, markdown, run_study, spread, write_study
 
 PAPERS, CALIBRATION, KINEMATIC = METHODS[0], METHODS[3], METHODS[4]
 
@@ -58,7 +58,7 @@ def test_folder(results, tmp_path):
 
 
 def test_command(tmp_path, monkeypatch):
-    monkeypatch.setattr("truepose.paper_study.run_study", functools.partial(run_study, methods=[PAPERS]))
+    monkeypatch.setattr("truepose.studies.paper.run_study", functools.partial(run_study, methods=[PAPERS]))
     answer = CliRunner().invoke(app, ["study", str(tmp_path), "--seeds", "1", "--per-axis", "3", "--json"])
     assert answer.exit_code == 0, answer.output
     assert len(json.loads(answer.stdout)["results"]) == 4

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
+from truepose.error_map.update import GROWTH, STATION, TOOL
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform, make_transform
 from truepose.samples import Samples
-from truepose.updating import GROWTH, STATION, TOOL
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 import truepose as tp
+from truepose._io import archive
 from truepose.cli import app
 from truepose.compensation import BELOW
+from truepose.error_map.worth import FEW
 from truepose.errors import RefusedError
 from truepose.geometry import make_transform
 from truepose.samples import write_samples
-from truepose.worth import FEW
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +88,9 @@ def test_the_mark_is_kept_in_the_file_and_found_for_files_without(weak, targets,
     again = tp.load_map(path)
     assert again.known_worth == weak.worth
     assert again.hash == weak.hash
-    content, arrays = tp.archive.unpack(path.read_bytes(), path)
+    content, arrays = archive.unpack(path.read_bytes(), path)
     assert content.pop("worth")["weak"] is True
-    old.write_bytes(tp.archive.pack(content, arrays))
+    old.write_bytes(archive.pack(content, arrays))
     earlier = tp.load_map(old)
     assert earlier.known_worth is None
     with pytest.raises(RefusedError, match="better than none"):

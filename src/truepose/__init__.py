@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 from truepose._version import __version__
 
 if TYPE_CHECKING:
-    from truepose.arm_check import check_point
     from truepose.cell import Cell, load_cell
-    from truepose.choosing import choose
     from truepose.error_map import ErrorMap, load_map
+    from truepose.error_map.arm_check import check_point
+    from truepose.error_map.fit import fit_cell
+    from truepose.error_map.selection import choose
     from truepose.errors import TrueposeError
-    from truepose.fitting import fit_cell
     from truepose.geometry import euler, register, register_with_tool
-    from truepose.iso import iso9283, iso9283_poses
     from truepose.planning import plan
     from truepose.predictors import (
         GridCell,
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from truepose.samples import Samples, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
     from truepose.simulation import VirtualCell
+    from truepose.studies.iso9283 import iso9283, iso9283_poses
     from truepose.trackers import import_readings, read_readings, write_readings
     from truepose.verification import accuracy, held_out
 
@@ -66,17 +66,17 @@ _HOME = {
     "VectorKriging": "predictors",
     "VirtualCell": "simulation",
     "accuracy": "verification",
-    "check_point": "arm_check",
-    "choose": "choosing",
+    "check_point": "error_map",
+    "choose": "error_map",
     "correct_program": "programs",
     "euler": "geometry",
     "experimental_variogram": "similarity",
-    "fit_cell": "fitting",
+    "fit_cell": "error_map",
     "fit_variogram": "similarity",
     "held_out": "verification",
     "import_readings": "trackers",
-    "iso9283": "iso",
-    "iso9283_poses": "iso",
+    "iso9283": "studies.iso9283",
+    "iso9283_poses": "studies.iso9283",
     "list_robots": "robots",
     "load_cell": "cell",
     "load_map": "error_map",

@@ -15,9 +15,9 @@ from truepose.cli import app
 from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry import register
 from truepose.planning import METHODS, plan, work_region
+from truepose.planning.collision import Surroundings
 from truepose.planning.prior import Prior
 from truepose.planning.selection import Posterior, lowest_largest, lowest_mean, most_observable
-from truepose.planning.surroundings import Surroundings
 from truepose.planning.tour import shortest_tour
 from truepose.samples import read_poses
 

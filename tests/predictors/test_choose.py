@@ -17,17 +17,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import truepose as tp
 from truepose.errors import DataError
-from truepose.predictors import (
-    Arm,
-    Errors,
-    InverseDistance,
-    KinematicKriging,
-    OrdinaryKriging,
-    choose,
-    cross_validation,
-)
-from truepose.predictors.ranking import HeldOut, difference_intervals, figures, take
-from truepose.similarity.threads import threads
+from truepose.numerics.threads import threads
+from truepose.predictors import Arm, Errors, InverseDistance, KinematicKriging, OrdinaryKriging, choose
+from truepose.predictors.selection import cross_validation
+from truepose.predictors.selection.ranking import HeldOut, difference_intervals, figures, take
 
 PLAIN = ("registration", "idw", "ordinary-kriging")
 
@@ -210,7 +203,8 @@ def test_workers_end_with_a_killed_parent(tmp_path):
 _KILLED = """
 import multiprocessing, os, signal
 import numpy as np
-from truepose.predictors import Errors, choose, cross_validation
+from truepose.predictors import Errors, choose
+from truepose.predictors.selection import cross_validation
 
 def kill(line):
     print(*(process.pid for process in multiprocessing.active_children()), flush=True)
@@ -250,7 +244,7 @@ class Noting(Errors):
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity cannot be set on this system")
 def test_cores_are_those_of_the_affinity():
     code = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
-    code += "from truepose.similarity.threads import cores; print(cores())"
+    code += "from truepose.numerics.threads import cores; print(cores())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "1\n"
 

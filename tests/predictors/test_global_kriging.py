@@ -17,7 +17,7 @@ from truepose.predictors import (
     VecchiaKriging,
     block_folds,
 )
-from truepose.predictors.drift import Drift
+from truepose.predictors.kriging.drift import Drift
 from truepose.similarity import VariogramModel, experimental_variogram
 
 MODEL = VariogramModel("matern32", nugget=0.1, sill=1.0, range=0.4)

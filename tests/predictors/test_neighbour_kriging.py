@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 
 from truepose.errors import KrigingError
 from truepose.predictors import LocalKriging, OrdinaryKriging, UniversalKriging, VecchiaKriging
-from truepose.predictors.vecchia import predecessors
+from truepose.predictors.kriging.vecchia import predecessors
 from truepose.similarity import VariogramModel, fit_likelihood
 
 MODEL = VariogramModel("matern32", nugget=0.05, sill=1.0, range=0.4)

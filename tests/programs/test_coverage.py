@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from truepose._io.units import parse_share
 from truepose.cell.sections import Correction
 from truepose.errors import DataError, RefusedError
 from truepose.programs import correct_program
-from truepose.units import parse_share
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 10.0,C -170.0}"
 SRC = f"DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nPTP {{A1 0}}\nLIN {POSE}\nLIN {POSE}\nLIN_REL {{X 1}}\nEND\n"

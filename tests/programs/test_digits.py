@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truepose.programs.digits import moved, read_digits, values_at, written
-from truepose.programs.source import format_number
+from truepose.programs.core.digits import moved, read_digits, values_at, written
+from truepose.programs.core.source import format_number
 
 TOKENS = st.from_regex(
     rb"\A(?: {0,3}[+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})(?:[eE][+-]?[0-2])?|-?[0-9]{1,3}\.[0-9]{0,3})\Z"

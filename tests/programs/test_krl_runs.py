@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from truepose.errors import FileError
 from truepose.programs import FrameTable, Program, Target, correct_program, read_program
-from truepose.programs.krl_runs import FEWEST, Run, find_run
+from truepose.programs.krl.runs import FEWEST, Run, find_run
 
 NUMBER = st.one_of(
     st.decimals(-99999, 99999, places=3).map(str),
@@ -53,7 +53,7 @@ def told(folder: Path, body: str, fewest: int) -> list[tuple[Any, ...]] | str:
     path = folder / "a.src"
     path.write_bytes(f"DEF a()\nBAS(#TOOL,1)\nBAS(#BASE,1)\n{body}END\n".encode("latin-1"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truepose.programs.krl_runs.FEWEST", fewest)
+        patch.setattr("truepose.programs.krl.runs.FEWEST", fewest)
         try:
             program = read_program(path, FRAMES)
         except FileError as error:
@@ -138,7 +138,7 @@ def test_an_interrupt_leaves_nothing_half_written(
                 raise KeyboardInterrupt
             return real(*args)
 
-        monkeypatch.setattr("truepose.programs.sidecar.np.round", rounding)
+        monkeypatch.setattr("truepose.programs.record.np.round", rounding)
         corrected.write(tmp_path / "out") if stage == "writing" else None
     monkeypatch.undo()
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before

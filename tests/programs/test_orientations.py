@@ -16,7 +16,7 @@ from tests.programs.test_virtual_cell import LANGUAGES, N
 from truepose.errors import DataError
 from truepose.geometry import euler, invert_transform, make_transform
 from truepose.programs import FrameTable, ReadOptions, correct_program, read_program
-from truepose.programs.orientations import AXES, STEPS, rotation, turned
+from truepose.programs.core.orientations import AXES, STEPS, rotation, turned
 
 ANGLE = st.floats(-179.0, 179.0)
 EULER = ["kuka", "fanuc", "yaskawa", "staubli"]

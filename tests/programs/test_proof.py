@@ -13,9 +13,11 @@ from tests.programs.corpus import CORPUS
 from tests.programs.test_corpus import lay
 
 from truepose.errors import DataError, RefusedError, TrueposeError
-from truepose.programs import FrameTable, Program, correct_program, krl, outcomes, proof, read_program
-from truepose.programs.digits import written
-from truepose.programs.source import Source, replaced
+from truepose.programs import FrameTable, Program, correct_program, read_program
+from truepose.programs.core import outcomes, proof
+from truepose.programs.core.digits import written
+from truepose.programs.core.source import Source, replaced
+from truepose.programs.krl import reader as krl
 
 BODY = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 LINE = "LIN {{X {},Y 2.25,Z 3,A 0,B 0,C 0}}\n"

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truepose.errors import RefusedError
-from truepose.programs.krl_lexer import LEXER
-from truepose.programs.source import Source, apply_patches, format_number, parse_number, prove, unified_diff
+from truepose.programs.core.source import Source, apply_patches, format_number, parse_number, prove, unified_diff
+from truepose.programs.krl.lexer import LEXER
 
 NUMBERS = st.from_regex(rb"\A[+-]?(?:[0-9]{1,5}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})(?:[eE][+-]?[0-2])?\Z")
 

@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.error_map import ErrorMap
-from truepose.fitting import fit_cell
+from truepose.error_map.fit import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
 from truepose.programs import FrameTable, ReadOptions, correct_program
 from truepose.simulation import VirtualCell

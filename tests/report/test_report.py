@@ -20,8 +20,8 @@ import pytest
 from fontTools.ttLib import TTFont
 
 from truepose.error_map import load_map
+from truepose.error_map.fit import fit_cell
 from truepose.errors import DataError, FileError
-from truepose.fitting import fit_cell
 from truepose.report import write_report
 from truepose.report.document import Document, Table
 from truepose.report.evidence import Evidence, gather

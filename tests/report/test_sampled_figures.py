@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truepose.error_map.fit import fit_cell
 from truepose.errors import VariogramWarning
-from truepose.fitting import fit_cell
 from truepose.report.locale import LOCALES, load_locale
 from truepose.report.study import StudyPart, similarity_study
 from truepose.simulation import VirtualCell

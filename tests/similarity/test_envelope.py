@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
+from truepose.report.plots import plot_variogram
 from truepose.similarity import (
     Direction,
     VariogramModel,
     experimental_variogram,
     fit_variogram,
     permutation_envelope,
-    plot_variogram,
     verdict,
 )
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gamma, kv
 
 from truepose.errors import DataError, KrigingError
+from truepose.numerics.compiled import pack
 from truepose.similarity import FAMILIES, VariogramModel
-from truepose.similarity.compiled import pack
 from truepose.similarity.covariance import correlation, slope_over_distance, weighted_gradient, weighted_sum
 
 

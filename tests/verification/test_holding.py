@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.verification.holding import drift, explanations, holding
+from truepose.verification.consistency import drift, explanations, holding
 
 STD = 0.03
 

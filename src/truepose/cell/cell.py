@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
+from truepose._io.files import LARGEST_CONFIG, read_text
+from truepose._io.strict import parse_toml
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, Pose, Section
 from truepose.cell.sections import (
     Base,
@@ -28,10 +30,8 @@ from truepose.cell.sections import (
 )
 from truepose.cell.text import explain, line_of, tables
 from truepose.errors import FileError
-from truepose.files import LARGEST_CONFIG, read_text
 from truepose.geometry.transforms import invert_transform
 from truepose.robots import load_robot
-from truepose.strict import parse_toml
 
 if TYPE_CHECKING:
     from truepose.robots import Robot

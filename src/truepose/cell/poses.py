@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from truepose._io.units import parse_share
 from truepose.errors import DataError
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
-from truepose.units import parse_share
 
 FloatArray = NDArray[np.float64]
 LARGEST: Final = 1e6

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
+from truepose._io.strict import is_whole
 from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section, Share
-from truepose.strict import is_whole
 
 FloatArray = NDArray[np.float64]
 Fit = Literal["none", "position", "pose"]
@@ -114,7 +114,7 @@ class Correction(Section):
 
     ``tolerance_mm`` is how far the tool may be from its target; by default ``max_std_mm`` is half of it.
 
-    ``max_bend_mm`` is the largest bend that a correction makes in a path, see `truepose.programs.paths`.
+    ``max_bend_mm`` is the largest bend that a correction makes in a path, see `truepose.programs.core.paths`.
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
     ``max_distance_mm`` is for maps in Cartesian space, ``max_distance_deg`` for those in joint space.
     """

@@ -68,7 +68,7 @@ def _root(
     context: typer.Context,
     version: bool = typer.Option(False, "--version", help="Print the version and exit."),
 ) -> None:
-    from truepose.files import watched
+    from truepose._io.files import watched
 
     context.with_resource(watched())
     if version:

@@ -20,7 +20,7 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Plan, measure a virtual robot, find the similarity, fit, validate, correct a program, measure again, report."""
-    from truepose.demo import run_demo
+    from truepose.studies.demo import run_demo
 
     overwrite(force, directory / "cell.toml")
     if as_json:

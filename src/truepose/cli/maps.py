@@ -10,7 +10,7 @@ import typer
 from truepose.cli.output import Force, Json, accuracy_table, emit_json, overwrite, say, table, working
 
 if TYPE_CHECKING:
-    from truepose.worth import Worth
+    from truepose.error_map.worth import Worth
 
 CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
@@ -48,9 +48,9 @@ def fit(
     from truepose.cli.calibration import calibration_data, calibration_of, show_calibration
     from truepose.cli.campaign import show_campaign
     from truepose.cli.choice import show_choice
-    from truepose.fitting import fit_cell
+    from truepose.error_map.fit import fit_cell
+    from truepose.numerics.threads import cores
     from truepose.samples import read_samples
-    from truepose.similarity.threads import cores
     from truepose.verification import summary
 
     overwrite(force, out)

@@ -7,7 +7,7 @@ from typing import Any, get_args
 import typer
 from typer.core import TyperCommand
 
-from truepose.strict import is_whole, to_float
+from truepose._io.strict import is_whole, to_float
 
 
 class Command(TyperCommand):

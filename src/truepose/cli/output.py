@@ -27,7 +27,7 @@ Force = Annotated[
 
 def overwrite(force: bool, *outputs: Path) -> None:
     """Let the command overwrite existing files if `force`; refuse outputs that it must not write before it computes."""
-    from truepose import files
+    from truepose._io import files
 
     files.overwrite(force)
     files.check_outputs(*outputs)

@@ -31,8 +31,8 @@ def check_point(
     import numpy as np
     from rich.markup import escape
 
-    from truepose import arm_check
     from truepose.cell import load_cell
+    from truepose.error_map import arm_check
     from truepose.geometry import euler
 
     cell = load_cell(cell_path)
@@ -56,7 +56,7 @@ def _controller(cell: Cell) -> str:
 def _numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option, with blanks or commas between them."""
     from truepose.errors import DataError
-    from truepose.programs.source import parse_number
+    from truepose.programs.core.source import parse_number
 
     try:
         return [parse_number(word.encode()) for word in text.replace(",", " ").split()]

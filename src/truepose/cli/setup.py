@@ -73,8 +73,8 @@ def init(
     as_json: Json = False,
 ) -> None:
     """Write a commented cell.toml to start from."""
+    from truepose._io.files import write_atomic
     from truepose.cell import template
-    from truepose.files import write_atomic
     from truepose.robots import load_robot
 
     load_robot(robot)
@@ -130,11 +130,11 @@ def import_readings(
     import numpy as np
 
     from truepose import trackers
-    from truepose.campaign import check_campaign
     from truepose.cell import load_cell
     from truepose.cli.campaign import show_campaign
+    from truepose.error_map.campaign import check_campaign
+    from truepose.error_map.registration import register_samples
     from truepose.errors import DataError
-    from truepose.registering import register_samples
     from truepose.samples import write_samples
 
     for option, value, needed, other in (
@@ -201,7 +201,7 @@ def import_readings(
 
 def _reflectors(told: str | None) -> Any:
     """Return how many reflectors there are, or where they sit on the tool as read from a file (m, 3) [mm]."""
-    from truepose.strict import is_whole
+    from truepose._io.strict import is_whole
     from truepose.trackers import read_readings
 
     if told is None or is_whole(told):

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from truepose._io.strict import to_float
 from truepose.cli.maps import CellPath, SamplesPath
 from truepose.cli.output import Force, Json, emit_json, overwrite, say, table, working
 from truepose.errors import DataError
-from truepose.strict import to_float
 
 if TYPE_CHECKING:
     from truepose.report.joint_similarity import JointSimilarity
@@ -46,7 +46,7 @@ def similarity(
 
     from truepose.cell import load_cell
     from truepose.cli.campaign import show_campaign
-    from truepose.fitting import fit_cell
+    from truepose.error_map.fit import fit_cell
     from truepose.report.joint_similarity import joint_similarity
     from truepose.report.study import plot_format, similarity_study
     from truepose.samples import read_samples

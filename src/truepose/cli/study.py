@@ -22,7 +22,7 @@ def study(
     as_json: Json = False,
 ) -> None:
     """Repeat the paper's experiment: its method and ours, on grids and at random, at one orientation and at many."""
-    from truepose.paper_study import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
+    from truepose.studies.paper import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
 
     overwrite(force, *(directory / name for name in STUDY_FILES))
     with working() as progress:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from truepose._io.units import MM_PER
 from truepose.errors import DataError
 from truepose.geometry.arrays import name_rows
 from truepose.geometry.station import Poses
-from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Where to measure: configurations that tell most, their order, and the program that goes there (method.md §6)."""
 
 from truepose.planning.designs import METHODS
-from truepose.planning.grounds import work_region
+from truepose.planning.measurement_space import work_region
 from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.planner import Plan, plan
 

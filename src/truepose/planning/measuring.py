@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._io.files import write_all
 from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
-from truepose.files import write_all
-from truepose.planning.grounds import listed
+from truepose.planning.measurement_space import listed
 from truepose.planning.region import Ground
 from truepose.samples import Poses, samples_text
 

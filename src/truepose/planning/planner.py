@@ -16,7 +16,7 @@ from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
 from truepose.planning.designs import METHODS, Task
-from truepose.planning.grounds import listed, work_region
+from truepose.planning.measurement_space import listed, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
 from truepose.planning.region import Ground, Reach

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm, qmc
 
 from truepose.predictors.kinematic.basis_form import Basis
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kriging import KinematicKriging
 from truepose.predictors.kinematic.terms import Terms
 from truepose.robots import Robot

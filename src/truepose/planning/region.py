@@ -15,10 +15,10 @@ from scipy.stats import qmc
 
 from truepose.errors import RobotError
 from truepose.geometry import make_transform
-from truepose.planning.surroundings import Surroundings
+from truepose.planning.collision import Surroundings
 from truepose.robots import nearest_branch
-from truepose.robots.branches import SINGULAR
-from truepose.robots.newton import smallest_singular
+from truepose.robots.inverse.branches import SINGULAR
+from truepose.robots.inverse.newton import smallest_singular
 
 FloatArray = NDArray[np.float64]
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from truepose.predictors.base import LeaveOneOut, Predictor
+from truepose.predictors.baselines.inverse_distance import InverseDistance
+from truepose.predictors.baselines.nearest import GridCell, Nearest
+from truepose.predictors.baselines.radial_basis import RadialBasis
+from truepose.predictors.baselines.registration_only import RegistrationOnly
 from truepose.predictors.calibration import KinematicCalibration
-from truepose.predictors.choose import Choice, choose
-from truepose.predictors.cross_validation import Errors
-from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds
-from truepose.predictors.inverse_distance import InverseDistance
 from truepose.predictors.kinematic import KinematicKriging
-from truepose.predictors.kriging import OrdinaryKriging, SimpleKriging, UniversalKriging
-from truepose.predictors.local_kriging import LocalKriging
-from truepose.predictors.named import PREDICTORS, Arm, make_predictor
-from truepose.predictors.nearest import GridCell, Nearest
+from truepose.predictors.kriging.local import LocalKriging
+from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging, UniversalKriging
+from truepose.predictors.kriging.vecchia import VecchiaKriging
+from truepose.predictors.kriging.vector import VectorKriging
 from truepose.predictors.orientation import PosePredictor
-from truepose.predictors.radial_basis import RadialBasis
-from truepose.predictors.registration_only import RegistrationOnly
+from truepose.predictors.registry import PREDICTORS, Arm, make_predictor
 from truepose.predictors.residual_network import ResidualNetwork
-from truepose.predictors.vecchia import VecchiaKriging
-from truepose.predictors.vector_kriging import VectorKriging
+from truepose.predictors.selection.choose import Choice, choose
+from truepose.predictors.selection.cross_validation import Errors
+from truepose.predictors.selection.folds import block_folds, branch_folds, point_folds, random_folds
 
 __all__ = [
     "PREDICTORS",

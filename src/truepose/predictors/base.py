@@ -18,8 +18,8 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truepose.errors import DataError
+from truepose.numerics.threads import LARGE, blas_threads
 from truepose.similarity import VariogramModel
-from truepose.similarity.threads import LARGE, blas_threads
 
 FloatArray = NDArray[np.float64]
 

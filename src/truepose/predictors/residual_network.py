@@ -13,7 +13,7 @@ from sklearn.base import clone
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.calibration import KinematicCalibration
-from truepose.predictors.folds import random_folds
+from truepose.predictors.selection.folds import random_folds
 from truepose.robots import Robot
 
 FloatArray = NDArray[np.float64]

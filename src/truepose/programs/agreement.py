@@ -7,14 +7,14 @@ from typing import Final
 
 from truepose.cell import Cell
 from truepose.errors import RefusedError
+from truepose.programs.core.targets import Program
 from truepose.programs.reading import dialect_of
-from truepose.programs.targets import Program
 from truepose.robots import Robot
 
 _MAKERS: Final = {
     "krl": "KUKA",
     "rapid": "ABB",
-    "fanuc": "FANUC",
+    "tp": "FANUC",
     "urscript": "Universal Robots",
     "inform": "Yaskawa",
     "val3": "Stäubli",

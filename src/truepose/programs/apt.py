@@ -12,9 +12,19 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from truepose.errors import FileError
-from truepose.programs.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held, numbers_at
-from truepose.programs.source import PLAIN_LEXER, Source
-from truepose.programs.targets import FrameTable, Program, ReadOptions
+from truepose.programs.core.points import (
+    AS_MEASURED,
+    NOT_HERE,
+    Frame,
+    Judge,
+    Point,
+    Problem,
+    Use,
+    leave_held,
+    numbers_at,
+)
+from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
 _GOTO: Final = ("GOTO", "FROM")

@@ -1,7 +1,7 @@
 """A program with its targets corrected: what each target becomes, the patches, and the proof.
 
 The error map speaks of the robot's base frame; the difference command − target is turned into each target's own frame
-and added to its digits. Nothing else changes, which `truepose.programs.proof` requires on every run.
+and added to its digits. Nothing else changes, which `truepose.programs.core.proof` requires on every run.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.units import parse_share
+from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
-from truepose.guarding import stated_limits
-from truepose.programs import sidecar
+from truepose.programs import record as sidecar
 from truepose.programs.agreement import check_cell, check_maker
-from truepose.programs.columns import Columns
-from truepose.programs.configurations import changed_words
+from truepose.programs.core.columns import Columns
+from truepose.programs.core.configurations import changed_words
+from truepose.programs.core.digits import moved
+from truepose.programs.core.orientations import turned
+from truepose.programs.core.outcomes import DONE, Outcomes, digit_step
+from truepose.programs.core.paths import Continuity, Paths
+from truepose.programs.core.proof import proven_hashes
+from truepose.programs.core.source import Source, printable, unified_diff
+from truepose.programs.core.target import FloatArray, Verdict
+from truepose.programs.core.targets import IDENTITY, FrameTable, Program, ReadOptions
 from truepose.programs.coverage import Coverage
-from truepose.programs.digits import moved
-from truepose.programs.orientations import turned
-from truepose.programs.outcomes import DONE, Outcomes, digit_step
-from truepose.programs.paths import Continuity, Paths
-from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
-from truepose.programs.source import Source, printable, unified_diff
-from truepose.programs.target import FloatArray, Verdict
-from truepose.programs.targets import IDENTITY, FrameTable, Program, ReadOptions
-from truepose.units import parse_share
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
@@ -146,7 +146,7 @@ class CorrectedProgram:
         return {**self.targets.summary(), "motion_targets": self.coverage.targets}
 
     def sidecar(self) -> dict[str, Any]:
-        """Return the record of this correction for JSON; see `truepose.programs.sidecar`."""
+        """Return the record of this correction for JSON; see `truepose.programs.record`."""
         return sidecar.record(self)
 
     def to_csv(self) -> str:

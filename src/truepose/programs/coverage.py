@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truepose.errors import RefusedError
-from truepose.programs.outcomes import Outcomes
+from truepose.programs.core.outcomes import Outcomes
 
 
 class Coverage(NamedTuple):

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from truepose.errors import FileError
-from truepose.programs.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
-from truepose.programs.source import Source, Span, is_broken, parse_number
-from truepose.programs.targets import FrameTable, Program, ReadOptions, frame_key
+from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
+from truepose.programs.core.source import Source, Span, is_broken, parse_number
+from truepose.programs.core.targets import FrameTable, Program, ReadOptions, frame_key
 
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
 _EXPONENT = rb"[EeDd][+-]?+[0-9]*+"

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs.target import FloatArray
+from truepose.programs.core.target import FloatArray
 
 if TYPE_CHECKING:
+    from truepose.programs.core.targets import Program
     from truepose.programs.correct import CorrectedProgram
-    from truepose.programs.targets import Program
 
 HashArray = NDArray[np.uint64]
 _KEPT: Final = 1024

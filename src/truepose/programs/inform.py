@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs import shifts
-from truepose.programs.flow import Flow, Shift, Structure
-from truepose.programs.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.source import PLAIN_LEXER, Source, printable
-from truepose.programs.targets import FrameTable, Key, Program, ReadOptions
+from truepose.programs.core import shifts
+from truepose.programs.core.flow import Flow, Shift, Structure
+from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.source import PLAIN_LEXER, Source, printable
+from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
 
 _OF_ALL_JOBS: Final = Problem(
     "refuse", "P variables are those of all jobs: another may move to it or write it; say that none does (--whole-task)"

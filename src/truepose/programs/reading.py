@@ -11,17 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from truepose._io.files import check_regular, path_exists, recover
 from truepose.errors import FileError
-from truepose.files import check_regular, path_exists, recover
+from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 from truepose.programs.robot_base import standing
-from truepose.programs.targets import FrameTable, Program, ReadOptions
 
 _KRL: Final = (".src", ".dat")
 _RAPID: Final = (".mod", ".prg", ".sys", ".modx")
 _DIALECTS: Final = {
     **dict.fromkeys(_KRL, "krl"),
     **dict.fromkeys(_RAPID, "rapid"),
-    ".ls": "fanuc",
+    ".ls": "tp",
     ".script": "urscript",
     ".jbi": "inform",
     ".dtx": "val3",
@@ -195,7 +195,7 @@ def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOpt
 
 def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions) -> list[Program]:
     """Read RAPID tasks; each program keeps how, so that it can be read again."""
-    from truepose.programs.rapid import read_tasks
+    from truepose.programs.rapid.reader import read_tasks
 
     def again(k: int) -> Program:
         return replace(read_tasks(tasks, frames, options)[k], root=root, options=options)
@@ -206,7 +206,7 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
 
 
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
-    from truepose.programs.krl import read_project
+    from truepose.programs.krl.reader import read_project
 
     return [_again(partial(read_project, folder, files, standing(frames, folder, "krl"), options), options)]
 

@@ -16,12 +16,11 @@ import numpy as np
 
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
-from truepose.programs.krl_lexer import CARTESIAN, closing_brace, parse_aggregate, statements
-from truepose.programs.source import Source, parse_number
-from truepose.programs.target import FloatArray
-from truepose.programs.targets import FrameTable
+from truepose.programs.core.source import Source, parse_number
+from truepose.programs.core.target import FloatArray
+from truepose.programs.core.targets import FrameTable
+from truepose.programs.krl.machine import robot_root
 
-_KRL: Final = re.compile(rb"(?:DECL\s+)?(?:GLOBAL\s+)?(?:FRAME\s+)?\$(ROBROOT|WORLD)\s*(\.\s*\w+\s*)?=(?!=)\s*", re.I)
 _LEVELS: Final = 5
 """Folders above a program that may be those of its controller's backup."""
 _BESIDE: Final = {"krl": ("", "Mada"), "rapid": ("", "SYSPAR")}
@@ -50,23 +49,10 @@ def standing(frames: FrameTable, path: Path, dialect: str) -> FrameTable:
         If files disagree with each other or with what the user states, or several robots stand in different places.
     """
     for file in _files(path, dialect):
-        tf_world_base = _of_machine(file) if dialect == "krl" else _of_moc(file)
+        tf_world_base = robot_root(file) if dialect == "krl" else _of_moc(file)
         if tf_world_base is not None:
             frames = frames.standing_at(tf_world_base, str(file))
     return frames
-
-
-def is_null(source: Source, start: int, end: int, line: int) -> bool:
-    """Return whether the expression between two places of a KRL file is certainly the null frame."""
-    code = source.data[start:end].strip()
-    if code.upper() in (b"$NULLFRAME", b"$WORLD"):
-        return True
-    if not code.startswith(b"{"):
-        return False
-    begin = start + len(source.data[start:end]) - len(source.data[start:end].lstrip())
-    close = closing_brace(source, begin, end, line)
-    found = parse_aggregate(source, begin, close, line)
-    return not source.data[close:end].strip() and not found.loose and not any(found.values.values())
 
 
 def _files(path: Path, dialect: str) -> list[Path]:
@@ -92,26 +78,6 @@ def _named(folder: Path, wanted: str) -> list[Path]:
         return [file for file in sorted(folder.iterdir()) if file.name.lower() == wanted and file.is_file()]
     except OSError:
         return []
-
-
-def _of_machine(path: Path) -> FloatArray | None:
-    """Return $ROBROOT of a $machine.dat, (4, 4) [mm]; None where it is not given."""
-    source, found = Source.read(path), None
-    for _, line, start, _, end in statements(source):
-        if (m := _KRL.match(source.data, start, end)) is None:
-            continue
-        if is_null(source, m.end(), end, line):
-            found = np.eye(4) if m[1].upper() == b"ROBROOT" else found
-            continue
-        values = {}
-        if source.data[m.end() : m.end() + 1] == b"{" and not m[2]:
-            values = parse_aggregate(source, m.end(), closing_brace(source, m.end(), end, line), line).values
-        if m[1].upper() != b"ROBROOT" or set(values) != set(CARTESIAN):
-            name = f"${m[1].decode().upper()}"
-            raise source.error(line, f"{name} is not the null frame, nor a frame that can be used; correct the file")
-        pose = [values[key] for key in CARTESIAN]
-        found = make_transform(euler("kuka", pose[3:]), pose[:3])
-    return found
 
 
 def _of_moc(path: Path) -> FloatArray | None:

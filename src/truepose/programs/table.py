@@ -13,9 +13,9 @@ from typing import Final
 
 from truepose.errors import DataError
 from truepose.geometry import ANGLES, euler
-from truepose.programs.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.source import PLAIN_LEXER, Source
-from truepose.programs.targets import FrameTable, Program, ReadOptions
+from truepose.programs.core.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _ORIENTATIONS: Final = {
     ("a_deg", "b_deg", "c_deg"): "kuka",

@@ -16,11 +16,11 @@ import numpy as np
 
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
-from truepose.programs import shifts
-from truepose.programs.flow import Flow, InForce, State, Structure
-from truepose.programs.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
-from truepose.programs.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
-from truepose.programs.targets import FrameTable, Program, ReadOptions
+from truepose.programs.core import shifts
+from truepose.programs.core.flow import Flow, InForce, State, Structure
+from truepose.programs.core.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
+from truepose.programs.core.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
+from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _PIECE = re.compile(
     rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S

@@ -14,10 +14,10 @@ from xml.parsers import expat
 
 import numpy as np
 
-from truepose import files
+from truepose._io import files
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
-from truepose.programs.points import (
+from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
     NOT_HERE,
@@ -29,8 +29,8 @@ from truepose.programs.points import (
     Use,
     numbers_at,
 )
-from truepose.programs.source import PLAIN_LEXER, Source
-from truepose.programs.targets import FloatArray, FrameTable, Key, Program, ReadOptions
+from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.targets import FloatArray, FrameTable, Key, Program, ReadOptions
 
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose import files
+from truepose._io import files
 from truepose._version import __version__
 from truepose.error_map import ErrorMap
 from truepose.report.records import Record, read_record

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from truepose.report import fonts
-from truepose.similarity import plot
+from truepose.report.plots import similarity as plot
 
 if TYPE_CHECKING:
     from truepose.report.locale import Locale

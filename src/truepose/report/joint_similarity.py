@@ -113,7 +113,7 @@ def _of_curve(angle: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatAr
 
 def draw_joint_similarity(axes: Axes, joints: list[JointSimilarity]) -> None:
     """Draw the semivariograms of all joints: the model as a line, the curve found as dots."""
-    from truepose.similarity.plot import CURVES
+    from truepose.report.plots.similarity import CURVES
 
     for colour, one in zip(CURVES * len(joints), joints, strict=False):
         degrees = np.degrees(one.lag)

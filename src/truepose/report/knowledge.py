@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose import files
+from truepose._io import files
 from truepose.error_map import ErrorMap
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic import JointCurve

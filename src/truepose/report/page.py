@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from truepose import files
+from truepose._io import files
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
 from truepose.report import fonts

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from truepose import files
+from truepose._io import files
 from truepose.errors import FileError
 from truepose.report.document import Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale

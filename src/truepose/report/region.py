@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose.error_map import ErrorMap
+from truepose.error_map.target_joints import Follower
 from truepose.errors import RobotError
-from truepose.following import Follower
 from truepose.geometry import make_transform
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose import files
+from truepose._io import files
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError, FileError
 from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
@@ -129,7 +129,7 @@ class StudyPart:
 
     def figure(self, words: Words = english) -> Figure:
         """Return the picture: points, fit, envelope."""
-        from truepose.similarity.plot import plot_variogram
+        from truepose.report.plots.similarity import plot_variogram
 
         ev, unit = self.envelope.variogram, self.unit
         return plot_variogram(ev, self.model, self.envelope, unit=unit, words=words, **self.curves)
@@ -215,7 +215,7 @@ class SimilarityStudy:
         """
         from matplotlib.figure import Figure
 
-        from truepose.similarity.plot import draw_curves, draw_variogram
+        from truepose.report.plots.similarity import draw_curves, draw_variogram
 
         ending = plot_format(path)
 

@@ -1,16 +1,16 @@
 """Robots: chains, the library of nominal robots, URDF, inverse kinematics, words of configuration."""
 
-from truepose.robots.branches import Branches, find_branches
 from truepose.robots.chain import Robot
 from truepose.robots.configuration import abb_configuration, fanuc_configuration, joints_of_abb, joints_of_fanuc
 from truepose.robots.conventions import CONVENTIONS
 from truepose.robots.convert import to_mdh
 from truepose.robots.error_model import ErrorModel, Parameter, error_model
-from truepose.robots.inverse import nearest_branch
+from truepose.robots.inverse.branches import Branches, find_branches
+from truepose.robots.inverse.solve import nearest_branch
+from truepose.robots.io.library import list_robots, load_robot, parse_robot
+from truepose.robots.io.urdf import load_urdf
 from truepose.robots.kuka import joints_of_pose, select, status_turn
-from truepose.robots.library import list_robots, load_robot, parse_robot
 from truepose.robots.nongeometric import JointTerms, Load, gravity_torque, joint_terms, thermal_columns
-from truepose.robots.urdf import load_urdf
 
 __all__ = [
     "CONVENTIONS",

@@ -226,8 +226,8 @@ class Robot:
         return tf.reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
 
     def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None) -> FloatArray:
-        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.inverse`."""
-        from truepose.robots.inverse import inverse
+        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.solve.inverse`."""
+        from truepose.robots.inverse.solve import inverse
 
         return inverse(self, poses, tool, nominal=nominal)
 
@@ -351,13 +351,13 @@ class Robot:
 
     def to_toml(self) -> str:
         """Return the robot as the text of a library file, which `load_robot` reads back."""
-        from truepose.robots.library import robot_to_toml
+        from truepose.robots.io.library import robot_to_toml
 
         return robot_to_toml(self)
 
     def to_urdf(self) -> str:
         """Return the robot as the text of a URDF file: links base_link, link_1 …, tool0; no masses, no shapes."""
-        from truepose.robots.urdf_writing import robot_to_urdf
+        from truepose.robots.io.urdf_writing import robot_to_urdf
 
         return robot_to_urdf(self)
 

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.robots.axes import half_turn
-from truepose.robots.branches import find_branches
 from truepose.robots.chain import Robot
-from truepose.robots.inverse import inverse
+from truepose.robots.inverse.branches import find_branches
+from truepose.robots.inverse.solve import inverse
 from truepose.robots.nominal import ortho_parallel
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from truepose.errors import RobotError
 from truepose.robots.chain import Robot
 from truepose.robots.convert import to_mdh
-from truepose.robots.ortho_parallel import OrthoParallel
-from truepose.robots.universal import ThreeParallel
+from truepose.robots.inverse.ortho_parallel import OrthoParallel
+from truepose.robots.inverse.universal import ThreeParallel
 
 FloatArray = NDArray[np.float64]
 

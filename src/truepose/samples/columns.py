@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._io.delimited import TextTable, unescaped
+from truepose._io.units import MM_PER
 from truepose.errors import FileError
-from truepose.samples.delimited import TextTable, unescaped
-from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.strict import LARGEST
 from truepose.errors import DataError
-from truepose.strict import LARGEST
 
 FloatArray = NDArray[np.float64]
 

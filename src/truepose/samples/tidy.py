@@ -28,11 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.delimited import escaped, is_number, parse
+from truepose._io.files import read_text, write_atomic
 from truepose.errors import DataError, FileError
-from truepose.files import read_text, write_atomic
 from truepose.samples.checks import check
 from truepose.samples.columns import QUANTITIES, full_name, gather, require
-from truepose.samples.delimited import escaped, is_number, parse
 from truepose.samples.table import Poses, Samples
 
 FloatArray = NDArray[np.float64]

@@ -11,11 +11,10 @@ from truepose.similarity.experimental import (
     experimental_variogram,
     variogram_cloud,
 )
-from truepose.similarity.fitting import VariogramFit, fit_variogram
+from truepose.similarity.fit import VariogramFit, fit_variogram
 from truepose.similarity.gstools_models import as_variogram
 from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
-from truepose.similarity.models import FAMILIES, VariogramModel
-from truepose.similarity.plot import draw_variogram, plot_variogram
+from truepose.similarity.model import FAMILIES, VariogramModel
 from truepose.similarity.sampled import Sampled, sampled
 from truepose.similarity.theory import model_based_variogram
 from truepose.similarity.trend import Trend, remove_drift
@@ -32,7 +31,6 @@ __all__ = [
     "VariogramFit",
     "VariogramModel",
     "as_variogram",
-    "draw_variogram",
     "equal_count_bins",
     "experimental_variogram",
     "fit_likelihood",
@@ -41,7 +39,6 @@ __all__ = [
     "lever_arm_weights",
     "model_based_variogram",
     "permutation_envelope",
-    "plot_variogram",
     "remove_drift",
     "sampled",
     "variogram_cloud",

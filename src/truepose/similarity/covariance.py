@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truepose.similarity import kernels
-from truepose.similarity.compiled import pack
-from truepose.similarity.kernels import DISTANCE, MATERN
+from truepose.numerics import kernels
+from truepose.numerics.compiled import pack
+from truepose.numerics.kernels import DISTANCE, MATERN
 
 FloatArray = NDArray[np.float64]
 

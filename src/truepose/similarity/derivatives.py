@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose.similarity import covariance as kernels
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 
 FloatArray = NDArray[np.float64]
 

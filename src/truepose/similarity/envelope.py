@@ -19,7 +19,7 @@ from truepose.similarity.experimental import (
     direction_cone,
     experimental_variogram,
 )
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 from truepose.similarity.sampled import sampled
 from truepose.similarity.words import Words, english
 

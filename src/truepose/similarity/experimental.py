@@ -238,7 +238,7 @@ def check_points(x: ArrayLike, e: ArrayLike, weights: ArrayLike | None = None) -
 
 def bin_edges(points: FloatArray, bins: int | ArrayLike, max_lag: float | None) -> FloatArray:
     """Return the bin edges (k + 1,): as given, or equal bins up to `max_lag`."""
-    from truepose.similarity.pairs import largest_distance
+    from truepose.numerics.pairs import largest_distance
 
     if np.ndim(bins) > 0:
         edges = np.asarray(bins, dtype=np.float64)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truepose.errors import KrigingError
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 
 CONVERSIONS: Final[dict[str, tuple[str, str | None, float]]] = {
     "Spherical": ("spherical", None, 1.0),

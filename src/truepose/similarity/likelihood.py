@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
 from truepose.errors import DataError, KrigingError
+from truepose.numerics.threads import blas_threads, kernel_threads
 from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
 from truepose.similarity.structures import Structures, by_parameters
-from truepose.similarity.threads import blas_threads, kernel_threads
 from truepose.similarity.trend import polynomial
 
 FloatArray = NDArray[np.float64]
@@ -233,8 +233,8 @@ class _Problem:
             moments = slope_moments(code, u, judged.Q, shape, full=part.rotation is not None)
             own = by_parameters(part, moments)
             if part.shape is not None and self.structures.shape is None:
+                from truepose.numerics.kernels import DISTANCE
                 from truepose.similarity.derivatives import correlation_by_shape
-                from truepose.similarity.kernels import DISTANCE
 
                 by_shape = correlation_by_shape(part.family, _correlations(DISTANCE, u, 0.0), shape)
                 own.append(shape * float((np.triu(judged.Q, 1) * by_shape).sum()))
@@ -358,7 +358,7 @@ def _part(size: int, *arrays: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _correlations(code: int, u: FloatArray, shape: float) -> FloatArray:
-    from truepose.similarity.compiled import pack
+    from truepose.numerics.compiled import pack
     from truepose.similarity.covariance import cross_correlation
 
     return cross_correlation(code, u, pack(u), len(u), shape)

@@ -1,6 +1,6 @@
 """Fit of sums of structures, and of ranges along axes, to the bins of one or several semivariograms.
 
-Weighted least squares as in `truepose.similarity.fitting`, with the same weights. For given ranges, turns and shapes
+Weighted least squares as in `truepose.similarity.fit`, with the same weights. For given ranges, turns and shapes
 the nugget and the sills are linear, none below zero (C. L. Lawson & R. J. Hanson, Solving Least Squares Problems, 1974,
 ch. 23), so the search is over the others alone (variable projection: G. H. Golub & V. Pereyra, SIAM Journal on
 Numerical Analysis 10, 1973).
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 from truepose.similarity.structures import Structures
 
 FloatArray = NDArray[np.float64]

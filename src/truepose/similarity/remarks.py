@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from truepose.errors import VariogramWarning
 
 if TYPE_CHECKING:
-    from truepose.similarity.models import VariogramModel
+    from truepose.similarity.model import VariogramModel
 
 _MEANING: Final = {
     ("nugget", "lower"): "no nugget can be told: the semivariance starts at zero",

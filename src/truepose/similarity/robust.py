@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import DataError
-from truepose.similarity.compiled import compiled
-from truepose.similarity.pairs import pair_sums
+from truepose.numerics.compiled import compiled
+from truepose.numerics.pairs import pair_sums
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

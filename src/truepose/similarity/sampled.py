@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from truepose.similarity.experimental import ExperimentalVariogram
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 
 
 @dataclass(frozen=True)

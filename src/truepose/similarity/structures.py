@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.families import FAMILIES, check_shape, family_named
-from truepose.similarity.models import VariogramModel
+from truepose.similarity.model import VariogramModel
 
 FloatArray = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
 """Measurement files in: one file per layout behind one signature, recognition, and matching with a plan."""
 
 from truepose.trackers.columns import Columns
+from truepose.trackers.formats.joint_files import read_plan
 from truepose.trackers.importing import import_readings
-from truepose.trackers.joint_files import read_plan
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import LAYOUTS, read_readings, write_readings

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.delimited import TextTable, check_lines, text_array
+from truepose._io.files import LARGEST_CONFIG, read_text, write_atomic
+from truepose._io.strict import is_whole, parse_toml, to_float
 from truepose.errors import DataError, FileError
-from truepose.files import LARGEST_CONFIG, read_text, write_atomic
-from truepose.samples.delimited import TextTable, check_lines, text_array
-from truepose.strict import is_whole, parse_toml, to_float
 from truepose.trackers.readings import Readings, check_metres, decode, millimetres_per
 from truepose.trackers.times import column_seconds
 

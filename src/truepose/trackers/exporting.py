@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._io.delimited import escaped
 from truepose.samples import Samples
-from truepose.samples.delimited import escaped
 
 FloatArray = NDArray[np.float64]
 _SECONDS_PER_ROW = 15.0

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.delimited import check_lines
+from truepose._io.units import MM_PER
 from truepose.errors import FileError
 from truepose.samples import Samples, looks_like_metres
-from truepose.samples.delimited import check_lines
-from truepose.units import MM_PER
 
 FloatArray = NDArray[np.float64]
 

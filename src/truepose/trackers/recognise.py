@@ -6,14 +6,14 @@ import re
 from pathlib import Path
 from typing import Final
 
+from truepose._io.files import read_bytes, write_atomic
 from truepose.errors import DataError, FileError
-from truepose.files import read_bytes, write_atomic
 from truepose.samples import Samples
-from truepose.trackers import (
+from truepose.trackers import epoch, motion
+from truepose.trackers.columns import Columns, read_columns
+from truepose.trackers.formats import (
     bare_columns,
-    epoch,
     leica,
-    motion,
     portable_cmm,
     pose_log,
     semicolons,
@@ -21,7 +21,6 @@ from truepose.trackers import (
     spreadsheet,
     tidy,
 )
-from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.readings import Layout, Readings, decode
 
 LAYOUTS: Final[tuple[Layout, ...]] = (

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._io.strict import to_float
 from truepose.errors import FileError
-from truepose.strict import to_float
 
 FloatArray = NDArray[np.float64]
 

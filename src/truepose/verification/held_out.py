@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose.errors import DataError, TrueposeError
-from truepose.predictors.folds import block_folds, branch_folds
+from truepose.predictors.selection.folds import block_folds, branch_folds
 from truepose.robots import Robot
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
 

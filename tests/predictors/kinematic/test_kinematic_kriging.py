@@ -11,7 +11,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.terms import Terms
 from truepose.robots import load_robot
 

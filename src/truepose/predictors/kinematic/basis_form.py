@@ -20,7 +20,7 @@ from scipy.spatial.distance import cdist
 
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.covariance_form import same_size, tolerances
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
 

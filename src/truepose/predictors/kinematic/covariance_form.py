@@ -15,8 +15,8 @@ from scipy.linalg import blas, lapack, solve_triangular
 from scipy.spatial.distance import cdist
 
 from truepose.errors import KrigingError
-from truepose.predictors.kinematic.compiled import add_joints_and_rest, slopes
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.numerics.kinematic import add_joints_and_rest, slopes
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
 

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.basis_form import Basis, Sums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import Likelihood
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 
 FloatArray = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.predictors.folds import random_folds
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import search
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.terms import Design, Terms, take
+from truepose.predictors.selection.folds import random_folds
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

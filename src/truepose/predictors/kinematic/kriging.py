@@ -16,7 +16,7 @@ from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
-from truepose.predictors.kinematic.hyper import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.inflation import MOST, factor, held_out
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns

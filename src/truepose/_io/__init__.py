@@ -1,0 +1,1 @@
+"""Files in and out: whole writing, archives, delimited text, strict numbers, units."""

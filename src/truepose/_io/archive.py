@@ -1,0 +1,213 @@
+"""The container of a map file: a zip of JSON and .npy with schema version and hashes. Loading never executes anything.
+
+Layout: ``manifest.json`` names the format, the schema version and the SHA-256 of each other member; ``content.json``
+holds everything that is not an array; ``arrays/NAME.npy`` the arrays. The same content always gives the same bytes.
+
+The hashes show damage, not intent: anyone can write a file whose hashes agree. So a reader trusts nothing that the file
+says about itself. Sizes are bounded before anything is unpacked, only members of the manifest are read, an array's
+header is compared with the one form that is written here, and `truepose.error_map.file` checks what the parts say.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import re
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose._io.strict import LARGEST, parse_json
+from truepose._version import __version__
+from truepose.errors import DataError, FileError
+
+FORMAT: Final = "truepose map"
+SCHEMA: Final = 1
+LARGEST_MAP: Final = 2**30
+"""Bytes of a map file, packed or unpacked."""
+
+_MANIFEST, _CONTENT = "manifest.json", "content.json"
+_LARGEST_RATIO: Final = 100  # of all members together; measured numbers hardly shrink
+_SMALL: Final = 2**20  # bytes that are unpacked at any ratio
+_MOST_MEMBERS: Final = 100
+_METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_END: Final = 22  # bytes of the end record of a zip without comment; the directory's size stands at 12 to 16 of it
+_WIDEST: Final = 1000  # columns of an array; its rows are bounded by the file's size
+_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
+_HEADER: Final = re.compile(
+    rb"\x93NUMPY\x01\x00(..)\{'descr': '(<f8|<i8|\|b1|<U[1-9][0-9]{0,3})', 'fortran_order': False, "
+    rb"'shape': \(([0-9]{1,9}(?:, [0-9]{1,9}){0,2})?,?\), \} *\n",
+    re.DOTALL,
+)
+_TYPES: Final = ("f8", "i8", "b1")
+
+
+def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return the bytes of a map file.
+
+    Parameters
+    ----------
+    content : mapping
+        Anything that JSON can hold; NaN and infinity are refused.
+    arrays : mapping of str to array
+        Finite floats, whole numbers, truth values or text.
+
+    Raises
+    ------
+    DataError
+        If an array is of another type.
+    """
+    members = {_CONTENT: _json(content)}
+    for name, array in sorted(arrays.items()):
+        buffer = io.BytesIO()
+        np.lib.format.write_array(buffer, np.ascontiguousarray(_native(name, array)), allow_pickle=False)
+        members[f"arrays/{name}.npy"] = buffer.getvalue()
+    manifest = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "written_by": f"truepose {__version__}",
+        "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
+    }
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in {_MANIFEST: _json(manifest), **members}.items():
+            archive.writestr(zipfile.ZipInfo(name, _EPOCH), data, zipfile.ZIP_DEFLATED)
+    return out.getvalue()
+
+
+def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return content and arrays of a map file; the inverse of `pack`.
+
+    Parameters
+    ----------
+    data : bytes
+    path : str or Path
+        Named in the errors.
+
+    Raises
+    ------
+    FileError
+        If the file is not a map, is truncated, was changed since it was written, comes from a newer version, or would
+        unpack to more than `LARGEST_MAP` bytes or 100 times its own size.
+    """
+    try:
+        _check_directory(data)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = _read_members(archive, path, len(data))
+    except FileError:
+        raise
+    # zlib.error is no OSError, and damaged headers raise errors of struct and of codecs
+    except Exception as error:
+        raise FileError(path, f"is not a map file, or is truncated ({error}); fit and save the map again") from None
+    content = _parse(members.pop(_CONTENT, b""), path, _CONTENT)
+    if not isinstance(content, dict):
+        raise FileError(path, f"{_CONTENT} does not hold an object; fit and save the map again")
+    return content, {
+        name.removeprefix("arrays/").removesuffix(".npy"): _array(m, path, name) for name, m in members.items()
+    }
+
+
+def _json(content: Any) -> bytes:
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    return text.encode("utf-8", "backslashreplace")  # bytes of a file name that are not UTF-8, as \udcff: JSON again
+
+
+def _native(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    if array.dtype.kind != "U" and array.dtype.str[1:] not in _TYPES:
+        raise DataError(f"{name} is an array of {array.dtype}, which a map does not hold")
+    return array.astype(array.dtype.newbyteorder("<"), copy=False)
+
+
+def _check_directory(data: bytes) -> None:
+    """Refuse a zip whose directory is long, before `zipfile` builds an object of each entry."""
+    end = data[-_END:]
+    if len(end) < _END or not end.startswith(b"PK\x05\x06") or data[-_END - 20 : -_END].startswith(b"PK\x06\x07"):
+        raise zipfile.BadZipFile("no end record of a small zip at its end")
+    if int.from_bytes(end[12:16], "little") > _SMALL or int.from_bytes(end[10:12], "little") > _MOST_MEMBERS:
+        raise zipfile.BadZipFile(f"more than {_MOST_MEMBERS} members")
+
+
+def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int) -> dict[str, bytes]:
+    """Return the members that the manifest names, by name."""
+    infos = {info.filename: info for info in archive.infolist()}
+    if len(infos) != len(archive.infolist()):
+        raise FileError(path, "holds a member twice: it was not written by truepose; fit and save the map again")
+    unpacked = sum(info.file_size for info in infos.values())
+    if unpacked > min(LARGEST_MAP, max(_SMALL, _LARGEST_RATIO * size)):
+        raise FileError(path, f"would unpack from {size} to {unpacked} bytes: not a truepose map")
+    if any(info.compress_type not in _METHODS for info in infos.values()):
+        raise FileError(path, "is packed by another method than truepose's: it was not written by truepose")
+    hashes = _hashes(_member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b"", path)
+    if stray := sorted(infos.keys() - hashes.keys() - {_MANIFEST}):
+        raise FileError(path, f"was changed after it was written ({stray[0]} was added); fit and save the map again")
+    members = {name: _member(archive, infos[name]) for name in hashes if name in infos}
+    changed = [name for name in hashes if hashlib.sha256(members.get(name, b"")).hexdigest() != hashes[name]]
+    if changed:
+        what = ", ".join(sorted(changed))
+        raise FileError(path, f"was changed after it was written ({what}); fit and save the map again")
+    return members
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
+    """Return a member; what unpacks to more than its entry says is read no further."""
+    with archive.open(info) as member:
+        return member.read(info.file_size + 1)
+
+
+def _hashes(manifest: bytes, path: str | Path) -> dict[str, str]:
+    """Return the SHA-256 of each member, as the manifest says."""
+    found = _parse(manifest, path, _MANIFEST)
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise FileError(path, "is a zip but not a truepose map; name the file that 'truepose fit' wrote")
+    if (schema := found.get("schema")) != SCHEMA or isinstance(schema, bool):
+        raise FileError(
+            path,
+            f"has map schema {schema!r}, this version reads schema {SCHEMA}; "
+            f"use the version that wrote it ({found.get('written_by', 'unknown')}), or fit the map again",
+        )
+    hashes = found.get("sha256")
+    if not isinstance(hashes, dict) or not all(isinstance(value, str) for value in hashes.values()):
+        raise FileError(path, f"{_MANIFEST} holds no hashes; fit and save the map again")
+    if odd := [name for name in hashes if name != _CONTENT and not re.fullmatch(r"arrays/[\w.]+\.npy", name)]:
+        raise FileError(path, f"{_MANIFEST} names {odd[0]}, which is no part of a map; fit and save the map again")
+    return hashes
+
+
+def _parse(data: bytes, path: str | Path, name: str) -> Any:
+    try:
+        return parse_json(data)
+    except ValueError as error:
+        raise FileError(path, f"{name} is missing or is no JSON ({error}): not a truepose map, or damaged") from None
+
+
+def _array(data: bytes, path: str | Path, name: str) -> NDArray[Any]:
+    """Return an array whose header, length and values are as `pack` writes them."""
+    header = _HEADER.match(data)
+    if header is None or int.from_bytes(header[1], "little") != header.end() - 10:
+        raise FileError(path, f"{name} is no plain array of this program; fit and save the map again")
+    kind = header[2].decode()
+    shape = tuple(map(int, header[3].split(b", "))) if header[3] else ()
+    if len(data) - header.end() != math.prod(shape) * np.dtype(kind).itemsize or max(shape[1:], default=1) > _WIDEST:
+        raise FileError(path, f"{name} does not hold {kind} of shape {shape}, as it says; fit and save the map again")
+    array = np.frombuffer(data, kind, offset=header.end()).reshape(shape)
+    if not _plausible(array):
+        raise FileError(path, f"{name} holds values that are none of {kind}, or not finite; fit and save the map again")
+    return array.copy()
+
+
+def _plausible(array: NDArray[Any]) -> bool:
+    """Return whether numbers are finite and within `LARGEST`, truth values 0 or 1, and letters such of Unicode."""
+    if array.dtype.kind == "f":
+        return bool((np.abs(array) <= LARGEST).all())
+    if array.dtype.kind == "b":
+        return bool((array.view(np.uint8) <= 1).all())
+    if array.dtype.kind == "U" and array.size:
+        letters = array.reshape(-1).view(np.uint32)
+        return bool(((letters < 0xD800) | ((letters > 0xDFFF) & (letters <= 0x10FFFF))).all())
+    return True

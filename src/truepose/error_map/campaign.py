@@ -1,0 +1,221 @@
+"""The tests of a measuring campaign that ``import`` and ``fit`` share: see `truepose.verification.campaign`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.cell import Cell
+from truepose.error_map.registration import reading_noise
+from truepose.errors import DataError
+from truepose.geometry import Registration
+from truepose.identification import Arm
+from truepose.numerics.threads import blas_threads
+from truepose.robots import Load, Robot
+from truepose.samples import Samples
+from truepose.verification import RP_PER_STD
+from truepose.verification.campaign import FEWEST, Campaign, Change, changes, noise, reference_change
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
+_TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
+_STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where the arm's joints are not known
+_LOADED: Final = 5.0  # mm and mrad: how far another load may move the points
+_SAME: Final = 1e-6  # rad, mm
+_LEAST_LIMIT: Final = 0.1  # mm
+_REMEDIES: Final = {
+    "moved": "fit the samples before and after it as two maps, or measure again",
+    "drift": "warm the robot up, check that tracker and robot base stand firmly, and measure again",
+    "scale": "check the unit and the weather station of the tracker, and the robot model of the cell",
+    "reference": "check that tracker, robot base and tool are fixed, and measure again",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignCheck:
+    """What the tests of a campaign found.
+
+    Attributes
+    ----------
+    changes : list of Change
+        Faults that are significant and large enough to be named; their rows are the samples' own names.
+    words : list of str
+        Each as a sentence without a full stop: estimate ± standard error, rows, p-value.
+    limit : float [mm]
+        Root mean square displacement above which a fault stops the fit.
+    tested : int
+        Samples that were tested; 0 where there are too few.
+    """
+
+    changes: list[Change]
+    words: list[str]
+    limit: float
+    tested: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, as a map keeps them."""
+        faults = [
+            {**asdict(change), "rows": list(change.rows), "words": words, "stops": change.size > self.limit}
+            for change, words in zip(self.changes, self.words, strict=True)
+        ]
+        return {"tested": self.tested, "limit_mm": self.limit, "faults": faults}
+
+    def refuse(self, source: str, accepted: tuple[str, ...] = ()) -> None:
+        """Raise where a fault is above the limit and its kind is not accepted.
+
+        Raises
+        ------
+        DataError
+            With estimate ± standard error, rows or points, and the remedy.
+        """
+        stopping = [
+            (change.kind, words)
+            for change, words in zip(self.changes, self.words, strict=True)
+            if change.size > self.limit and change.kind not in accepted
+        ]
+        if stopping:
+            told = "; ".join(words for _, words in stopping)
+            raise DataError(f"{source}: {told}; {_REMEDIES[stopping[0][0]]}, or {ACCEPT}")
+
+
+def check_campaign(
+    cell: Cell, robot: Robot, samples: Samples, registration: Registration, tf_flange_tool: FloatArray
+) -> CampaignCheck:
+    """Test whether the tracker moved, lengths have a scale, errors drift, or reference points do not come back.
+
+    Parameters
+    ----------
+    cell : Cell
+    robot : Robot
+    samples : Samples
+        In the order of measuring; by their time where they have one.
+    registration : Registration
+        Of the samples.
+    tf_flange_tool : (4, 4) array [mm]
+        The tool found with it, or as stated.
+
+    Notes
+    -----
+    A fault above `CampaignCheck.limit` makes a map worse than what it corrects to: ``max_std_mm`` of the cell's
+    ``[correction]`` where it is stated, else twice the robot's repeatability, at least 0.1 mm.
+    """
+    order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
+    campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
+    with blas_threads(len(samples)):
+        found = changes(campaign)
+    before, after = _references(samples, order)
+    others = np.setdiff1d(np.arange(len(samples)), after)
+    std = noise(campaign[others]) if len(before) and len(others) >= FEWEST else _stated(cell, samples, registration)
+    reference = reference_change(campaign.e, campaign.p, before, after, std)
+    if reference is not None and reference.notable:
+        found.append(reference)
+    assert samples.row is not None
+    rows = samples.row[order]
+    found = [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in found]
+    stated, repeatability = cell.correction.max_std_mm, cell.robot.repeatability_mm
+    limit = stated or max(_LEAST_LIMIT, 2.0 * (repeatability or 0.0))
+    tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
+    return CampaignCheck(found, [_sentence(change) for change in found], limit, tested)
+
+
+def _stated(cell: Cell, samples: Samples, registration: Registration) -> float | None:
+    """Return the standard deviation of a reading, repeatability included [mm], where both are known."""
+    reading, repeatability = reading_noise(cell, samples, registration), cell.robot.repeatability_mm
+    if reading is None or repeatability is None:
+        return None
+    return float(np.sqrt(np.mean(reading**2) + (repeatability / RP_PER_STD) ** 2))
+
+
+def _campaign(
+    cell: Cell, robot: Robot, samples: Samples, registration: Registration, tf_flange_tool: FloatArray
+) -> Campaign:
+    when = np.arange(len(samples), dtype=np.float64) if samples.time is None else samples.time
+    if samples.q is None:
+        p = samples.p_cmd
+        assert p is not None  # Poses holds one of them
+        columns, coordinates = _strains(p), p
+        if samples.rotation_cmd is not None:  # turned by 1 rad is as far as 1 m away
+            turned = (samples.rotation_cmd * samples.rotation_cmd[0].inv()).as_rotvec()
+            coordinates = np.column_stack([p, 1e3 * turned])
+    else:
+        p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
+        columns = _of_arm(cell, robot, samples, tf_flange_tool)
+    campaign = Campaign(registration.apply(samples.p_meas) - p, p, coordinates, columns, when)
+    if samples.load is None or np.ptp(samples.load) == 0:
+        return campaign
+    loaded = (samples.load - samples.load.mean()) / np.ptp(samples.load)
+    bent = campaign.rigid * loaded[:, None, None] * (_LOADED * np.repeat([1.0, 1e-3], 3))
+    return Campaign(campaign.e, p, coordinates, np.concatenate([columns, bent], axis=2), when)
+
+
+def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArray) -> FloatArray:
+    """Return what one tolerance of each parameter of the arm adds to the errors, the base's left out."""
+    assert samples.q is not None
+    payload, approach = cell.payload, samples.approach
+    reversing = approach is not None and bool((np.ptp(approach, axis=0) > 0).any())
+    arm = Arm.of(
+        robot,
+        tf_flange_tool,
+        terms=(*_TERMS, "backlash") if reversing else _TERMS,
+        load=Load(payload.mass_kg, np.array([payload.x_mm, payload.y_mm, payload.z_mm])),
+    )
+    columns = arm.jacobian(samples.q, np.zeros(len(arm.parameters)), approach)
+    own = np.array([parameter.group != "base" for parameter in arm.parameters])
+    return np.asarray(columns[:, :, own] * arm.tolerance[own])
+
+
+def _strains(p: FloatArray) -> FloatArray:
+    """Return the displacements of six strains of one tolerance each, (n, 3, 6) [mm]."""
+    centred = p - p.mean(axis=0)
+    pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+    columns = np.zeros((len(p), 3, len(pairs)))
+    for k, (a, b) in enumerate(pairs):
+        columns[:, a, k] += _STRAIN * centred[:, b]
+        if a != b:
+            columns[:, b, k] += _STRAIN * centred[:, a]
+    return columns
+
+
+def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the first and the last place, in the order of time, of each command that came back late.
+
+    Late is after half of the campaign or more: readings repeated at once tell nothing of what changed meanwhile.
+    """
+    if samples.q is not None:
+        keys = [samples.q]
+    else:
+        assert samples.p_cmd is not None
+        keys = [samples.p_cmd]
+        if samples.rotation_cmd is not None:
+            keys.append(samples.rotation_cmd.as_matrix().reshape(len(samples), 9))
+    keys += [one.reshape(len(samples), -1) for one in (samples.approach, samples.load) if one is not None]
+    key = np.round(np.column_stack(keys)[order] / _SAME).astype(np.int64)
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    last = np.zeros(len(first), np.intp)
+    np.maximum.at(last, group.reshape(-1), np.arange(len(samples)))
+    late = 2 * (last - first) >= len(samples) - 1
+    late &= last > first
+    return first[late], last[late]
+
+
+def _sentence(change: Change) -> str:
+    first, last = change.rows
+    chance = f"p = {change.p_value:.1g}"
+    if change.kind == "scale":
+        longer = "longer" if change.scale > 0 else "shorter"
+        scale = f"{100 * abs(change.scale):.2f} ± {100 * change.scale_std:.2f} %"
+        return f"measured lengths are {scale} {longer} than commanded ones, rows {first} to {last} ({chance})"
+    by = f"{change.shift:.3f} ± {change.shift_std:.3f} mm"
+    if change.turn_std:
+        by += f" and {1e3 * change.turn:.3f} ± {1e3 * change.turn_std:.3f} mrad"
+    if change.kind == "moved":
+        return f"the tracker, the robot base or the tool moved between row {first} and row {last}, by {by} ({chance})"
+    if change.kind == "drift":
+        return f"the readings drift by {by} from row {first} to row {last} ({chance})"
+    points = f"{change.points} reference point" + ("s" if change.points > 1 else "")
+    return f"{points} moved by {by} between row {first} and row {last} ({chance})"

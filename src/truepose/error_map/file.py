@@ -1,0 +1,174 @@
+"""An error map to the bytes of its file and back (`truepose._io.archive` is the container).
+
+What is kept is what the map was made from (cell, robot, samples, registration) and the predictor's fitted
+hyperparameters. Reading it fits the predictor to the samples again with these, which estimates nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose._io import archive, files
+from truepose._io.archive import LARGEST_MAP
+from truepose.cell import Cell
+from truepose.error_map import file_checks
+from truepose.error_map.arm_check import UNCHECKED, ArmCheck
+from truepose.error_map.map import ErrorMap, predictor_coordinates
+from truepose.error_map.selection import arm_of
+from truepose.error_map.worth import Worth
+from truepose.errors import FileError
+from truepose.geometry import Registration
+from truepose.predictors import PREDICTORS, make_predictor
+from truepose.robots import parse_robot
+from truepose.samples import Samples
+
+_ROTATIONS = ("rotation_cmd", "rotation_meas")
+_REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
+_WRONG: Final = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""What code raises that is given something else than it was written for."""
+
+
+def to_bytes(error_map: ErrorMap) -> bytes:
+    """Return the bytes of a map's file; the same map always gives the same bytes."""
+    content = _content(error_map)
+    if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
+        content["cell"]["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
+    content |= {"robot": error_map.robot.to_toml(), "worth": error_map.worth.to_dict()}
+    return archive.pack(content, _arrays(error_map))
+
+
+def _content(error_map: ErrorMap) -> dict[str, Any]:
+    """Return all that is no array, but for the robot, whose text may differ in the last digit once it was read."""
+    samples, registration = error_map.samples, error_map.registration
+    return {
+        "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # what was stated stays told from defaults
+        "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_json()},
+        "samples": {"source": samples.source, "columns": samples.columns()},
+        "registration": {
+            "noise_std": registration.noise_std,
+            "hint": registration.hint,
+            "tool_fitted": error_map.tool_fitted,
+        },
+        "ranking": error_map.ranking,
+        "expected": error_map.expected,
+        "excluded": error_map.excluded,
+        "campaign": error_map.campaign,
+        "arm_check": error_map.arm_check.to_dict(),
+        **({} if error_map.known_worth is None else {"worth": error_map.known_worth.to_dict()}),
+    }
+
+
+def _arrays(error_map: ErrorMap) -> dict[str, NDArray[Any]]:
+    samples, registration = error_map.samples, error_map.registration
+    arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
+    arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
+    if error_map.predictor.noise_std_ is not None:
+        arrays["noise_std"] = error_map.predictor.noise_std_
+    if error_map.p_flange_sampled is not None:
+        arrays["p_flange_sampled"] = error_map.p_flange_sampled
+    return arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e}
+
+
+def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
+    """Return the map that a file holds; `path` is named in the errors.
+
+    Every part of the file must be one that is read, and what it holds twice must agree: see
+    `truepose.error_map.file_checks`.
+
+    Raises
+    ------
+    FileError
+        As `truepose._io.archive.unpack`, and if a part of the map is missing, of a wrong kind, or contradicts another.
+    """
+    content, arrays = archive.unpack(data, path)
+    try:
+        error_map = _unfitted(content, arrays, path)
+        if len(arrays["e"]) != len(error_map.samples):
+            raise ValueError(f"e has {len(arrays['e'])} rows, there are {len(error_map.samples)} samples")
+        file_checks.check(error_map)
+        file_checks.agree(arrays["e"], error_map.e, "e")
+        x = predictor_coordinates(PREDICTORS[error_map.predictor_name].space, error_map.samples, error_map.p_cmd)
+        error_map.predictor.fit(x, arrays["e"], arrays.get("noise_std"))
+        file_checks.check_fitted(error_map)
+        remade = json.loads(json.dumps(_content(error_map)))
+        file_checks.agree({key: value for key, value in content.items() if key != "robot"}, remade, "")
+        file_checks.agree(remade["predictor"], content["predictor"], "predictor")
+        file_checks.agree(arrays, _arrays(error_map), "")
+    except FileError:
+        raise
+    except _WRONG as error:
+        what = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        raise FileError(path, f"does not hold a whole map ({what}); fit and save the map again") from None
+    return error_map
+
+
+def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> ErrorMap:
+    """Return the map with a predictor that has its hyperparameters, but was not fitted."""
+    robot = parse_robot(content["robot"], path=path)
+    columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
+    columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
+    samples = Samples(**columns, source=content["samples"]["source"])
+    tf_flange_tool = arrays["tf_flange_tool"]
+    if type(content["registration"]["tool_fitted"]) is not bool:
+        raise TypeError("registration.tool_fitted is no truth value")
+    registration = Registration(
+        **{name: arrays[f"registration.{name}"] for name in _REGISTRATION},
+        noise_std=content["registration"]["noise_std"],
+        hint=content["registration"]["hint"],
+        p_flange_tool=tf_flange_tool[:3, 3] if content["registration"]["tool_fitted"] else None,
+    )
+    name = content["predictor"]["name"]
+    cell = Cell.model_validate(content["cell"], context={"robot": robot})
+    tf_flange_sampled = tf_flange_tool.copy()
+    tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
+    return ErrorMap(
+        cell=cell,
+        robot=robot,
+        samples=samples,
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        predictor_name=name,
+        predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
+        ranking=content["ranking"],
+        expected=content["expected"],
+        excluded=content["excluded"],
+        campaign=content.get("campaign", {}),
+        arm_check=ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
+        known_worth=Worth.from_dict(content["worth"]) if "worth" in content else None,
+        p_flange_sampled=arrays.get("p_flange_sampled"),
+    )
+
+
+def _array(value: Any) -> NDArray[Any]:
+    return value.as_quat() if isinstance(value, Rotation) else np.asarray(value)
+
+
+def load_map(path: str | Path) -> ErrorMap:
+    """Read a map that `ErrorMap.save` wrote. Nothing in the file is executed.
+
+    Raises
+    ------
+    FileError
+        If the file is not a map, truncated, changed since it was written, or of another schema version.
+    """
+    data = files.read_bytes(path, LARGEST_MAP)
+    error_map = from_bytes(data, path)
+    # of this file, whichever version wrote it
+    vars(error_map).update(hash=hashlib.sha256(data).hexdigest(), path=Path(path))
+    return error_map

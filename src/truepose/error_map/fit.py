@@ -1,0 +1,118 @@
+"""From samples to a map of errors: register, fit a predictor or choose one, name what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.cell import Cell
+from truepose.error_map.arm_check import check_arm
+from truepose.error_map.campaign import check_campaign
+from truepose.error_map.map import ErrorMap
+from truepose.error_map.selection import CellSamples
+from truepose.errors import DataError
+from truepose.geometry import Registration
+from truepose.predictors import choose
+from truepose.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+
+def fit_cell(
+    cell: Cell,
+    samples: Samples,
+    predictor: str = "auto",
+    *,
+    candidates: str | Sequence[str] = "quick",
+    splits: Sequence[str] = ("points", "blocks"),
+    folds: int = 5,
+    rng: int = 0,
+    workers: int = 1,
+    progress: Callable[[str], Any] = str,
+    accept_campaign: bool = False,
+) -> ErrorMap:
+    """Register, fit the tool if the cell asks for it, and fit an error model.
+
+    Parameters
+    ----------
+    cell : Cell
+    samples : Samples
+    predictor : str
+        A name of `PREDICTORS`, or ``auto``: that which leaves least in nested cross-validation.
+    candidates, splits, folds, rng, workers
+        Of ``auto``, see `truepose.choose`.
+    progress : callable
+        Takes a line about what is being done.
+    accept_campaign : bool
+        Fit also samples of a campaign that `truepose.error_map.campaign.check_campaign` refuses; the map keeps what was
+        found.
+
+    Returns
+    -------
+    ErrorMap
+
+    Raises
+    ------
+    DataError, IdentifiabilityError, RobotError, KrigingError
+        If the samples cannot bear what is asked of them; `DataError` also where the tracker moved during the campaign,
+        lengths have a scale, or errors drift, by more than `CampaignCheck.limit`.
+    """
+    chosen = (candidates, tuple(splits), folds) != ("quick", ("points", "blocks"), 5)
+    if predictor != "auto" and chosen:
+        raise DataError(
+            f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
+            '"auto", which chooses among predictors'
+        )
+    measured = CellSamples(cell, cell.load_robot(), samples)
+    registration, tf_flange_tool = measured.register()
+    campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
+    if not accept_campaign:
+        campaign.refuse(samples.source)
+    ranking: list[dict[str, Any]] = []
+    expected: dict[str, Any] = {}
+    if predictor == "auto":
+        choice = choose(measured, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress)
+        ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
+        model, gross = choice.predictor, choice.gross
+    else:
+        progress(f"Fitting {predictor}")
+        model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
+    weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
+    error_map = ErrorMap(
+        cell=cell,
+        robot=measured.robot,
+        samples=samples[gross == 0],
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        predictor_name=predictor,
+        predictor=model,
+        ranking=ranking,
+        expected=expected,
+        excluded=_excluded(samples, registration, gross, weighed_down),
+        campaign=campaign.to_dict(),
+        arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
+    )
+    progress("Comparing the map with registration alone")
+    return replace(error_map, known_worth=error_map.worth)
+
+
+def _excluded(
+    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: NDArray[np.int64]
+) -> list[dict[str, Any]]:
+    """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
+    assert samples.row is not None
+    size = np.linalg.norm(registration.residuals, axis=1)
+    return [
+        {
+            "row": int(samples.row[i]),
+            "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
+        }
+        for i in np.flatnonzero(gross)
+    ] + [
+        {"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, contradicted by the others"}
+        for i in weighed_down
+    ]

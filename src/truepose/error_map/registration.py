@@ -1,0 +1,153 @@
+"""Samples into the robot base frame: station and tool as the cell file asks (method.md §0, registration)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.cell import Cell
+from truepose.error_map.arm_check import check_arm
+from truepose.errors import DataError, RobotError
+from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
+from truepose.robots import Robot
+from truepose.samples import Poses, Samples, check_not_compensated
+
+FloatArray = NDArray[np.float64]
+_DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
+
+
+def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    """Register samples with a cell.
+
+    Returns
+    -------
+    registration : Registration
+        Its residuals are the positional errors e = P_meas − P_cmd, base frame.
+    tf_flange_tool : (4, 4) array [mm]
+        Flange to the measured point.
+    p_cmd : (n, 3) array [mm]
+        Commanded positions of that point, base frame.
+
+    Raises
+    ------
+    DataError
+        If a fitted tool is asked for and the samples have no joints, or orientations that are not there; if joints and
+        commanded poses disagree, as with a controller that compensates already or one that has another tool.
+    IdentifiabilityError
+        If the samples cannot tell the tool from the station.
+    """
+    check_samples(cell, robot, samples)
+    return register_checked(cell, robot, samples)
+
+
+def check_samples(cell: Cell, robot: Robot, samples: Samples) -> None:
+    """Refuse samples whose joints are beyond their limits, or disagree with their commanded poses.
+
+    Raises
+    ------
+    DataError, RobotError
+        As `register_samples`.
+    """
+    if samples.q is None:
+        return
+    with _radians_hinted(samples):
+        check_limits(robot, samples)
+        check_not_compensated(samples, robot)
+        if cell.tool.fit == "none":
+            check_arm(robot, samples, cell.tf_flange_tool)
+
+
+def register_checked(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    """Register samples, or some of those, that `check_samples` accepted; see `register_samples`."""
+    with _radians_hinted(samples):
+        return _register(cell, robot, samples)
+
+
+@contextmanager
+def _radians_hinted(samples: Samples) -> Iterator[None]:
+    """Say with an error of the samples where their joints look like radians read as degrees."""
+    try:
+        yield
+    except DataError as error:
+        if samples.q is not None and np.abs(samples.q).max() < _DEGREES_OF_RADIANS:
+            hint = "all joints lie within 6.3 degrees: are the columns q1_deg … in radians? Then name them q1_rad …"
+            raise DataError(f"{error}; {hint}") from None
+        raise
+
+
+def reading_noise(cell: Cell, samples: Samples, registration: Registration) -> FloatArray | None:
+    """Return the standard deviation of readings in the base frame, (n, 3) [mm], or None if nothing is known of it.
+
+    That of each sample where the table has it (x_std_mm …), otherwise the tracker's, as the cell file states it.
+    """
+    std = cell.tracker.reading_std(samples.p_meas) if samples.p_std is None else samples.p_std
+    if std is None:
+        return None
+    return np.asarray(np.sqrt(std**2 @ (registration.tf_base_tracker[:3, :3] ** 2).T))
+
+
+def check_limits(robot: Robot, poses: Poses) -> None:
+    """Refuse joints beyond the robot's limits, by the rows' own names.
+
+    Raises
+    ------
+    RobotError
+        With row, joint, value and limits.
+    """
+    assert poses.q is not None
+    robot.check_joints(poses.q)
+    beyond = np.argwhere(~robot.within_limits(poses.q))
+    if len(beyond):
+        i, j = beyond[0]
+        low, high = np.rad2deg(robot.limits[j])
+        value = f"joint {j + 1} at {np.rad2deg(poses.q[i, j]):.3f} deg, limits {low:g} to {high:g}"
+        rows = poses.rows(np.unique(beyond[:, 0]))
+        raise RobotError(
+            f"{poses.source}: {rows}: {robot.name} cannot be there ({value}); check joint order, sign and unit"
+        )
+
+
+def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    tf_flange_tool = cell.tf_flange_tool
+    if samples.q is None:
+        if cell.tool.fit != "none":
+            raise DataError(
+                f'{samples.source}: [tool] fit = "{cell.tool.fit}" needs joints (q1_deg …), or set fit = "none"'
+            )
+        assert samples.p_cmd is not None
+        return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
+    tf_base_flange = robot.forward(samples.q)
+    if cell.tool.fit == "none":
+        p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+        return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
+    if not cell.station_fitted:
+        raise DataError('[tool] fit needs the station fitted with it: set [tracker] fit = "pose", or state the tool')
+    registration = register_with_tool(tf_base_flange, samples.p_meas, tf_flange_tool[:3, 3], robust=cell.tracker.robust)
+    assert registration.p_flange_tool is not None
+    tf_flange_tool = tf_flange_tool.copy()
+    tf_flange_tool[:3, 3] = registration.p_flange_tool
+    if cell.tool.fit == "pose":
+        tf_flange_tool[:3, :3] = _tool_rotation(tf_base_flange, registration, samples).as_matrix()
+    return registration, tf_flange_tool, (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+
+
+def _station(cell: Cell, p_cmd: FloatArray, p_meas: FloatArray) -> Registration:
+    if cell.station_fitted:
+        return register(p_cmd, p_meas, robust=cell.tracker.robust)
+    return register_known(cell.tf_base_tracker, p_cmd, p_meas, robust=cell.tracker.robust)
+
+
+def _tool_rotation(tf_base_flange: FloatArray, registration: Registration, samples: Samples) -> Rotation:
+    """Return the mean of the measured tool orientations, in the flange frame."""
+    if samples.rotation_meas is None:
+        raise DataError(
+            f'{samples.source}: [tool] fit = "pose" needs measured orientations (rx_meas_deg …); set fit = "position"'
+        )
+    rotation_base_tracker = Rotation.from_matrix(registration.tf_base_tracker[:3, :3])
+    rotation_flange_base = Rotation.from_matrix(invert_transform(tf_base_flange)[:, :3, :3])
+    return (rotation_flange_base * rotation_base_tracker * samples.rotation_meas)[~registration.outliers].mean()

@@ -1,0 +1,151 @@
+"""From a cell's samples to errors that predictors are fitted to, and the choice among predictors (method.md (14))."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.cell import Cell
+from truepose.error_map.registration import check_samples, reading_noise, register_checked
+from truepose.errors import DataError, IdentifiabilityError
+from truepose.geometry import Registration, register
+from truepose.predictors import Arm, Choice, Errors
+from truepose.predictors import choose as choose_among
+from truepose.robots import Robot
+from truepose.samples import Samples
+
+FloatArray = NDArray[np.float64]
+Rows = NDArray[np.int64] | slice
+
+
+@dataclass(frozen=True, eq=False)
+class CellSamples:
+    """Samples of a cell, registered anew with whatever part of them is known.
+
+    Attributes
+    ----------
+    cell : Cell
+    robot : Robot
+    samples : Samples
+    accepted : bool
+        `check_samples` has accepted them before, as those of a map.
+    """
+
+    cell: Cell
+    robot: Robot
+    samples: Samples
+    accepted: bool = False
+
+    def register(self, rows: Rows = slice(None)) -> tuple[Registration, FloatArray]:
+        """Return the registration with some rows, and the tool (4, 4) [mm] found with it or as stated."""
+        if not self.accepted:
+            _ = self._checked
+        registration, tf_flange_tool, _ = register_checked(self.cell, self.robot, self.samples[rows])
+        return registration, tf_flange_tool
+
+    @cached_property
+    def _checked(self) -> bool:
+        """All samples were checked, once for all parts of them."""
+        check_samples(self.cell, self.robot, self.samples)
+        return True
+
+    def registered_by(self, rows: Rows = slice(None)) -> Errors:
+        """Return the errors of all samples after a registration with some rows.
+
+        Where these alone cannot tell the tool, that of all samples is taken.
+        """
+        try:
+            return self.errors(*self.register(rows))
+        except IdentifiabilityError:
+            return self.errors(*self.register())
+
+    def errors(self, registration: Registration, tf_flange_tool: FloatArray) -> Errors:
+        """Return the errors of all samples after a registration."""
+        samples = self.samples
+        if samples.q is None:
+            assert samples.p_cmd is not None  # Poses holds one of them
+            coordinates = {"cartesian": samples.p_cmd}
+        else:
+            p_cmd = self.robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3]
+            coordinates = {"cartesian": p_cmd, "joint": samples.q}
+        return Errors(
+            coordinates,
+            registration.apply(samples.p_meas) - coordinates["cartesian"],
+            reading_noise(self.cell, samples, registration),
+            arm_of(self.cell, self.robot, tf_flange_tool),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BareSamples:
+    """Commanded and measured positions of an arm that is not known."""
+
+    samples: Samples
+
+    def registered_by(self, rows: Rows = slice(None)) -> Errors:
+        """Return the errors of all samples after a registration with some rows."""
+        samples = self.samples
+        if samples.p_cmd is None:
+            raise DataError(f"{samples.source}: joints alone are no positions without the arm; give cell=load_cell(…)")
+        registration = register(samples.p_cmd[rows], samples.p_meas[rows], robust=True)
+        known = {} if samples.q is None else {"joint": samples.q}
+        return Errors({"cartesian": samples.p_cmd, **known}, registration.apply(samples.p_meas) - samples.p_cmd)
+
+
+def choose(
+    candidates: str | Sequence[str],
+    samples: Samples,
+    cell: Cell | None = None,
+    *,
+    splits: Sequence[str] = ("points", "blocks"),
+    folds: int = 5,
+    rng: int = 0,
+    workers: int = 1,
+    progress: Callable[[str], Any] = str,
+) -> Choice:
+    """Rank predictors by nested cross-validation (14), registration in every fold, and fit the one to take.
+
+    Parameters
+    ----------
+    candidates : "quick", "all", or sequence of str
+        Names of predictors, as the command line has them.
+    samples : Samples
+    cell : Cell, optional
+        Without it commanded positions must be there, and candidates that know the arm are passed over.
+    splits, folds, rng, workers, progress
+        See `truepose.predictors.selection.choose`.
+
+    Returns
+    -------
+    Choice
+        ``ranking``, ``expected`` (what the choice itself leaves on samples that it has not seen), and the
+        ``predictor``, fitted. `fit_cell` makes a map of it.
+
+    Raises
+    ------
+    TrueposeError
+        If the samples cannot be registered, or no candidate can be fitted.
+
+    Examples
+    --------
+    >>> from truepose.simulation import VirtualCell
+    >>> virtual = VirtualCell("paper")
+    >>> choice = choose(["registration", "idw"], virtual.measure(virtual.design(40)), virtual.cell)
+    >>> choice.predictor_name
+    'idw'
+    """
+    registrable = BareSamples(samples) if cell is None else CellSamples(cell, cell.load_robot(), samples)
+    return choose_among(
+        registrable, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+    )
+
+
+def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> Arm:
+    """Return what predictors may need to know of a cell's arm."""
+    load = cell.payload
+    return Arm(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)

@@ -1,0 +1,284 @@
+"""A map and new samples: does it still hold, what has changed, and how the map takes it in.
+
+After a crash, with a warm arm, a new tool or a moved tracker a few readings tell. Either they join the samples of the
+map, its hyperparameters as they are; or only station or tool are found again from them, and the rest is kept.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.errors import DataError
+from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
+from truepose.predictors import Predictor
+from truepose.samples import Samples
+from truepose.verification.consistency import Drift, Explanation, Holding, drift, explanations, holding
+
+if TYPE_CHECKING:
+    from truepose.error_map.map import ErrorMap
+
+FloatArray = NDArray[np.float64]
+Refit = Literal["station", "tool", "both"]
+
+STATION: Final = "the station moved (tracker or robot base)"
+TOOL: Final = "the tool point moved"
+GROWTH: Final = "the arm grew"
+_LEAST_TIMED: Final = 6  # readings from which a drift is looked for
+_MOST_TOGETHER: Final = 1000  # readings whose covariance with each other is asked for
+_ALIKE: Final = 0.02  # difference in what two causes explain, below which the readings do not tell them apart
+
+
+@dataclass(frozen=True, eq=False)
+class Recheck:
+    """What new samples say about a map.
+
+    Attributes
+    ----------
+    holding : Holding
+        Its ``far`` are rows of the samples.
+    causes : list of Explanation
+        That the samples speak for, the likeliest first; empty where the map holds.
+    time, temperature : Drift, optional
+        Of the errors that the map does not explain [mm/h], [mm/K]; None where the samples do not tell.
+    """
+
+    holding: Holding
+    causes: list[Explanation]
+    time: Drift | None
+    temperature: Drift | None
+
+    @property
+    def words(self) -> list[str]:
+        """What a user should know, in sentences."""
+        found = self.holding
+        verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
+        size = f"residuals are {found.ratio:.2f} times what it predicts"
+        said = [f"The map {verdict}: {size} (p = {found.p_value:.2g}, {found.n} readings)."]
+        said += [_sentence(cause) for cause in self.causes[:1]]
+        for other in self.causes[1:3]:
+            alike = self.causes[0].explained - other.explained < _ALIKE
+            said.append(f"{'It may as well be that' if alike else 'Less likely:'} {other.cause}.")
+        for name, unit, one in (("time", "h", self.time), ("temperature", "K", self.temperature)):
+            if one is not None:
+                slope, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
+                sure = "drift" if one.p_value < 0.01 else "no drift to be sure of"
+                said.append(f"Over {name}: {sure}, {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
+        return said
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "holding": self.holding.to_dict(),
+            "causes": [
+                {**vars(cause), "estimate": cause.estimate.tolist(), "std": cause.std.tolist()} for cause in self.causes
+            ],
+            "time": None if self.time is None else self.time.to_dict("h"),
+            "temperature": None if self.temperature is None else self.temperature.to_dict("K"),
+            "words": self.words,
+        }
+
+
+def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
+    """Test whether a map holds for new samples, from the same station and with the same tool unless these moved.
+
+    Raises
+    ------
+    DataError
+        If the samples lack what the map needs.
+    """
+    residual, covariance, shared = _surprise(error_map, samples)
+    order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
+    found = holding(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
+    found = replace(found, far=np.sort(order[found.far]).tolist())
+    why = explanations(residual, covariance, _causes(error_map, samples)) if found.verdict != "holds" else []
+
+    def over(quantity: FloatArray | None, scale: float) -> Drift | None:
+        if quantity is None or len(samples) < _LEAST_TIMED or np.ptp(quantity) == 0:
+            return None
+        return drift(residual, covariance, quantity * scale)
+
+    return Recheck(found, why, over(samples.time, 1 / 3600.0), over(samples.temperature, 1.0))
+
+
+def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None) -> ErrorMap:
+    """Return the map with new samples taken in.
+
+    Parameters
+    ----------
+    error_map : ErrorMap
+    samples : Samples
+    refit : {"station", "tool", "both"}, optional
+        Find only the station (a moved tracker), only the tool point (another tool or reflector), or both again, from
+        three or more samples; the errors of the arm are kept as they are. When not given the samples join those of the
+        map, with its hyperparameters.
+
+    Raises
+    ------
+    DataError
+        If the samples lack what is needed, or the map knows too little of the arm for another tool.
+    IdentifiabilityError
+        If the samples cannot tell the tool from the station.
+    """
+    if refit is None:
+        return _joined(error_map, samples)
+    if refit == "station":
+        e, _ = error_map.predict_errors(samples)
+        p_real = error_map.commanded_positions(samples) + e
+        return _moved(error_map, register(p_real, samples.p_meas, robust=error_map.cell.tracker.robust))
+    if refit not in ("tool", "both"):
+        raise DataError(f'refit is {refit!r}; expected "station", "tool" or "both", or nothing to join all samples')
+    return _with_tool(error_map, samples, station=refit == "both")
+
+
+def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
+    if error_map.p_flange_sampled is not None:
+        raise DataError("the map's tool was changed: its samples are of another point; fit a map of the new samples")
+    e, registration = error_map.errors(samples), error_map.registration
+    joined = replace(
+        error_map,
+        known_worth=None,
+        samples=_concatenated(error_map.samples, samples),
+        predictor=copy.deepcopy(error_map.predictor),
+        registration=replace(
+            registration,
+            residuals=np.concatenate([registration.residuals, e]),
+            outliers=np.concatenate([registration.outliers, np.zeros(len(e), np.bool_)]),
+        ),
+    )
+    new = error_map.reading_noise(samples)
+    update: Callable[..., Predictor] | None = getattr(joined.predictor, "update", None)
+    if update is not None:
+        update(error_map.coordinates(samples), e, new)
+        return joined
+    old = joined.predictor.noise_std_
+    noise = None if old is None or new is None else np.concatenate([old, new])
+    x = joined.coordinates(joined.samples)
+    return replace(joined, predictor=joined.predictor.pinned().fit(x, joined.e, noise))
+
+
+def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:
+    """Return the map at another station; its samples as the tracker would have read them from there."""
+    tf_new_old = invert_transform(station.tf_base_tracker) @ error_map.registration.tf_base_tracker
+    return replace(
+        error_map,
+        samples=_seen_from(error_map.samples, tf_new_old),
+        registration=replace(
+            error_map.registration,
+            tf_base_tracker=station.tf_base_tracker,
+            covariance=station.covariance[:6, :6],
+            noise_std=station.noise_std,
+            hint=station.hint,
+        ),
+    )
+
+
+def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> ErrorMap:
+    """Return the map for another tool point, found from the poses that the flange really has."""
+    if samples.q is None:
+        raise DataError(f"{samples.source}: another tool needs joints (q1_deg …)")
+    error, _ = error_map.predict_pose_errors(samples)
+    tf_flange = error_map.robot.forward(samples.q, tool=error_map.tf_flange_tool)
+    tf_flange[:, :3, 3] += error[:, :3]
+    tf_flange[:, :3, :3] = Rotation.from_rotvec(error[:, 3:]).as_matrix() @ tf_flange[:, :3, :3]
+    tf_flange = tf_flange @ invert_transform(error_map.tf_flange_tool)
+    tf_flange_tool = error_map.tf_flange_tool.copy()
+    if station:
+        found = register_with_tool(tf_flange, samples.p_meas, tf_flange_tool[:3, 3])
+        assert found.p_flange_tool is not None
+        error_map = _moved(error_map, found)
+        tf_flange_tool[:3, 3] = found.p_flange_tool
+    else:
+        p_base = apply_transform(error_map.registration.tf_base_tracker, samples.p_meas)
+        in_flange = np.einsum("nji,nj->ni", tf_flange[:, :3, :3], p_base - tf_flange[:, :3, 3])
+        tf_flange_tool[:3, 3] = np.median(in_flange, axis=0) if len(samples) > 4 else in_flange.mean(axis=0)
+    sampled = error_map.tf_flange_sampled[:3, 3]
+    return replace(error_map, tf_flange_tool=tf_flange_tool, p_flange_sampled=sampled)
+
+
+def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return residuals (n, 3) of samples against the map, their covariance, and what of it they may share."""
+    e, noisy = error_map.predict_reading(samples)
+    residual = error_map.errors(samples) - e
+    together: Callable[..., Any] | None = getattr(error_map.predictor, "predict_together", None)
+    if together is None or error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER:
+        _, std = error_map.predict_errors(samples)
+        field = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
+        return residual, noisy[:, :, None] ** 2 * np.eye(3), field
+    _, covariance = together(error_map.coordinates(samples))
+    noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
+    return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
+
+
+def _causes(error_map: ErrorMap, samples: Samples) -> dict[str, FloatArray]:
+    """Return columns of what may have happened: (n, 3, k) [mm] for one mm, rad, or m/m."""
+    p = error_map.commanded_positions(samples)
+    from_centre = p - p.mean(axis=0)
+    unit = np.tile(np.eye(3), (len(p), 1, 1))
+    causes = {STATION: np.concatenate([unit, -np.cross(from_centre[:, :, None], np.eye(3), axis=1)], axis=2)}
+    if samples.q is not None:
+        causes[TOOL] = error_map.robot.forward(samples.q)[:, :3, :3]
+        levers = error_map.robot.joint_jacobian(samples.q, tool=error_map.tf_flange_tool)
+        causes |= {f"joint {j + 1} is off": levers[:, :, j : j + 1] for j in range(levers.shape[2])}
+    return causes | {GROWTH: p[:, :, None]}
+
+
+def _sentence(cause: Explanation) -> str:
+    size, std = float(np.linalg.norm(cause.estimate[:3])), float(np.linalg.norm(cause.std[:3]))
+    share = f"; that explains {100 * cause.explained:.0f} % of it"
+    rest = "" if cause.p_left > 0.001 else ", not all"
+    if cause.cause == STATION:
+        turn = 1e3 * float(np.linalg.norm(cause.estimate[3:]))
+        return (
+            f"Likely {cause.cause}, by {size:.3f} ± {std:.3f} mm and {turn:.3f} mrad{share}{rest}: "
+            'find it again with refit "station".'
+        )
+    if cause.cause == TOOL:
+        return f'Likely {cause.cause}, by {size:.3f} ± {std:.3f} mm{share}{rest}: find it with refit "tool".'
+    if cause.cause == GROWTH:
+        return (
+            f"Likely {cause.cause}, by {1e6 * cause.estimate[0]:.0f} ± {1e6 * std:.0f} µm/m{share}{rest}: "
+            "let it reach the temperature of the map, or measure anew."
+        )
+    angle = 1e3 * cause.estimate[0]
+    return (
+        f"Likely {cause.cause}, by {angle:.3f} ± {1e3 * std:.3f} mrad{share}{rest}: "
+        "master it again, or measure anew as after a crash."
+    )
+
+
+def _permuted(covariance: FloatArray, order: NDArray[np.intp]) -> FloatArray:
+    if covariance.ndim == 3:
+        return np.asarray(covariance[order], np.float64)
+    index = (3 * order[:, None] + np.arange(3)).reshape(-1)
+    permuted: FloatArray = covariance[np.ix_(index, index)]
+    return permuted
+
+
+def _concatenated(old: Samples, new: Samples) -> Samples:
+    """Return both tables in one, with the columns that both have; the new rows' names go on after the old ones'."""
+    assert old.row is not None
+    columns: dict[str, Any] = {}
+    for name in set(old.columns()) & set(new.columns()):
+        a, b = getattr(old, name), getattr(new, name)
+        columns[name] = Rotation.concatenate([a, b]) if isinstance(a, Rotation) else np.concatenate([a, b])
+    columns["row"] = np.concatenate([old.row, old.row.max() + 1 + np.arange(len(new))])
+    return Samples(**columns, source=f"{old.source}, {new.source}")
+
+
+def _seen_from(samples: Samples, tf_new_old: FloatArray) -> Samples:
+    """Return samples in the frame of another station; std of each axis by the squares of the rotation."""
+    turn = tf_new_old[:3, :3]
+    changed: dict[str, Any] = {"p_meas": apply_transform(tf_new_old, samples.p_meas)}
+    for name in ("p_std", "rotation_std"):
+        if (std := getattr(samples, name)) is not None:
+            changed[name] = np.sqrt(std**2 @ (turn**2).T)
+    if samples.rotation_meas is not None:
+        changed["rotation_meas"] = Rotation.from_matrix(turn) * samples.rotation_meas
+    return replace(samples, **changed)

@@ -1,0 +1,1 @@
+"""Compiled formulas and sums, small systems, and the threads that they use."""

@@ -1,0 +1,227 @@
+"""Sums over all pairs of points, by distance bin: the compiled core of equation (4) and of the permutation envelope.
+
+Every pair is visited once, in tiles; no array of n² is made. The rows are dealt out to a fixed number of tasks whose
+sums are added in order, so that a result does not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from truepose.numerics.compiled import BLOCK, REORDER, compiled, pack
+from truepose.numerics.kernels import squared_distances
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+CellArray = NDArray[np.int32]
+
+TASKS: Final = 64
+CELLS: Final = 1024
+LANES: Final = 4
+"""Columns that are summed as one vector."""
+
+
+def pair_sums(
+    x: FloatArray,
+    e: FloatArray,
+    edges: FloatArray,
+    axis: FloatArray,
+    tolerance: float,
+    bandwidth: float,
+    *,
+    roots: bool = False,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return, by bin, the number of pairs, the sum of their distances and the sums of their squared differences.
+
+    Parameters
+    ----------
+    x : (n, d) array
+        Coordinates.
+    e : (n, c) array
+        Columns whose differences are squared.
+    edges : (k + 1,) array
+        Increasing; bin b holds edges[b] < h <= edges[b + 1].
+    axis : (d,) or (0,) array
+        Unit vector of a direction; empty for all directions.
+    tolerance : float [rad]
+        Largest angle between a pair and the axis.
+    bandwidth : float
+        Largest distance of one point from the axis through the other.
+    roots : bool
+        Sum square roots of absolute differences in place of squares.
+
+    Returns
+    -------
+    pairs : (k + 1,) array of int
+        Entry 0 counts the pairs at or below edges[0]; entry b + 1 those of bin b.
+    distance : (k + 1,) array
+    squares : (k + 1, c) array
+    """
+    n, c = e.shape
+    groups = -(-(c + 1) // LANES)
+    blocks = -(-n // BLOCK)
+    values = np.zeros((blocks * BLOCK, groups * LANES))
+    values[:n, :c] = e
+    values[:, c] = 1.0  # the lane in which pairs are counted: nothing is taken off it
+    home = values.copy()
+    home[:, c] = 0.0
+    upper = np.append(edges, np.inf)
+    width = edges[-1] / CELLS
+    cells = np.arange(CELLS + 2) * width
+    first = np.searchsorted(upper, cells[:-1] * (1 - 1e-12), side="left").astype(np.int32)
+    steps = int((np.searchsorted(upper[:-1], cells[1:] * (1 + 1e-12), side="left") - first).max())
+    shape = (blocks, BLOCK, groups * LANES)
+    distance, sums = _pair_sums(
+        pack(x),
+        home.reshape(shape),
+        values.reshape(shape),
+        n,
+        upper,
+        first,
+        max(steps, 1),
+        1 / width,
+        axis,
+        math.cos(tolerance) ** 2,
+        bandwidth**2,
+        roots,
+    )
+    k = len(edges)
+    total = sums.sum(axis=0)[:k]
+    return np.rint(total[:, c]).astype(np.int64), distance.sum(axis=0)[:k], total[:, :c]
+
+
+def largest_distance(x: FloatArray) -> float:
+    """Return the largest distance between two rows of x (n, d)."""
+    return math.sqrt(_largest_square(pack(x), len(x)).max())
+
+
+@compiled(fastmath=REORDER)
+def _leave_out_other_directions(
+    x: FloatArray,
+    block: FloatArray,
+    axis: FloatArray,
+    cosine2: float,
+    bandwidth2: float,
+    square: FloatArray,
+    along: FloatArray,
+) -> None:
+    """Set the squared distance of pairs outside the cone or the band to infinity."""
+    along[:] = 0.0
+    for a in range(x.size):
+        row = block[a]
+        for j in range(along.size):
+            along[j] += (row[j] - x[a]) * axis[a]
+    for j in range(along.size):
+        along2 = along[j] * along[j]
+        if square[j] > 0.0 and (along2 < cosine2 * square[j] or square[j] - along2 > bandwidth2):
+            square[j] = np.inf
+
+
+@compiled(fastmath=REORDER)
+def _distances_and_bins(
+    square: FloatArray, per_cell: float, first: CellArray, upper: FloatArray, steps: int, bins: CellArray
+) -> None:
+    """Replace squared distances by distances, and find the bin of each: from a table of cells, then step by step."""
+    last = first.size - 1.0
+    for j in range(square.size):
+        square[j] = math.sqrt(square[j])
+    for j in range(square.size):
+        bins[j] = np.int32(min(square[j] * per_cell, last))
+    for j in range(square.size):
+        q = first[bins[j]]
+        bins[j] = q + (1 if square[j] > upper[q] else 0)
+    for _ in range(1, steps):
+        for j in range(square.size):
+            bins[j] += 1 if square[j] > upper[bins[j]] else 0
+
+
+@compiled(fastmath=REORDER)
+def _add_squares(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    m0, m1, m2, m3 = mine[0], mine[1], mine[2], mine[3]
+    for j in range(start, stop):  # loads before stores, so that the four columns become one vector
+        q = bins[j]
+        distance[q] += h[j]
+        z0, z1, z2, z3 = theirs[j, 0] - m0, theirs[j, 1] - m1, theirs[j, 2] - m2, theirs[j, 3] - m3
+        s0, s1 = sums[q, 0] + z0 * z0, sums[q, 1] + z1 * z1
+        s2, s3 = sums[q, 2] + z2 * z2, sums[q, 3] + z3 * z3
+        sums[q, 0], sums[q, 1], sums[q, 2], sums[q, 3] = s0, s1, s2, s3
+
+
+@compiled(fastmath=REORDER)
+def _add_many_squares(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    for j in range(start, stop):
+        q = bins[j]
+        distance[q] += h[j]
+        for a in range(mine.size):
+            z = theirs[j, a] - mine[a]
+            sums[q, a] += z * z
+
+
+@compiled(fastmath=REORDER)
+def _add_roots(
+    h: FloatArray, bins: CellArray, mine: FloatArray, theirs: FloatArray, start: int, stop: int,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    for j in range(start, stop):
+        q = bins[j]
+        distance[q] += h[j]
+        for a in range(mine.size):
+            sums[q, a] += math.sqrt(abs(theirs[j, a] - mine[a]))
+
+
+@compiled(parallel=True)
+def _pair_sums(
+    points: FloatArray, home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray, first: CellArray,
+    steps: int, per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    blocks, d, width = points.shape
+    lanes = values.shape[2]
+    distance = np.zeros((TASKS, upper.size))
+    sums = np.zeros((TASKS, upper.size, lanes))
+    for task in prange(TASKS):
+        h, along, bins, x = np.empty(width), np.empty(width), np.empty(width, np.int32), np.empty(d)
+        for i in range(task, n, TASKS):
+            home, place = i // width, i % width
+            x[:] = points[home, :, place]
+            mine = home_values[home, place]
+            for b in range(home, blocks):
+                squared_distances(x, points[b], h)
+                if axis.size > 0:
+                    _leave_out_other_directions(x, points[b], axis, cosine2, bandwidth2, h, along)
+                _distances_and_bins(h, per_cell, first, upper, steps, bins)
+                start = place + 1 if b == home else 0
+                stop = min(width, n - b * width)
+                if roots:
+                    _add_roots(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+                elif lanes == LANES:
+                    _add_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+                else:
+                    _add_many_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
+    return distance, sums
+
+
+@compiled(parallel=True)
+def _largest_square(points: FloatArray, n: int) -> FloatArray:
+    blocks, d, width = points.shape
+    largest = np.zeros(TASKS)
+    for task in prange(TASKS):
+        square, x = np.empty(width), np.empty(d)
+        best = 0.0
+        for i in range(task, n, TASKS):
+            x[:] = points[i // width, :, i % width]
+            for b in range(i // width, blocks):
+                squared_distances(x, points[b], square)
+                best = max(best, square[: min(width, n - b * width)].max())
+        largest[task] = best
+    return largest

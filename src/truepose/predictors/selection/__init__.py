@@ -1,0 +1,1 @@
+"""The choice among predictors by nested cross-validation."""

@@ -1,0 +1,310 @@
+"""Targets by columns: what many share is held once, numbers lie in arrays, stretches of a file are read when needed.
+
+A program of a million targets fits in memory so: `Targets` makes a `Target` only for the one that is asked for, and
+whoever works on all of them takes `Columns`, some thousand at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from pathlib import Path
+from typing import Final, NamedTuple, Protocol, overload
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.geometry import make_transform
+from truepose.programs.core import orientations
+from truepose.programs.core.target import FloatArray, Target
+
+IntArray = NDArray[np.int64]
+CHUNK: Final = 2048
+"""Targets that are worked on at a time."""
+VERDICTS: Final = ("correct", "skip", "refuse")
+
+
+class Stretch(Protocol):
+    """Consecutive targets of one file that are alike but for their numbers, read from its bytes when asked for."""
+
+    @property
+    def like(self) -> Target:
+        """One of them."""
+
+    def __len__(self) -> int: ...
+
+    def columns(self, alike: Sequence[Target], kind: int) -> Columns:
+        """Return them; `kind` is the place of what they share in `alike`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Consecutive targets of one file.
+
+    Attributes
+    ----------
+    alike : sequence of Target
+        What targets share, without name, line and numbers.
+    kind : (n,) array of int
+        Place in `alike`.
+    line, status, turn : (n,) arrays of int
+        Status and Turn are −1 where the target does not name them.
+    values : (n, k) array [mm; the controller's angles]
+        Position and orientation; NaN where there are none.
+    spans : (n, k, 2) array of int
+        Bytes of these numbers; −1 where there are none.
+    names : sequence of n str or None
+        None: the target is named by its motion and line.
+    """
+
+    alike: Sequence[Target]
+    kind: IntArray
+    line: IntArray
+    status: IntArray
+    turn: IntArray
+    values: FloatArray
+    spans: IntArray
+    names: Sequence[str | None]
+
+    @classmethod
+    def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> Columns:
+        """Pack targets; what they share is added to `alike`, `known` holds where it is."""
+        kinds = np.empty(len(targets), np.int64)
+        width = 3 + orientations.count(targets[0].controller)
+        values = np.full((len(targets), width), np.nan)
+        spans = np.full((len(targets), width, 2), -1, np.int64)
+        for i, target in enumerate(targets):
+            kinds[i] = _kind(target, alike, known)
+            if target.xyz is not None and target.angles is not None:
+                values[i] = (*target.xyz, *target.angles)
+            if target.spans:
+                spans[i] = target.spans
+        return cls(
+            alike,
+            kinds,
+            np.array([t.line for t in targets]),
+            np.array([-1 if t.status is None else t.status for t in targets]),
+            np.array([-1 if t.turn is None else t.turn for t in targets]),
+            values,
+            spans,
+            [None if t.name == _name(t.motions, t.line) else t.name for t in targets],
+        )
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    @property
+    def like(self) -> Target:
+        """What the first one shares with others."""
+        return self.alike[int(self.kind[0])]
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.like.path
+
+    @property
+    def unit(self) -> float:
+        """Of the position's digits [mm]."""
+        return self.like.unit
+
+    @property
+    def controller(self) -> str:
+        """Whose angles they are."""
+        return self.like.controller
+
+    @property
+    def verdict(self) -> NDArray[np.str_]:
+        """Verdicts, (n,)."""
+        return np.array([target.verdict for target in self.alike])[self.kind]
+
+    def shared(self) -> tuple[list[Target], IntArray]:
+        """Return the few kinds of target among these, and for each target which of them it is, (n,)."""
+        kinds, which = np.unique(self.kind, return_inverse=True)
+        return [self.alike[kind] for kind in kinds], which
+
+    def take(self, rows: NDArray[np.intp]) -> Columns:
+        """Return some of them."""
+        return Columns(
+            self.alike,
+            self.kind[rows],
+            self.line[rows],
+            self.status[rows],
+            self.turn[rows],
+            self.values[rows],
+            self.spans[rows],
+            [self.names[i] for i in rows.tolist()],
+        )
+
+    def name(self, i: int) -> str:
+        """Return the name of one."""
+        return self.names[i] or _name(self.alike[int(self.kind[i])].motions, int(self.line[i]))
+
+    def target(self, i: int) -> Target:
+        """Return one of them."""
+        known = not np.isnan(self.values[i, 0])
+        status, turn = int(self.status[i]), int(self.turn[i])
+        return replace(
+            self.alike[int(self.kind[i])],
+            name=self.name(i),
+            line=int(self.line[i]),
+            xyz=tuple(self.values[i, :3].tolist()) if known else None,
+            angles=tuple(self.values[i, 3:].tolist()) if known else None,
+            status=None if status < 0 else status,
+            turn=None if turn < 0 else turn,
+            spans=tuple([(a, b) for a, b in self.spans[i].tolist()]) if self.spans[i, 0, 0] >= 0 else (),
+        )
+
+    def tf_base_frame(self) -> FloatArray:
+        """Return their frames, (n, 4, 4) [mm]; NaN where not known."""
+        unknown = np.full((4, 4), np.nan)
+        kinds, which = self.shared()
+        return np.array([unknown if t.tf_base_frame is None else t.tf_base_frame for t in kinds])[which]
+
+    def tf_flange_tool(self, measured: FloatArray) -> FloatArray:
+        """Return their tools, (n, 4, 4) [mm]; `measured` where the program names none."""
+        kinds, which = self.shared()
+        return np.array([measured if t.tf_flange_tool is None else t.tf_flange_tool for t in kinds])[which]
+
+    def rotation(self) -> Rotation:
+        """Return their orientations in their own frames; all must have one."""
+        return orientations.rotation(self.controller, self.values[:, 3:])
+
+    def poses_base(self) -> FloatArray:
+        """Return their poses, base to tool, (n, 4, 4) [mm]; all must have one."""
+        poses: FloatArray = self.tf_base_frame() @ make_transform(self.rotation(), self.values[:, :3])
+        return poses
+
+
+class Motions(NamedTuple):
+    """The motions of a program in the order of the text.
+
+    Attributes
+    ----------
+    target : (m,) array of int
+        The target of each.
+    on_path : (m,) array of bool
+        Whether the tool comes to it on a straight, circular or spline path from the target of the motion before.
+    """
+
+    target: IntArray
+    on_path: NDArray[np.bool_]
+
+
+NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))
+
+
+class Targets(Sequence[Target]):
+    """The targets of a program, in the order of the text, file by file.
+
+    Parameters
+    ----------
+    items : iterable of Target or Stretch
+        In that order.
+    motions : Motions
+    """
+
+    def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
+        self.motions = motions
+        self._alike: list[Target] = []
+        self._pieces: list[tuple[Columns | Stretch, int]] = []
+        known: dict[object, int] = {}
+        waiting: list[Target] = []
+        for item in items:
+            first = item if isinstance(item, Target) else item.like
+            if waiting and (first is not item or len(waiting) == CHUNK or first.path != waiting[0].path):
+                self._pieces.append((Columns.of(waiting, self._alike, known), -1))
+                waiting = []
+            if isinstance(item, Target):
+                waiting.append(item)
+            else:
+                self._pieces.append((item, _kind(first, self._alike, known)))
+        if waiting:
+            self._pieces.append((Columns.of(waiting, self._alike, known), -1))
+        self._starts = [0, *accumulate(len(piece) for piece, _ in self._pieces)]
+
+    def __len__(self) -> int:
+        return self._starts[-1]
+
+    @overload
+    def __getitem__(self, i: int) -> Target: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Target]: ...
+    def __getitem__(self, i: int | slice) -> Target | list[Target]:
+        if isinstance(i, slice):
+            return [self[k] for k in range(*i.indices(len(self)))]
+        i = i + len(self) if i < 0 else i
+        if not 0 <= i < len(self):
+            raise IndexError(i)
+        k = int(np.searchsorted(self._starts, i, side="right")) - 1
+        return self._columns(k).target(i - self._starts[k])
+
+    def __iter__(self) -> Iterator[Target]:
+        for _, columns in self.chunks():
+            yield from map(columns.target, range(len(columns)))
+
+    def _columns(self, k: int) -> Columns:
+        piece, kind = self._pieces[k]
+        return piece if isinstance(piece, Columns) else piece.columns(self._alike, kind)
+
+    def chunks(self, path: Path | None = None) -> Iterator[tuple[int, Columns]]:
+        """Yield the targets as columns, each with the place of its first; never beyond a file or some thousands.
+
+        `path`: of this file only.
+        """
+        waiting: list[Columns] = []
+        first = size = 0
+        for k, (piece, _) in enumerate(self._pieces):
+            place = piece.like.path
+            if waiting and (size + len(piece) > CHUNK or place != waiting[0].path):
+                yield first, _join(waiting)
+                waiting = []
+            if path is None or place == path:
+                first, size = (first, size + len(piece)) if waiting else (self._starts[k], len(piece))
+                waiting.append(self._columns(k))
+        if waiting:
+            yield first, _join(waiting)
+
+    def verdicts(self) -> NDArray[np.int8]:
+        """Return the places of the verdicts in `VERDICTS`, (n,)."""
+        codes = np.array([VERDICTS.index(target.verdict) for target in self._alike], np.int8)
+        parts = [
+            codes[piece.kind] if isinstance(piece, Columns) else np.full(len(piece), codes[kind])
+            for piece, kind in self._pieces
+        ]
+        return np.concatenate(parts) if parts else np.empty(0, np.int8)
+
+
+def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
+    """Return the place of what a target shares with others."""
+    key = (
+        target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
+        target.tool_number, target.controller, target.configuration, target.unit,
+        None if target.tf_base_frame is None else target.tf_base_frame.tobytes(),
+        None if target.tf_flange_tool is None else target.tf_flange_tool.tobytes(),
+    )  # fmt: skip
+    if key not in known:
+        known[key] = len(alike)
+        alike.append(replace(target, name="", line=0, xyz=None, angles=None, status=None, turn=None, spans=()))
+    return known[key]
+
+
+def _name(motions: Sequence[str], line: int) -> str:
+    return f"{motions[0] if motions else ''}:{line}"
+
+
+def _join(parts: list[Columns]) -> Columns:
+    if len(parts) == 1:
+        return parts[0]
+    return Columns(
+        parts[0].alike,
+        np.concatenate([part.kind for part in parts]),
+        np.concatenate([part.line for part in parts]),
+        np.concatenate([part.status for part in parts]),
+        np.concatenate([part.turn for part in parts]),
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.spans for part in parts]),
+        [name for part in parts for name in part.names],
+    )

@@ -1,0 +1,138 @@
+"""Words of configuration before and after: a correction must not carry a joint over the border of its word.
+
+The word in the program (KUKA's S and T, ABB's confdata, FANUC's CONFIG) stays as it is, so the joints at the corrected
+pose must still have it. Joints are those of the nominal robot; a word that does not fit the pose even before is not
+judged.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import RobotError
+from truepose.geometry import invert_transform
+from truepose.programs.core.columns import Columns
+from truepose.programs.core.target import FloatArray
+from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
+
+StrArray = NDArray[np.str_]
+_ABB: Final = re.compile(r"\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*([0-7])\s*")
+_TURN: Final = r"\s*,\s*(-?[0-9])"
+_FANUC: Final = re.compile(rf"\s*([NF])\s*[LR]?\s*([UD])\s*([TB]){3 * _TURN}\s*", re.I)
+_BRANCH: Final = 0b111  # of KUKA's Status
+_TURNS: Final = 0b111111
+_CHUNK: Final = 50_000
+_HAIR: Final = 0.02  # [mm]
+
+
+def changed_words(
+    robot: Robot, columns: Columns, poses: FloatArray, commands: FloatArray, tools: FloatArray
+) -> dict[int, str]:
+    """Return which targets would change their word of configuration, each with the reason.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal.
+    columns : Columns
+        The n targets.
+    poses, commands : (n, 4, 4) arrays [mm]
+        Base to tool, as programmed and as corrected.
+    tools : (n, 4, 4) array [mm]
+        Flange to tool.
+    """
+    controller = columns.controller
+    words = words_of(columns)
+    named = np.flatnonzero([bool(word) for word in words])
+    reasons: dict[int, str] = {}
+    for start in range(0, len(named), _CHUNK):
+        rows = named[start : start + _CHUNK]
+        wanted = np.array([words[i] for i in rows])
+        tf_tool_flange = invert_transform(tools[rows])
+        try:
+            q = _joints_of(controller, robot, poses[rows] @ tf_tool_flange, wanted)
+            known = np.flatnonzero(np.isfinite(q).all(axis=1))
+            known = known[_words(controller, robot, q[known]) == wanted[known]]
+            others = np.setdiff1d(np.arange(len(rows)), known)
+            border = _on_border(controller, robot, poses[rows[others]], tf_tool_flange[others], wanted[others])
+            for i in others[border]:
+                reasons[int(rows[i])] = f"it lies on the border of its configuration {wanted[i]}"
+            if not len(known):
+                continue
+            q_after = nearest_branch(find_branches(robot, (commands[rows] @ tf_tool_flange)[known]).q, q[known])
+        except RobotError:
+            return reasons  # an arm of another kind: its programs name no such words
+        lost = ~np.isfinite(q_after).all(axis=1)
+        got = np.full(len(known), "out of reach", dtype="<U40")
+        got[~lost] = _words(controller, robot, q_after[~lost])
+        for k in np.flatnonzero(got != wanted[known]):
+            reasons[int(rows[known[k]])] = f"its configuration would change from {wanted[known[k]]} to {got[k]}"
+    return reasons
+
+
+def words_of(columns: Columns) -> list[str]:
+    """Return the words of targets in one form; empty where a target names none, or no valid one."""
+    if columns.controller == "kuka":
+        pairs = zip(columns.status.tolist(), columns.turn.tolist(), strict=True)
+        return [f"S {s & _BRANCH}, T {t & _TURNS}" if s >= 0 and t >= 0 else "" for s, t in pairs]
+    kinds, which = columns.shared()
+    words = [_word(columns.controller, target.configuration) for target in kinds]
+    return [words[k] for k in which.tolist()]
+
+
+def _word(controller: str, configuration: str) -> str:
+    if controller == "abb" and (m := _ABB.fullmatch(configuration)):
+        return ",".join(str(int(number)) for number in m.groups())
+    if controller == "fanuc" and (m := _FANUC.fullmatch(configuration)):
+        flip, elbow, front, *turns = m.groups()
+        return ", ".join([f"{flip} {elbow} {front}".upper(), *(str(int(turn)) for turn in turns)])
+    return ""
+
+
+def _joints_of(controller: str, robot: Robot, flange: FloatArray, words: StrArray) -> FloatArray:
+    """Return the joints that poses and words name, (n, 6) [rad]; NaN where there are none."""
+    solutions = find_branches(robot, flange).q
+    rows = np.arange(len(words))
+    numbers = np.array([[int(n) for n in re.findall(r"-?[0-9]+", word)] for word in words])
+    if controller == "kuka":
+        from truepose.robots import select
+
+        return select(robot, solutions, numbers[:, 0], numbers[:, 1])
+    if controller == "abb":
+        q: FloatArray = solutions[rows, numbers[:, 3]].copy()
+        joints, goal = [0, 3, 5], (numbers[:, :3] + 0.5) * (np.pi / 2)
+    else:
+        slots = np.array([4 * (word[4] == "B") + 2 * (word[2] == "D") + (word[0] == "N") for word in words])
+        q = solutions[rows, slots].copy()
+        joints, goal = [3, 4, 5], 2 * np.pi * numbers[:, :3]
+    q[:, joints] += 2 * np.pi * np.round((goal - q[:, joints]) / (2 * np.pi))
+    return q
+
+
+def _on_border(
+    controller: str, robot: Robot, poses: FloatArray, tf_tool_flange: FloatArray, words: StrArray
+) -> NDArray[np.bool_]:
+    """Return which poses that have not their word have it a hair's breadth away: their digits are rounded."""
+    border = np.zeros(len(poses), dtype=bool)
+    for step in _HAIR * np.concatenate([np.eye(3), -np.eye(3)]) if len(poses) else ():
+        near = poses.copy()
+        near[:, :3, 3] += step
+        q = _joints_of(controller, robot, near @ tf_tool_flange, words)
+        known = np.isfinite(q).all(axis=1)
+        border[known] |= _words(controller, robot, q[known]) == words[known]
+    return border
+
+
+def _words(controller: str, robot: Robot, q: FloatArray) -> StrArray:
+    """Return the words of joints, (n,) of str."""
+    if not len(q):
+        return np.array([], dtype=str)
+    if controller == "kuka":
+        return np.array([f"S {s}, T {t}" for s, t in zip(*status_turn(robot, q), strict=True)])
+    if controller == "abb":
+        return np.array([",".join(map(str, row)) for row in abb_configuration(robot, q)])
+    return fanuc_configuration(robot, q)

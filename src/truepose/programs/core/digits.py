@@ -1,0 +1,128 @@
+"""Numbers of a program by the thousand: their digits read, moved and written again, in arrays.
+
+The plain style (``-40.25``) is handled here; any other number (an exponent, a column's blanks, a plus, no leading zero)
+goes through `truepose.programs.core.source.format_number`, which defines the result for both.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.programs.core.source import decimals_of, format_number
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+_WIDEST: Final = 17  # characters of a plain number: sign, point and 15 digits, which a double holds
+_WHOLE: Final = 10 ** np.arange(16)
+_POWERS: Final = np.array([float(f"1e{k}") for k in range(16)])
+_STEPS: Final = np.array([float(f"1e-{k}") for k in range(16)])
+_EXACT: Final = 1 << 52
+
+
+class Digits(NamedTuple):
+    """Numbers as whole numbers of their last decimal.
+
+    Attributes
+    ----------
+    mantissa, decimals : (n,) arrays of int
+        The value is mantissa / 10^decimals.
+    plain : (n,) array of bool
+        Whether a number is written plainly; the others have no meaning here.
+    """
+
+    mantissa: IntArray
+    decimals: IntArray
+    plain: NDArray[np.bool_]
+
+
+def read_digits(data: bytes, spans: IntArray) -> Digits:
+    """Read the numbers at spans (n, 2).
+
+    Examples
+    --------
+    >>> read_digits(b"X -40.25", np.array([[2, 8]])).mantissa
+    array([-4025])
+    """
+    characters = np.frombuffer(data, np.uint8)
+    start, length = spans[:, 0], spans[:, 1] - spans[:, 0]
+    plain = (length > 0) & (length <= _WIDEST)
+    mantissa, decimals = np.zeros(len(spans), np.int64), np.zeros(len(spans), np.int64)
+    behind_point, negative, whole = (np.zeros(len(spans), bool) for _ in range(3))
+    for k in range(min(int(length.max(initial=0)), _WIDEST)):
+        inside = k < length
+        c = np.where(inside, characters[np.minimum(start + k, len(data) - 1)], 0)
+        digit, point = (c >= ord("0")) & (c <= ord("9")), c == ord(".")
+        if k == 0:
+            negative = c == ord("-")
+        mantissa = np.where(digit, mantissa * 10 + (c - ord("0")), mantissa)
+        decimals += digit & behind_point
+        whole |= digit & ~behind_point
+        plain &= digit | (point & whole & ~behind_point) | ~inside | ((k == 0) & negative)
+        behind_point |= point
+    return Digits(np.where(negative, -mantissa, mantissa), decimals, plain & whole & (mantissa < _EXACT))
+
+
+def values_at(data: bytes, spans: IntArray) -> FloatArray:
+    """Return the values of number tokens at spans (n, 2), each as ``float`` reads it, (n,)."""
+    digits = read_digits(data, spans)
+    values: FloatArray = np.abs(digits.mantissa) / _POWERS[digits.decimals]  # both exact: rounded once
+    first = np.frombuffer(data, np.uint8)[spans[:, 0]] if len(spans) else np.empty(0, np.uint8)
+    values[first == ord("-")] *= -1.0
+    for i in np.flatnonzero(~digits.plain).tolist():
+        values[i] = float(data[spans[i, 0] : spans[i, 1]])
+    return values
+
+
+def moved(data: bytes, spans: IntArray, values: FloatArray, delta: FloatArray, resolution: float) -> FloatArray:
+    """Return the values that numbers have when they are written moved by `delta`, (n,).
+
+    Parameters
+    ----------
+    data : bytes
+    spans : (n, 2) array of int
+    values, delta : (n,) arrays
+        Of the numbers, and what is to be added.
+    resolution : float
+        As in `format_number`, whose results these are.
+    """
+    after = values.copy()
+    changed = np.rint(delta / resolution) != 0
+    gained = decimals_of(resolution)
+    digits = read_digits(data, spans)
+    fast = changed & digits.plain & (gained is not None)
+    if gained is not None:
+        kept = np.maximum(digits.decimals, gained)
+        steps = digits.mantissa * _WHOLE[kept - digits.decimals] + np.rint(delta / _STEPS[kept]).astype(np.int64)
+        fast &= np.abs(steps) < _EXACT
+        after[fast] = (steps / _POWERS[kept])[fast]
+    for i in np.flatnonzero(changed & ~fast).tolist():
+        after[i] = float(format_number(data[spans[i, 0] : spans[i, 1]], float(delta[i]), resolution))
+    return after
+
+
+def written(data: bytes, spans: IntArray, values: FloatArray, after: FloatArray, resolution: float) -> list[bytes]:
+    """Return numbers with new values, as `moved` found them, in the style of the old ones; see `format_number`.
+
+    The sixteenth digit of a number that has so many is that of a difference of doubles.
+    """
+    digits = read_digits(data, spans)
+    gained = decimals_of(resolution)
+    if gained is None:
+        gained, digits = 0, digits._replace(plain=np.zeros(len(spans), bool))
+    kept = np.maximum(digits.decimals, gained)
+    plain = digits.plain & (np.abs(after) * _POWERS[np.minimum(kept, 15)] < _EXACT)
+    spare = np.where(plain, kept - digits.decimals, -1)
+    texts = []
+    rows = zip(spans.tolist(), values.tolist(), (after + 0.0).tolist(), kept.tolist(), spare.tolist(), strict=True)
+    for (start, end), value, new, k, more in rows:
+        if more < 0:
+            texts.append(format_number(data[start:end], new - value, resolution))
+        elif more == 0:
+            texts.append(b"%.*f" % (k, new))
+        else:
+            text = b"%.*f" % (k, new)
+            texts.append(text[:-more] + text[-more:].rstrip(b"0") if more < k else text.rstrip(b"0").rstrip(b"."))
+    return texts

@@ -1,0 +1,224 @@
+"""What was done to the targets of a program, by columns, and the corrected bytes that follow from it."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.programs.core.columns import Columns, IntArray
+from truepose.programs.core.digits import written
+from truepose.programs.core.orientations import DEGREES, STEPS, count
+from truepose.programs.core.source import Source, Span, apply_patches
+from truepose.programs.core.target import FloatArray, Target
+from truepose.programs.core.targets import Program, linked
+
+DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
+"""Verdicts of outcomes by their codes."""
+_CORRECTED: Final = (1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What was done to a target.
+
+    Attributes
+    ----------
+    target : Target
+    verdict : {"correct", "clip", "skip", "below uncertainty"}
+    reason : str
+        Why not ``correct``; empty where it is.
+    p_after : (3,) array [mm], the target's own frame
+        As written; NaN where the target has no position.
+    angles_after : (k,) array, the controller's angles
+        As written; NaN where the target has none.
+    e, std : (3,) arrays [mm], base frame
+        Predicted error at the command and its standard deviation; NaN where nothing was predicted.
+    """
+
+    target: Target
+    verdict: str
+    reason: str
+    p_after: FloatArray
+    angles_after: FloatArray
+    e: FloatArray
+    std: FloatArray
+
+    @property
+    def name(self) -> str:
+        """Of the target."""
+        return self.target.name
+
+    @property
+    def line(self) -> int:
+        """Of the target."""
+        return self.target.line
+
+    @property
+    def p_before(self) -> FloatArray:
+        """Position in the target's own frame, (3,) [mm]."""
+        return self.target.p
+
+    @property
+    def correction(self) -> FloatArray:
+        """What was added, (3,) [mm], the target's own frame."""
+        return self.p_after - self.p_before
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes(Sequence[Outcome]):
+    """The outcomes of a program's targets.
+
+    Attributes
+    ----------
+    program : Program
+    code : (n,) array of int
+        Verdicts by their places in `DONE`.
+    after : (n, 3 or 3 + k) array [mm; the controller's angles], each target's own frame
+        What is written, positions or positions and orientations; NaN where a target is not corrected.
+    e, std : (n, 3) arrays [mm], base frame
+        NaN where nothing was predicted.
+    why : dict of int to str
+        Reasons that the program itself does not give.
+    """
+
+    program: Program
+    code: NDArray[np.int8]
+    after: FloatArray
+    e: FloatArray
+    std: FloatArray
+    why: dict[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def none(cls, program: Program, width: int = 3) -> Outcomes:
+        """Return outcomes where nothing was done yet; `width` numbers of each target may change."""
+        n = len(program.targets)
+        after, e, std = (np.full((n, columns), np.nan) for columns in (width, 3, 3))
+        return cls(program, np.zeros(n, np.int8), after, e, std)
+
+    def __len__(self) -> int:
+        return len(self.code)
+
+    @overload
+    def __getitem__(self, i: int) -> Outcome: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Outcome]: ...
+    def __getitem__(self, i: int | slice) -> Outcome | list[Outcome]:
+        if isinstance(i, slice):
+            return [self[k] for k in range(*i.indices(len(self)))]
+        target = self.program.targets[i]
+        return self._outcome(i if i >= 0 else i + len(self), target)
+
+    def __iter__(self) -> Iterator[Outcome]:
+        for i, target in enumerate(self.program.targets):
+            yield self._outcome(i, target)
+
+    def _outcome(self, i: int, target: Target) -> Outcome:
+        angles = np.full(count(target.controller), np.nan)
+        before = np.concatenate([target.p, angles if target.angles is None else target.angles])
+        after = np.where(np.isnan(row := self.after[i]), before[: len(row)], row)
+        after = np.concatenate([after, before[len(row) :]])
+        reason = self.why.get(i, target.reason)
+        return Outcome(target, DONE[self.code[i]], reason, after[:3], after[3:], self.e[i], self.std[i])
+
+    @property
+    def corrected(self) -> NDArray[np.bool_]:
+        """Which targets are corrected, (n,)."""
+        return np.isin(self.code, _CORRECTED)
+
+    def leave(self, rows: IntArray, why: str) -> None:
+        """Leave corrected targets of some rows as they are, for a reason."""
+        for i in rows[self.corrected[rows]].tolist():
+            self.code[i], self.after[i], self.why[i] = 0, 0.0, why
+
+    def leave_circles(self) -> None:
+        """Leave circles as they are where one of their points is not corrected."""
+        corrected, circles = self.corrected, self.program.circles
+        left_out = [i for i in sorted({i for circle in circles for i in circle}) if not corrected[i]]
+        for j, i in linked(circles, left_out).items():
+            self.code[j], self.after[j] = 0, 0.0
+            self.why[j] = f"its circle's other point {self.program.targets[i].name} is not corrected"
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
+        skipped, correct, clipped, refused, below = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
+        correction = std = 0.0
+        for first, columns in self.program.targets.chunks():  # a million rows are not copied
+            here = slice(first, first + len(columns))
+            moved = self.after[here, :3] - columns.values[:, :3]
+            correction = max(correction, _longest(moved[np.isfinite(moved).all(axis=1)]))
+            std = max(std, _longest(self.std[here][np.isin(self.code[here], _CORRECTED)]))
+        return {
+            "targets": len(self),
+            "corrected": correct + clipped,
+            "clipped": clipped,
+            "skipped": skipped,
+            "refused": refused,
+            "below_uncertainty": below,
+            "largest_correction_mm": correction,
+            "largest_std_mm": std,
+        }
+
+    def pieces(self, source: Source, resolution: float) -> Iterator[tuple[int, int, bytes, list[Span]]]:
+        """Yield a file as it becomes: start and end in the original, the new bytes, and the spans that changed.
+
+        Pieces end at a line end of the original, so that the lexer may read them one by one.
+        """
+        data, done = source.data, 0
+        spans: list[Span] = []
+        texts: list[bytes] = []
+        for first, columns in self.program.targets.chunks(source.path):
+            more, written_now = self._patches(source, first, columns, resolution)
+            spans, texts = spans + more, texts + written_now
+            if not spans:
+                continue
+            last = spans[-1][0]
+            cut = max(data.rfind(b"\n", done, last), data.rfind(b"\r", done, last)) + 1
+            ready = bisect.bisect_right(spans, cut, key=_end)
+            if ready:
+                yield done, cut, apply_patches(data, spans[:ready], texts[:ready], done, cut), spans[:ready]
+                done, spans, texts = cut, spans[ready:], texts[ready:]
+        yield done, len(data), apply_patches(data, spans, texts, done), spans
+
+    def _patches(
+        self, source: Source, first: int, columns: Columns, resolution: float
+    ) -> tuple[list[Span], list[bytes]]:
+        """Return what changes among some targets, in the order of the file."""
+        after = self.after[first : first + len(columns)]
+        k = after.shape[1]
+        before = columns.values[:, :k]
+        rows, axes = np.nonzero(np.isfinite(after) & (after != before))
+        order = np.argsort(columns.spans[rows, axes, 0], kind="stable")
+        rows, axes = rows[order], axes[order]
+        spans: IntArray = columns.spans[rows, axes]
+        texts = np.empty(len(rows), object)
+        for axis in range(k):
+            here = np.flatnonzero(axes == axis)
+            unit, step = digit_step(columns, axis, resolution)
+            old, new = before[rows[here], axis] / unit, after[rows[here], axis] / unit
+            texts[here] = written(source.data, spans[here], old, new, step)
+        return list(zip(spans[:, 0].tolist(), spans[:, 1].tolist(), strict=True)), texts.tolist()
+
+
+def _end(span: Span) -> int:
+    return span[1]
+
+
+def digit_step(columns: Columns, axis: int, resolution: float) -> tuple[float, float]:
+    """Return the unit of one of the target's numbers [mm; 1 for angles], and the step that it is written in.
+
+    The step is `resolution` [mm] in a power of ten of the digits' own unit.
+    """
+    if axis > 2:
+        return 1.0, STEPS.get(columns.controller, DEGREES)
+    step = resolution / columns.unit
+    return columns.unit, step if columns.unit == 1.0 else float(f"1e{math.floor(math.log10(step) + 1e-9)}")
+
+
+def _longest(vectors: FloatArray) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))

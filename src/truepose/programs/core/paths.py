@@ -1,0 +1,239 @@
+"""Paths that a correction bends: judged over all consecutive motion targets, corrected or not.
+
+The arm's errors change evenly in space, and so do the corrections of neighbouring targets. Where one of them is left
+nominal between corrected ones, or where the map itself is uneven, the commanded path has a kink that the original has
+not. A path is a row of targets that straight, circular or spline motions join; it ends at a joint motion, at a target
+whose place is not known, and with its routine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose.errors import RefusedError
+from truepose.programs.core.columns import IntArray
+from truepose.programs.core.outcomes import Outcomes
+from truepose.programs.core.source import printable
+from truepose.programs.core.target import FloatArray
+from truepose.programs.core.targets import Program
+
+SMALLEST_LIMIT: Final = 0.1
+"""[mm] No default limit is below this."""
+STANDARD_DEVIATIONS: Final = 4.0
+"""The default limit in standard deviations of the corrected targets."""
+SLOPE: Final = 0.005
+"""[mm per mm of spacing] Bends below this are the arm's: its errors change by a few millimetres per metre."""
+_BACK: Final = -0.5  # cosine of the turn at a target beyond which the path goes back: the tool stops there
+_BLOCK: Final = 1 << 16
+_SHOWN: Final = 3  # paths that a message names
+
+
+@dataclass(frozen=True, eq=False)
+class Continuity:
+    """What a correction does to the paths through the targets.
+
+    Attributes
+    ----------
+    bend : (n,) array [mm]
+        Distance between a target's correction and that of its neighbours, interpolated; the largest of its motions.
+        NaN where a target lies in no path, as in the others.
+    direction : (n,) array [deg]
+        Change that the correction makes to the turn of the path at the target.
+    spacing : (n,) array [mm]
+        Change that it makes to the distance from the target before.
+    limit : float [mm]
+        Largest bend that is allowed.
+    slope : float
+        Bends below this share of the spacing are allowed, too.
+    """
+
+    bend: FloatArray
+    direction: FloatArray
+    spacing: FloatArray
+    limit: float
+    slope: float
+
+    def summary(self) -> dict[str, Any]:
+        """Return the largest changes; None where there is no path."""
+        largest = {
+            "largest_bend_mm": self.bend,
+            "largest_change_of_direction_deg": self.direction,
+            "largest_change_of_spacing_mm": self.spacing,
+        }
+        found = {key: float(np.nanmax(v)) if np.isfinite(v).any() else None for key, v in largest.items()}
+        return {**found, "max_bend_mm": self.limit}
+
+
+@dataclass(frozen=True, eq=False)
+class Kink:
+    """A bend beyond the limit.
+
+    Attributes
+    ----------
+    target : int
+    bend : float [mm]
+    path : (k,) array of int
+        All targets of its path.
+    """
+
+    target: int
+    bend: float
+    path: IntArray
+
+
+class Paths:
+    """The paths of a program.
+
+    Parameters
+    ----------
+    program : Program
+    outcomes : Outcomes
+        With the changes of targets in their own frames in `after`.
+    limit : float [mm], optional
+        Largest bend. Default: four times the RMS standard deviation of the corrected targets, at least 0.1 mm; a bend
+        that is small for the spacing of its targets is allowed then, too.
+    """
+
+    def __init__(self, program: Program, outcomes: Outcomes, limit: float | None = None) -> None:
+        self._n, self._motions = len(program.targets), program.targets.motions
+        self._p, self._change = _in_base(program, outcomes)
+        self.limit, self._slope = limit or default_limit(outcomes), 0.0 if limit else SLOPE
+
+    @property
+    def origin(self) -> str:
+        """How the default limit was found, for the record."""
+        least = f"at least {SMALLEST_LIMIT:g} mm"
+        return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets, {least}"
+
+    def settle(self, outcomes: Outcomes, on_guard: str) -> Continuity:
+        """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
+
+        A point of such a path may lie in other paths, which are judged again then.
+
+        Raises
+        ------
+        RefusedError
+            If a path bends too much and `on_guard` is ``refuse``.
+        """
+        while True:
+            continuity, kinks = self.judge(outcomes.corrected)
+            if not kinks:
+                return continuity
+            if on_guard == "refuse":
+                raise RefusedError(self._told(outcomes, kinks))
+            for kink in kinks:
+                outcomes.leave(kink.path, f"its whole path stays nominal: {self._words(outcomes, kink)}")
+            outcomes.leave_circles()
+
+    def _words(self, outcomes: Outcomes, kink: Kink) -> str:
+        target = outcomes.program.targets[kink.target]
+        return (
+            f"the correction would bend the path by {kink.bend:.3f} mm at {target.name} (line {target.line}), "
+            f"limit {self.limit:.3f} mm"
+        )
+
+    def _told(self, outcomes: Outcomes, kinks: list[Kink]) -> str:
+        places = [f"{outcomes.program.targets[k.target].where}: {self._words(outcomes, k)}" for k in kinks[:_SHOWN]]
+        more = f" (and {len(kinks) - _SHOWN} more paths)" if len(kinks) > _SHOWN else ""
+        return printable(
+            f'{"; ".join(places)}{more}; leave such paths as they are with on_guard "skip", or state max_bend_mm in '
+            "[correction]"
+        )
+
+    def judge(self, corrected: NDArray[np.bool_]) -> tuple[Continuity, list[Kink]]:
+        """Return what the corrections of some targets do to the paths, and the worst bend of each path if too large.
+
+        Parameters
+        ----------
+        corrected : (n,) array of bool
+            The others stay as they are.
+        """
+        bend, direction, spacing = np.full((3, self._n), np.nan)
+        row, path = self._rows(corrected)
+        worst: dict[int, tuple[float, int]] = {}
+        for first in range(0, len(row), _BLOCK):
+            here = slice(max(0, first - 1), first + _BLOCK + 1)  # with the neighbours
+            seq = row[here]
+            change = np.where(corrected[seq][:, None], self._change[seq], 0.0)
+            measured = _measure(self._p[seq], change, path[here])
+            at, size, turn, spaced, along = measured
+            np.fmax.at(spacing, seq[1:], spaced)
+            np.fmax.at(bend, seq[at], size)
+            np.fmax.at(direction, seq[at], turn)
+            for k in np.flatnonzero(size > np.maximum(self.limit, self._slope * along)).tolist():
+                of = int(path[here][at[k]])
+                worst[of] = max(worst.get(of, (0.0, 0)), (float(size[k]), int(seq[at[k]])))
+        kinks = [Kink(target, size, np.unique(row[path == of])) for of, (size, target) in sorted(worst.items())]
+        return Continuity(bend, direction, spacing, self.limit, self._slope), kinks
+
+    def _rows(self, corrected: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+        """Return the targets along all paths, and for each the number of its path; standing still counts once."""
+        row, on_path = self._motions
+        known = np.isfinite(self._p[row, 0]) if len(row) else np.empty(0, bool)
+        joined = on_path & known
+        joined[1:] &= known[:-1]
+        path = np.cumsum(~joined)
+        same = np.zeros(len(row), bool)
+        same[1:] = joined[1:] & (row[1:] == row[:-1])
+        twins = np.flatnonzero(joined[1:] & ~same[1:] & (self._p[row[1:]] == self._p[row[:-1]]).all(axis=1)) + 1
+        change = [np.where(corrected[k][:, None], self._change[k], 0.0) for k in (row[twins], row[twins - 1])]
+        same[twins] = (change[0] == change[1]).all(axis=1)
+        keep = known & ~same
+        return row[keep], path[keep]
+
+
+def default_limit(outcomes: Outcomes) -> float:
+    """Return the largest bend [mm] that the predicted standard deviations of the corrected targets explain."""
+    std = outcomes.std[outcomes.corrected]
+    std = std[np.isfinite(std).all(axis=1)]
+    rms = float(np.sqrt(np.einsum("ij,ij->", std, std) / max(len(std), 1)))
+    return max(SMALLEST_LIMIT, STANDARD_DEVIATIONS * rms)
+
+
+def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArray]:
+    """Return positions and changes of all targets in the base frame, (n, 3) [mm]; NaN where not known."""
+    p, change = np.full((2, len(program.targets), 3), np.nan)
+    for first, columns in program.targets.chunks():
+        here = slice(first, first + len(columns))
+        tf = columns.tf_base_frame()
+        p[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
+        change[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], outcomes.after[here, :3])
+    return p, change
+
+
+def _measure(
+    p: FloatArray, change: FloatArray, path: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Measure consecutive targets (m, 3) [mm].
+
+    Returns
+    -------
+    at : (k,) array of int
+        Targets with a neighbour on both sides in their path, but for those where the path goes back.
+    bend, turn : (k,) arrays [mm], [deg]
+        At these.
+    spacing : (m − 1,) array [mm]
+        Change of every distance; NaN between two paths.
+    along : (k,) array [mm]
+        Harmonic mean of the distances to both neighbours.
+    """
+    step, changed = np.diff(p, axis=0), np.diff(p + change, axis=0)
+    before, after = np.linalg.norm(step, axis=1), np.linalg.norm(changed, axis=1)
+    one_path = path[1:] == path[:-1]
+    spacing = np.where(one_path, np.abs(after - before), np.nan)
+    h1, h2 = before[:-1], before[1:]
+    u, v = (d / np.maximum(size, np.finfo(float).tiny)[:, None] for d, size in ((step, before), (changed, after)))
+    goes_back = np.einsum("ij,ij->i", u[:-1], u[1:]) < _BACK
+    at = np.flatnonzero(one_path[:-1] & one_path[1:] & ~goes_back)
+    h1, h2 = h1[at], h2[at]
+    share = np.where(h1 + h2 > 0, h1 / np.maximum(h1 + h2, np.finfo(float).tiny), 0.5)[:, None]
+    between = change[at] + share * (change[at + 2] - change[at])
+    bend = np.linalg.norm(change[at + 1] - between, axis=1)
+    turn = np.linalg.norm((v[1:] - v[:-1])[at] - (u[1:] - u[:-1])[at], axis=1)
+    turn = np.rad2deg(2.0 * np.arcsin(np.minimum(turn / 2.0, 1.0)))
+    along = 2.0 * h1 * h2 / np.maximum(h1 + h2, np.finfo(float).tiny)
+    return at + 1, bend, turn, spacing, along

@@ -1,0 +1,422 @@
+"""What readers share: points with their numbers, what a program does with them, and the verdict that follows.
+
+A dialect's reader makes a `Point` for each target that it finds, and `Judge` gives the verdicts of the catalogue
+(docs/programs.md) when the whole program is read. KRL, which knows more ways to a frame, has its own judge.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import accumulate
+from typing import Final, NamedTuple
+
+from truepose.programs.core import orientations
+from truepose.programs.core.columns import NO_MOTIONS, Motions, Stretch, Targets
+from truepose.programs.core.source import Source, Span, parse_number
+from truepose.programs.core.target import FloatArray, Target, Verdict
+from truepose.programs.core.targets import FrameTable, Key, ReadOptions, frame_key, linked
+
+AS_MEASURED: Final = "as measured"
+"""Tool of targets in languages that name none: the point that the map was measured with."""
+
+
+class FileLine(NamedTuple):
+    """A line of one of several files."""
+
+    file: str
+    line: int
+
+
+Place = int | FileLine
+"""A line; or, in a program of several files, a file with its line."""
+
+
+def at(place: Place) -> str:
+    """Return a place in words."""
+    return f"line {place}" if isinstance(place, int) else f"{place.file}, line {place.line}"
+
+
+class Visit(NamedTuple):
+    """A motion to a target, as it stands in the order of the text.
+
+    Attributes
+    ----------
+    file : str
+        Empty where there is one.
+    line, order : int
+        The line, and the place among the motions of a line.
+    section : int
+        Another one from the motion before: control does not go from there to here.
+    item : int
+        The target, or the stretch of targets.
+    word : str
+        Of the motion.
+    """
+
+    file: str
+    line: int
+    order: int
+    section: int
+    item: int
+    word: str
+
+
+class Problem(NamedTuple):
+    """Why a target is not corrected."""
+
+    verdict: Verdict
+    reason: str
+
+
+JOINTS: Final = Problem("skip", "joint target")
+RUN_TIME: Final = Problem("skip", "target known at run time only")
+
+
+class Frame(NamedTuple):
+    """A tool or base as a program names it.
+
+    Attributes
+    ----------
+    text : str
+        For people.
+    key : int or str, optional
+        In the frame table.
+    tf : bytes, optional
+        Its (4, 4) array [mm] where the program itself gives the values; the table wins.
+    """
+
+    text: str
+    key: Key | None = None
+    tf: bytes | None = None
+
+
+class Use(NamedTuple):
+    """A motion to a point; without tool or frame, the one that the user says is in force.
+
+    `section` and `order` are those of `Visit`.
+    """
+
+    word: str
+    line: Place
+    tool: Frame | None = None
+    frame: Frame | None = None
+    problem: Problem | None = None
+    section: int = 0
+    order: int = 0
+
+    def visit(self, item: int) -> Visit:
+        """Return the motion as one to a target."""
+        file, line = ("", self.line) if isinstance(self.line, int) else self.line
+        return Visit(file, line, self.order, self.section, item, self.word)
+
+
+@dataclass(slots=True, eq=False)
+class Point:
+    """A target and what the program does with it.
+
+    Attributes
+    ----------
+    name : str
+    source : Source
+    line : int
+        Where its numbers stand.
+    values, spans : tuples
+        Position and orientation in the controller's own numbers, and their bytes; empty where there are none.
+    problem : Problem, optional
+        That lies in the numbers themselves.
+    configuration : str
+        As the program says it.
+    uses : list of Use
+    reads, writes : list of (place, how)
+    """
+
+    name: str
+    source: Source
+    line: int
+    values: tuple[float, ...] = ()
+    spans: tuple[Span, ...] = ()
+    problem: Problem | None = None
+    configuration: str = ""
+    uses: list[Use] = field(default_factory=list)
+    reads: list[tuple[Place, str]] = field(default_factory=list)
+    writes: list[tuple[Place, str]] = field(default_factory=list)
+
+
+class _Stop(Exception):  # noqa: N818 - ends the questions about one target
+    def __init__(self, verdict: Verdict, reason: str) -> None:
+        self.problem = Problem(verdict, reason)
+        super().__init__(reason)
+
+
+NOT_HERE: Final = (-1, -1)
+"""Span of a number that a point takes over from the one before it."""
+HELD: Final = Problem(
+    "skip", "its orientation holds over several lines; write it in each of them, or correct positions"
+)
+
+
+def leave_held(points: Sequence[Point]) -> None:
+    """Leave out points whose orientation another line gives, and those whose orientation others take over."""
+    for k, point in enumerate(points):
+        if NOT_HERE in point.spans:
+            point.problem = point.problem or HELD
+            for before in reversed(points[:k]):
+                if before.spans:
+                    before.problem = before.problem or HELD
+                    break
+
+
+class Judge:
+    """Gives points their frame, tool and verdict.
+
+    Parameters
+    ----------
+    frames : FrameTable
+    options : ReadOptions
+    controller : str
+        Whose orientation numbers the points have.
+    unit : float [mm]
+        Of the position's digits.
+    tool_default, frame_default : Frame, optional
+        What a motion that names none has, if the user says nothing else. None: such a target is refused.
+    changed : mapping of ("tool" or "base", key or None) to place
+        Where the program changes a frame; None: some frame.
+    """
+
+    def __init__(
+        self,
+        frames: FrameTable,
+        options: ReadOptions,
+        controller: str,
+        *,
+        unit: float = 1.0,
+        tool_default: Frame | None = None,
+        frame_default: Frame | None = None,
+        changed: Mapping[tuple[str, Key | None], Place] | None = None,
+    ) -> None:
+        self._frames, self._options = frames, options
+        self._controller, self.unit = controller, unit
+        self._default = {"tool": tool_default, "base": frame_default}
+        self._changed = changed or {}
+
+    def target(self, point: Point) -> Target:
+        """Return the target of a point."""
+        tool = frame = tf_flange_tool = tf_base_frame = None
+        problem: Problem | None = None
+        try:
+            self._check(point)
+        except _Stop as stop:
+            problem = stop.problem
+        try:  # also where the target stays as it is: a path may go through it
+            if point.uses:
+                tool, frame = self._in_force(point.uses)
+                tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
+        except _Stop as stop:
+            problem = problem or stop.problem
+        known = len(point.values) == 3 + orientations.count(self._controller)
+        return Target(
+            name=point.name,
+            path=point.source.path,
+            line=point.line,
+            motions=tuple([use.word for use in point.uses]),
+            verdict=problem.verdict if problem else "correct",
+            reason=problem.reason if problem else "",
+            frame=frame.text if frame else "",
+            tool=tool.text if tool else "",
+            frame_number=frame.key if frame and isinstance(frame.key, int) else None,
+            tool_number=tool.key if tool and isinstance(tool.key, int) else None,
+            xyz=tuple([value * self.unit for value in point.values[:3]]) if known else None,
+            angles=point.values[3:] if known else None,
+            controller=self._controller,
+            tf_base_frame=tf_base_frame,
+            tf_flange_tool=tf_flange_tool,
+            configuration=point.configuration,
+            spans=point.spans if known else (),
+            unit=self.unit,
+        )
+
+    def _check(self, point: Point) -> None:
+        if point.problem is not None and (point.uses or point.problem.verdict == "skip"):
+            raise _Stop(*point.problem)
+        if point.reads:
+            line, how = point.reads[0]
+            if point.uses:
+                use = point.uses[0]
+                raise _Stop(self._options.ambiguous, f"both moved to ({at(use.line)}) and {how} ({at(line)})")
+            raise _Stop("skip", f"{how} ({at(line)})")
+        if point.writes:
+            line, how = point.writes[0]
+            raise _Stop("skip", f"{how} at run time ({at(line)})")
+        if not point.uses:
+            raise _Stop("skip", "no motion of this program goes to it")
+        if not point.values:
+            raise _Stop(*RUN_TIME)
+        problems = {use.problem for use in point.uses}
+        hindered = [use for use in point.uses if use.problem is not None]
+        if not hindered:
+            return
+        first = hindered[0]
+        assert first.problem is not None
+        if None in problems and first.problem.verdict == "skip":
+            other = next(use for use in point.uses if use.problem is None)
+            reason = f"moved to ({at(other.line)}) and, in {at(first.line)}, {first.problem.reason}: teach two points"
+            raise _Stop(self._options.ambiguous, reason)
+        raise _Stop(*first.problem)
+
+    def _in_force(self, uses: Sequence[Use]) -> tuple[Frame, Frame]:
+        found: dict[tuple[Frame, Frame], Use] = {}
+        for use in uses:
+            found.setdefault((self._of("tool", use.tool), self._of("base", use.frame)), use)
+        if len(found) > 1:
+            (first, a), (second, b) = list(found.items())[:2]
+            k = 0 if first[0] != second[0] else 1
+            reason = f"moved to under {first[k].text} ({at(a.line)}) and {second[k].text} ({at(b.line)})"
+            raise _Stop(self._options.ambiguous, f"{reason}: teach two points")
+        return next(iter(found))
+
+    def _of(self, which: str, frame: Frame | None) -> Frame:
+        if frame is not None:
+            return frame
+        default = getattr(self._frames, which)
+        if default is not None:
+            return Frame(str(default), default)
+        if (known := self._default[which]) is not None:
+            return known
+        raise _Stop("refuse", f"the program names no {which}; say which is in force (--{which} NAME)")
+
+    def _transform(self, which: str, frame: Frame) -> FloatArray | None:
+        if frame.text == AS_MEASURED:
+            return None
+        table = self._frames.tools if which == "tool" else self._frames.bases
+        key = None if frame.key is None else frame_key(frame.key)
+        line = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
+        if line and key is not None:
+            raise _Stop("refuse", f"{frame.text} is changed by the program ({at(line)})")
+        if key is not None and key in table:
+            return table[key]
+        if frame.tf is not None:
+            tf = _array(frame.tf)
+            return self._frames.bases[0] @ tf if which == "base" else tf  # the program gives it in the world
+        remedy = f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
+        raise _Stop("refuse", f"{which} {frame.text} is not known; {remedy}")
+
+    def program_targets(
+        self, points: Sequence[Point], circles: Iterable[Sequence[Point]]
+    ) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
+        """Return the targets in the order of the text, and the circles as their indices.
+
+        Parameters
+        ----------
+        points : sequence of Point
+        circles : iterable of sequences of Point
+            Corrected together or not at all.
+        """
+        place = {id(point): i for i, point in enumerate(points)}
+        joined = [[place[id(point)] for point in circle] for circle in circles]
+        visits = [use.visit(place[id(point)]) for point in points for use in point.uses]
+        sources = list({point.source: None for point in points})
+        return in_order([self.target(point) for point in points], joined, sources, visits)
+
+
+@lru_cache(maxsize=256)
+def _array(tf: bytes) -> FloatArray:
+    import numpy as np
+
+    return np.frombuffer(tf).reshape(4, 4)
+
+
+def in_order(
+    items: Sequence[Target | Stretch],
+    circles: Iterable[Sequence[int]],
+    sources: Sequence[Source],
+    visits: Iterable[Visit],
+) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
+    """Return a program's targets in the order of the text, file by file, and its circles by their places there.
+
+    A target whose circle has a point that is left out is left out for that.
+
+    Parameters
+    ----------
+    items : sequence of Target or Stretch
+    circles : iterable of sequences of int
+        Places in `items`.
+    sources : sequence of Source
+        In the order of the files.
+    visits : iterable of Visit
+        The motions to the items.
+    """
+    rank = {source.path: k for k, source in enumerate(sources)}
+
+    def key(i: int) -> tuple[int, int, tuple[Span, ...]]:
+        first = item if isinstance(item := items[i], Target) else item.like
+        return rank[first.path], first.line, first.spans
+
+    order = sorted(range(len(items)), key=key)
+    starts = accumulate([1 if isinstance(item := items[i], Target) else len(item) for i in order], initial=0)
+    place = dict(zip(order, starts, strict=False))
+    replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
+    motions = _motions(visits, place, items)
+    targets = Targets((replaced.get(i, items[i]) for i in order), motions)
+    return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
+
+
+_NO_PATH: Final = re.compile(
+    r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
+)
+"""Motions by joints, whose path is no line in space; and points of data that no motion is known to."""
+
+
+def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[Target | Stretch]) -> Motions:
+    """Return the motions in the order of the text."""
+    import numpy as np
+
+    targets, linear, before = [], [], None
+    for visit in sorted(visits):
+        item, first = items[visit.item], place[visit.item]
+        size = 1 if isinstance(item, Target) else len(item)
+        on_path = _NO_PATH.fullmatch(visit.word) is None
+        targets.append(np.arange(first, first + size))
+        linear.append(np.full(size, on_path))
+        linear[-1][0] = on_path and before == (visit.file, visit.section)
+        before = (visit.file, visit.section)
+    if not targets:
+        return NO_MOTIONS
+    return Motions(np.concatenate(targets), np.concatenate(linear))
+
+
+def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:
+    """Return the targets that are left out because of another one in their circle, by their places."""
+    targets = {i: target for circle in circles for i in circle if isinstance(target := items[i], Target)}
+    causes = linked(circles, [i for i, target in targets.items() if target.verdict != "correct"])
+    replaced = {}
+    for i in causes:
+        k = i
+        while k in causes:
+            k = causes[k]
+        cause = targets[k]
+        reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
+        replaced[i] = replace(targets[i], verdict=cause.verdict, reason=reason)
+    return replaced
+
+
+def numbers_at(
+    source: Source, line: int, names: Sequence[str], tokens: Sequence[bytes], starts: Sequence[int]
+) -> tuple[tuple[float, ...], tuple[Span, ...]]:
+    """Return the values of number tokens and their spans.
+
+    Raises
+    ------
+    FileError
+        If one is broken; it is named.
+    """
+    values = []
+    for name, token in zip(names, tokens, strict=True):
+        try:
+            values.append(parse_number(token))
+        except ValueError as error:
+            raise source.error(line, f"{name}: {error}; correct the file") from None
+    spans = [(start, start + len(token)) for start, token in zip(starts, tokens, strict=True)]
+    return tuple(values), tuple(spans)

@@ -1,0 +1,320 @@
+"""Programs as bytes: positions and lines, patches in place, and the proof that nothing else changed.
+
+A dialect gives its lexer: a compiled pattern over bytes, without groups, that matches at every byte of any file and
+never across a line end. So the tokens joined are the file again, and two versions compare token by token.
+"""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import math
+import operator
+import re
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from itertools import accumulate, chain
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+
+from truepose._io import files
+from truepose.errors import FileError, RefusedError
+
+Span = tuple[int, int]
+NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+(?![\w.])"
+"""Pattern of a number that nothing adheres to: `1.2.3` is none."""
+LARGEST: Final = 1e6
+"""A coordinate [mm] or an angle [deg] beyond this is a mistake."""
+
+LONGEST_LINE: Final = 2**16
+"""Bytes of a line of a program; no controller takes such a line."""
+
+LONGEST: Final = 40
+"""Characters of a number; 17 digits say everything about a double."""
+
+_NUMBER = re.compile(NUMBER)
+PLAIN_LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]")
+"""Words, numbers, blanks and single characters: enough for the proof in most languages."""
+_LINE_END = re.compile(rb"\r\n|\n|\r")
+_ARITHMETIC = re.compile(rb"[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?(?:\s*[-+*/]\s*[\d.]+(?:[eE][+-]?\d+)?)*")
+_DIGITS = re.compile(rb"[-+\d.eE\s]+")
+_BROKEN = re.compile(
+    rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
+)
+_CONTEXT = 3
+_REPLACED: ContextVar[Mapping[Path, bytes] | None] = ContextVar("replaced", default=None)
+
+
+@contextmanager
+def replaced(contents: Mapping[Path, bytes]) -> Iterator[None]:
+    """Let `Source.read` find other bytes in files than are on disk, while the context is open.
+
+    Parameters
+    ----------
+    contents : mapping of Path to bytes
+        By the paths that programs name their files by.
+    """
+    token = _REPLACED.set(contents)
+    try:
+        yield
+    finally:
+        _REPLACED.reset(token)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    r"""One file of a program, as it is on disk.
+
+    Parameters
+    ----------
+    path : Path
+        As the user named it.
+    data : bytes
+
+    Examples
+    --------
+    >>> Source(Path("a.src"), b"DEF a()\r\nLIN P1\rEND").line(16)
+    3
+    """
+
+    path: Path
+    data: bytes
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read a file; see `truepose._io.files.read_bytes` for the errors, and `replaced`."""
+        contents = _REPLACED.get() or {}
+        source = cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
+        length = np.diff(np.append(np.frombuffer(source._line_starts, np.int64), len(source.data)))
+        if length.max() > LONGEST_LINE:
+            line = int(length.argmax()) + 1
+            raise source.error(line, f"has {length[line - 1]} characters, at most {LONGEST_LINE} are read; break it")
+        return source
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the file's bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @cached_property
+    def _line_starts(self) -> array[int]:
+        return array("q", [0]) + array("q", (m.end() for m in _LINE_END.finditer(self.data)))
+
+    def line(self, offset: int) -> int:
+        """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
+        return bisect.bisect_right(self._line_starts, offset)
+
+    def lines(self) -> Iterator[tuple[int, int, int]]:
+        """Yield each line's number, start and end, without its line end."""
+        start = 0
+        for number, m in enumerate(_LINE_END.finditer(self.data), 1):
+            yield number, start, m.start()
+            start = m.end()
+        if start < len(self.data):
+            yield len(self._line_starts), start, len(self.data)
+
+    def error(self, line: int, message: str) -> FileError:
+        """Return an error that names the file and a line, itself on one line whatever the message quotes."""
+        return FileError(self.path, printable(message), line=line)
+
+
+def printable(text: str) -> str:
+    """Return a text with a ``?`` for every character that is not printed."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+
+
+def parse_number(token: bytes) -> float:
+    """Return the value of a number token.
+
+    Raises
+    ------
+    ValueError
+        With a message, if it is broken, longer than any real number, or not finite and below `LARGEST`.
+    """
+    if len(token) <= LONGEST and _NUMBER.fullmatch(token) and -LARGEST <= (value := float(token)) <= LARGEST:
+        return value
+    shown = token[:20].decode("latin-1") + ("…" if len(token) > 20 else "")
+    if len(token) > LONGEST:
+        raise ValueError(f"number {shown} has {len(token)} characters, at most {LONGEST} were expected")
+    if not _NUMBER.fullmatch(token):
+        raise ValueError(f"{shown} is not a number")
+    raise ValueError(f"number {shown} is beyond {LARGEST:g}: no position or angle")
+
+
+def is_broken(text: bytes) -> bool:
+    """Return whether what stands for a number is neither one nor an expression: nothing, ``1.2.3``, ``--5``, ``12mm``.
+
+    Examples
+    --------
+    >>> is_broken(b"1.2.3"), is_broken(b"x+1.5"), is_broken(b"2*10")
+    (True, False, False)
+    """
+    text = text.strip()
+    return bool(not text or _BROKEN.search(text) or (_DIGITS.fullmatch(text) and not _ARITHMETIC.fullmatch(text)))
+
+
+def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes:
+    """Return a number token moved by `delta`, in the style of the original.
+
+    Decimals are kept, and gained where the correction needs them at the resolution. A token keeps an explicit plus and
+    a missing leading zero; leading blanks, where the caller takes them as part of the column, take up the change of
+    width. An exponent becomes plain decimals. The token itself comes back when the change is none at the resolution.
+
+    Parameters
+    ----------
+    token : bytes
+        The number, with blanks in front where a column is to be kept.
+    delta : float
+        In the token's unit.
+    resolution : float
+        Step that a correction is rounded to, unless the token is finer.
+
+    Examples
+    --------
+    >>> format_number(b"300", 0.25), format_number(b"-0.0", 0.0), format_number(b"-40.250000", 0.1234567)
+    (b'300.25', b'-0.0', b'-40.126543')
+    """
+    if round(delta / resolution) == 0:
+        return token
+    number = token.lstrip()
+    digits, _, exponent = number.lower().partition(b"e")
+    kept = 0 if exponent else len(digits.partition(b".")[2])
+    step = min(Decimal(1).scaleb(-kept), Decimal(repr(resolution)))
+    value, moved = Decimal(number.decode()) / step, Decimal(repr(delta)) / step
+    if value == value.to_integral_value():  # steps are counted as `digits.moved` counts them
+        moved = Decimal(round(delta / float(step)))
+    value = (value + moved).to_integral_value() * step
+    if value == 0:
+        value = abs(value)
+    text = f"{value:f}"
+    whole, _, fraction = text.partition(".")
+    fraction = fraction.rstrip("0").ljust(kept, "0")
+    if re.match(rb"[+-]?\.", digits) and whole in ("0", "-0"):
+        whole = whole[:-1]
+    sign = "+" if number.startswith(b"+") and value >= 0 else ""
+    written = f"{sign}{whole}.{fraction}" if fraction else f"{sign}{whole}"
+    if len(number) == len(token):
+        return written.encode()
+    return b" " + written.encode().rjust(len(token) - 1)
+
+
+def decimals_of(resolution: float) -> int | None:
+    """Return the decimals of a resolution that is a power of ten; None of any other.
+
+    Examples
+    --------
+    >>> decimals_of(0.001), decimals_of(0.05)
+    (3, None)
+    """
+    decimals = round(-math.log10(resolution))
+    return decimals if 0 <= decimals < 10 and math.isclose(resolution, float(f"1e-{decimals}"), rel_tol=1e-9) else None
+
+
+def apply_patches(
+    data: bytes, spans: Sequence[Span], texts: Sequence[bytes], start: int = 0, end: int | None = None
+) -> bytes:
+    """Return the bytes from `start` to `end` with texts in place of what stands at spans.
+
+    Raises
+    ------
+    ValueError
+        If spans overlap, lie outside, or are not in order.
+    """
+    end = len(data) if end is None else end
+    borders = [start, *chain.from_iterable(spans), end]
+    if any(map(operator.gt, borders, borders[1:])):
+        raise ValueError("spans of patches overlap or lie outside")
+    parts = [b""] * (2 * len(spans) + 1)
+    parts[::2] = [data[a:b] for a, b in zip(borders[::2], borders[1::2], strict=True)]
+    parts[1::2] = texts
+    return b"".join(parts)
+
+
+def prove(
+    original: Source, start: int, end: int, patched: bytes, spans: Sequence[Span], lexer: re.Pattern[bytes]
+) -> None:
+    """Read a patched piece of a file again and require every token outside the patches to be as it was.
+
+    Parameters
+    ----------
+    original : Source
+    start, end : int
+        The piece of the original; it ends at a line end or with the file.
+    patched : bytes
+    spans : sequence of (start, end)
+        Of the patches, in order.
+    lexer : pattern
+        Of the dialect; see the module.
+
+    Raises
+    ------
+    RefusedError
+        If a token changed that is not a corrected number, or tokens were joined or split.
+    """
+    before, after = lexer.findall(original.data, start, end), lexer.findall(patched)
+    if before == after:
+        return
+    changed = [i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]
+    starts = list(accumulate(map(len, before), initial=start))
+    if len(before) != len(after):
+        raise _unproven(original, starts[changed[0]] if changed else start, "the number of words changed")
+    k = 0
+    for i in changed:
+        while k < len(spans) and spans[k][1] <= starts[i]:
+            k += 1
+        inside = k < len(spans) and spans[k][0] <= starts[i] and starts[i + 1] <= spans[k][1]
+        if not inside or not (_both(_NUMBER, before[i], after[i]) or not (before[i] + after[i]).strip(b" \t")):
+            raise _unproven(original, starts[i], f"{before[i]!r} became {after[i]!r}")
+
+
+def _both(pattern: re.Pattern[bytes], a: bytes, b: bytes) -> bool:
+    return pattern.fullmatch(a) is not None and pattern.fullmatch(b) is not None
+
+
+def _unproven(source: Source, offset: int, what: str) -> RefusedError:
+    return RefusedError(
+        f"{source.path}:{source.line(offset)}: the proof failed that only corrected numbers change ({what}); "
+        "nothing was written; please report this program"
+    )
+
+
+def unified_diff(path: Path, original: bytes, patched: bytes) -> str:
+    """Return a unified diff of two versions that have the same lines one by one, decoded as latin-1; empty if equal."""
+    old, new = original.splitlines(keepends=True), patched.splitlines(keepends=True)
+    changed = [i for i, (a, b) in enumerate(zip(old, new, strict=True)) if a != b]
+    if not changed:
+        return ""
+    hunks: list[list[int]] = []
+    for i in changed:
+        first, last = max(0, i - _CONTEXT), min(len(old), i + _CONTEXT + 1)
+        if hunks and first <= hunks[-1][1]:
+            hunks[-1][1] = last
+        else:
+            hunks.append([first, last])
+    lines = [f"--- {path}\n", f"+++ {path} (corrected)\n"]
+    for first, last in hunks:
+        lines.append(f"@@ -{first + 1},{last - first} +{first + 1},{last - first} @@\n")
+        i = first
+        while i < last:
+            run = i
+            while run < last and old[run] != new[run]:
+                run += 1
+            lines += [_diff_line("-", line) for line in old[i:run]] + [_diff_line("+", line) for line in new[i:run]]
+            if run < last:
+                lines.append(_diff_line(" ", old[run]))
+            i = run + 1
+    return "".join(lines)
+
+
+def _diff_line(mark: str, line: bytes) -> str:
+    text = line.decode("latin-1")
+    return mark + (
+        text.rstrip("\r\n") + "\n" if text.endswith(("\r", "\n")) else text + "\n\\ No newline at end of file\n"
+    )

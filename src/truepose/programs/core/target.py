@@ -1,0 +1,102 @@
+"""One target of a program: where its numbers stand, what it is, and what may be done with it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose.programs.core import orientations
+from truepose.programs.core.source import Span
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["correct", "skip", "refuse"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """A target of a program, or a motion whose target cannot be corrected.
+
+    Attributes
+    ----------
+    name : str
+        Of the point; an inline target is named by its motion and line.
+    path : Path
+    line : int
+        Where its numbers stand.
+    motions : tuple of str
+        The motion word of every use.
+    verdict : {"correct", "skip", "refuse"}
+    reason : str
+        Why not ``correct``; empty where it is.
+    frame, tool : str
+        What the controller calls them; empty where not known.
+    frame_number, tool_number : int, optional
+    xyz : tuple of 3 float [mm], optional
+        Position in its own frame.
+    angles : tuple of float, optional
+        Orientation in its own frame, in the controller's numbers.
+    controller : str
+        Whose angles they are, for `truepose.programs.core.orientations.rotation`.
+    tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
+        No tool: that of the measurements.
+    status, turn : int, optional
+        Configuration, where the target names it as KUKA does.
+    configuration : str
+        As other controllers name it.
+    spans : tuple of (start, end)
+        Bytes of the numbers X, Y, Z and the angles, with the blanks in front where the column is kept.
+    unit : float [mm]
+        Of the position's digits.
+    """
+
+    name: str
+    path: Path
+    line: int
+    motions: tuple[str, ...]
+    verdict: Verdict
+    reason: str = ""
+    frame: str = ""
+    tool: str = ""
+    frame_number: int | None = None
+    tool_number: int | None = None
+    xyz: tuple[float, ...] | None = None
+    angles: tuple[float, ...] | None = None
+    controller: str = "kuka"
+    tf_base_frame: FloatArray | None = None
+    tf_flange_tool: FloatArray | None = None
+    status: int | None = None
+    turn: int | None = None
+    configuration: str = ""
+    spans: tuple[Span, ...] = ()
+    unit: float = 1.0
+
+    @property
+    def p(self) -> FloatArray:
+        """Position in its own frame, (3,) [mm]; NaN where the target has none."""
+        return np.full(3, np.nan) if self.xyz is None else np.array(self.xyz)
+
+    @property
+    def rotation(self) -> Rotation | None:
+        """Orientation in its own frame."""
+        return None if self.angles is None else orientations.rotation(self.controller, np.array(self.angles))
+
+    @property
+    def uses(self) -> dict[str, int]:
+        """How often each kind of motion goes to it."""
+        return dict(Counter(self.motions))
+
+    @property
+    def motion(self) -> str:
+        """The kinds of motion in words."""
+        return ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in self.uses.items())
+
+    @property
+    def where(self) -> str:
+        """File and line."""
+        return f"{self.path}:{self.line}"

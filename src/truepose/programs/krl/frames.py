@@ -1,0 +1,92 @@
+"""Statements that set tool, base and who carries the workpiece: $TOOL, $BASE, BAS(…), FDAT_ACT, WITH."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final, Literal
+
+from truepose.programs.core.flow import UNSET, Flow, Frames, InForce
+from truepose.programs.core.source import Source
+from truepose.programs.krl.lexer import CARTESIAN, closing_brace, parse_aggregate, shown, strip
+from truepose.programs.krl.names import read_fdat
+
+Which = Literal["tool", "base"]
+SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
+_DATA: Final = {"tool": "TOOL_DATA", "base": "BASE_DATA"}
+_CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d{1,4})\s*\]", re.I)
+_WITH_FUNCTION = re.compile(
+    rb"(STOOL2?|SBASE|SIPO_MODE)\s*\(\s*(\w+)\s*(?:\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)\s*)?\)", re.I
+)
+_BAS = re.compile(rb"\(\s*#\s*(\w+)\s*(?:,([^,]*))?\)\s*", re.I)
+_INTEGER = re.compile(rb"\+?\d{1,4}(?:\.0*)?")
+
+
+def frame_value(source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, Frames]) -> InForce:
+    """Return what an expression on the right of $TOOL or $BASE says: a constant, or that the run time decides."""
+    start, end = strip(source.data, start, end)
+    code = source.data[start:end]
+    unknown = InForce("unknown", f"${which.upper()}={shown(source.data, start, end)} (line {line})")
+    if (m := _CONSTANT.fullmatch(code)) and m[1].decode().upper() == _DATA[which]:
+        return _numbered(which, int(m[2]))
+    if code.upper() == b"$NULLFRAME" or (which == "base" and code.upper() == b"$WORLD"):
+        return _numbered(which, 0)
+    if m := _WITH_FUNCTION.fullmatch(code):
+        if m[2].isdigit():
+            return _numbered(which, int(m[2])) if len(m[2]) < 5 else unknown
+        frames = fdats.get(m[2].decode().upper())
+        return unknown if frames is None else getattr(frames, which)
+    if code.startswith(b"{") and closing_brace(source, start, end, line) == end:
+        aggregate = parse_aggregate(source, start, end, line)
+        if set(aggregate.values) == set(CARTESIAN) and not aggregate.loose:
+            pose = tuple(aggregate.values[key] for key in CARTESIAN)
+            return InForce("literal", shown(source.data, start, end), None, pose)
+    return unknown
+
+
+def ipo_value(code: bytes, fdats: Mapping[str, Frames]) -> str:
+    """Return ``BASE``, ``TCP``, or the code where the run time decides."""
+    code = code.strip().upper()
+    if m := _WITH_FUNCTION.fullmatch(code):
+        frames = fdats.get(m[2].decode())
+        return code.decode("latin-1") if frames is None else frames.ipo
+    return code.decode("latin-1").lstrip("# ")
+
+
+def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[str, Frames]) -> Frames:
+    """Return the frames of what is assigned to FDAT_ACT."""
+    start, end = strip(source.data, start, end)
+    code = source.data[start:end]
+    known = fdats.get(code.decode("latin-1").upper())
+    if known is not None:
+        return known
+    if code.startswith(b"{") and closing_brace(source, start, end, line) == end:
+        return read_fdat(parse_aggregate(source, start, end, line), "FDAT_ACT")
+    unknown = InForce("unknown", f"FDAT_ACT={shown(source.data, start, end)} (line {line})")
+    return Frames(unknown, unknown, "BASE")
+
+
+def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
+    """Follow a call of BAS, `start` behind its name: the basis package's commands that concern frames."""
+    m = _BAS.fullmatch(source.data, start, end)
+    command = m[1].decode().upper() if m else ""
+    argument = (m[2] or b"").strip() if m else b""
+    unknown = InForce("unknown", f"BAS{shown(source.data, start, end)} (line {line})")
+    if command in ("TOOL", "BASE"):
+        which: Which = "tool" if command == "TOOL" else "base"
+        value = _numbered(which, int(float(argument))) if _INTEGER.fullmatch(argument) else unknown
+        flow.change(**{which: value})
+    elif command in ("PTP_PARAMS", "CP_PARAMS", "FRAMES"):
+        flow.apply_fdat()
+    elif command == "INITMOV":
+        flow.change(tool=UNSET, base=UNSET, ipo="BASE")
+    elif command == "EX_BASE":
+        flow.change(
+            base=InForce("unknown", f"a base on an external axis, BAS{shown(source.data, start, end)} (line {line})")
+        )
+    elif not command:
+        flow.change(tool=unknown, base=unknown, fdat=Frames(unknown, unknown, "BASE"))
+
+
+def _numbered(which: Which, number: int) -> InForce:
+    return InForce("number", f"{_DATA[which]}[{number}]", number)

@@ -1,0 +1,371 @@
+"""One module of a KRL program: its .dat and its .src, statement by statement.
+
+Points gather what the program does with them, `Flow` what may be in force; verdicts come when everything is read (see
+`truepose.programs.krl.reader`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Final
+
+from truepose.programs.core import shifts
+from truepose.programs.core.flow import Flow, InForce, Structure
+from truepose.programs.core.points import FileLine
+from truepose.programs.core.source import Source
+from truepose.programs.core.targets import ReadOptions
+from truepose.programs.krl import runs as krl_runs
+from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
+from truepose.programs.krl.lexer import Lines, Statement, pieces, shown, statements
+from truepose.programs.krl.machine import is_null
+from truepose.programs.krl.motions import MotionReader, Settings
+from truepose.programs.krl.names import Names, element
+from truepose.programs.krl.points import Numbers, Variable
+from truepose.programs.krl.runs import find_run
+from truepose.programs.krl.words import (
+    DECLARE,
+    FRAME_CHANGE,
+    HANDED_POSE,
+    JOINT_MOTIONS,
+    KEEPS_FRAMES,
+    MOTIONS,
+    OTHER_STATEMENTS,
+    RELATIVE,
+    STRAY_MOTION,
+    TYPES,
+    WITHOUT_USE,
+    WORLD_CHANGE,
+    split_parameters,
+)
+
+_ASSIGN = re.compile(rb"[ \t]*+(\[[^\]]*+\])?+[ \t]*+((?:\.[ \t]*+\w++(?:\[[^\]]*+\])?+[ \t]*+)*+)=(?!=)")
+_CALL = re.compile(rb"[ \t]*+\(")
+_LABEL = re.compile(rb"[ \t]*+:[ \t]*+")
+_OPERAND = re.compile(rb"[ \t]*+\{|[ \t]++[A-Za-z_$]")
+_ROUTINE = re.compile(
+    rb"[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I
+)
+_ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
+"""Those that other modules do not see, and the first."""
+_HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
+_PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
+_WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
+_FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
+_WORLD: Final = ("$ROBROOT", "$WORLD")
+_LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
+
+
+@dataclass(eq=False)
+class Shared:
+    """What the modules of a program have in common.
+
+    Attributes
+    ----------
+    options : ReadOptions
+    project : bool
+        Whether the modules are all that there are: points and routines that are GLOBAL are known then.
+    flow : Flow
+    numbers : list of Numbers
+    points : dict of str to Variable
+        GLOBAL ones.
+    changed : dict of ("tool" or "base", number or None) to str
+        Where the program changes a numbered frame.
+    moved : list of str
+        Where the program changes the place of the robot in the world.
+    """
+
+    options: ReadOptions
+    project: bool = False
+    flow: Flow = field(default_factory=Flow)
+    numbers: list[Numbers] = field(default_factory=list)
+    points: dict[str, Variable] = field(default_factory=dict)
+    changed: dict[tuple[str, int | None], str] = field(default_factory=dict)
+    moved: list[str] = field(default_factory=list)
+
+
+class Module:
+    """Reads one module; `read_dat` of all modules first, then `read_src`.
+
+    Attributes
+    ----------
+    src, dat : Source, optional
+    name : str
+    names : Names
+    motions : MotionReader, optional
+    variables : list of Variable
+        Of its routines.
+    runs : list of (Numbers, Lines)
+    """
+
+    def __init__(self, src: Source | None, dat: Source | None, shared: Shared) -> None:
+        self.src, self.dat, self._shared = src, dat, shared
+        self.name = next(source.path.stem.upper() for source in (src, dat) if source is not None)
+        self._options, self._flow, self._changed = shared.options, shared.flow, shared.changed
+        self.names = self._names = Names(shared.numbers, shared.points if shared.project else None)
+        self.variables: list[Variable] = []
+        self.runs: list[tuple[Numbers, Lines]] = []
+        self._routine: tuple[str, int] | None = None
+        self._routines = 0
+        self._own: dict[str, str] = {}
+        if src is not None:
+            self._src = src
+            self.motions = self._motions = MotionReader(src, self.names, self._flow, named=shared.project)
+
+    def read_src(self) -> None:
+        """Read the statements.
+
+        Raises
+        ------
+        FileError
+            If the file is broken; with its line.
+        """
+        if self._shared.project:
+            inner = [m[1].decode().upper() for m in _ROUTINES.finditer(self._src.data)][1:]
+            self._own = {name: f"{self.name}.{name}" for name in inner}
+        line = 1
+        try:
+            for piece in pieces(self._src, find_run, krl_runs.FEWEST):
+                line = piece.line
+                if isinstance(piece, Statement):
+                    self._statement(piece)
+                else:
+                    self.runs.append((self._motions.first_of(piece), piece))
+            if self._routine is None and not self._routines:
+                self._flow.end_routine()
+        except Structure as error:
+            raise self._src.error(line, f"{error}; correct the file") from None
+        if self._routine is not None:
+            name, line = self._routine
+            raise self._src.error(line, f"{name} has no END: the file is truncated")
+
+    def read_dat(self) -> None:
+        """Read the data list.
+
+        Raises
+        ------
+        FileError
+            If the file is broken; with its line.
+        """
+        if self.dat is None:
+            return
+        dat = self.dat
+        opened: int | None = None
+        for word, line, start, rest, end in statements(dat):
+            if word == "DEFDAT":
+                opened = line
+                self._names.public = _PUBLIC.search(dat.data, rest, end) is not None
+            elif word == "ENDDAT":
+                opened = None
+            elif word in ("DECL", "GLOBAL", "CONST", "IMPORT") or (
+                word in TYPES and _OPERAND.match(dat.data, rest, end)
+            ):
+                self._names.declare(dat, start, end, line, "dat")
+            elif (variable := self._names.module.get(word)) and (m := _ASSIGN.match(dat.data, rest, end)):
+                index = element(variable, m[1])
+                if m[2]:
+                    variable.writes[index].append((line, "component set"))
+                else:
+                    self._names.assign(dat, variable, index, m.end(), end, line)
+            elif word in MOTIONS | RELATIVE and _OPERAND.match(dat.data, rest, end):
+                raise dat.error(line, f"{word} is a motion, and a data list has none; is this a .src?")
+        if opened is not None:
+            raise dat.error(opened, "DEFDAT has no ENDDAT: the file is truncated")
+
+    def _statement(self, statement: Statement) -> None:
+        word, line, start, rest, end = statement
+        data = self._src.data
+        if word in MOTIONS:
+            self._call(self._motions.read(statement))
+        elif word in RELATIVE or word in JOINT_MOTIONS:
+            self._call(self._names.scan(data, rest, end, line, "used by a relative motion"))
+            reason = (
+                "joint target"
+                if word in JOINT_MOTIONS
+                else "relative: it starts from a target that is corrected already"
+            )
+            self._motions.other(word, line, "skip", reason)
+        elif word in ("DEF", "DEFFCT") or (word == "GLOBAL" and _ROUTINE.match(data, start, end)):
+            self._begin_routine(statement)
+        elif word in ("END", "ENDFCT"):
+            self._end_routine()
+        elif _declares(word, data, rest, end):
+            if word == "GLOBAL" and self._interrupt(statement):
+                return
+            before = set(self._names.local.values())
+            self._names.declare(self._src, start, end, line, "src")
+            self.variables += [variable for variable in self._names.local.values() if variable not in before]
+        elif word in WITHOUT_USE:
+            pass
+        elif not self._control(statement):
+            self._other(statement)
+
+    def _control(self, statement: Statement) -> bool:
+        """Follow a statement that steers the program; False if it is none."""
+        word, line, _, rest, end = statement
+        flow = self._flow
+        if word in ("IF", "SWITCH", "FOR", "WHILE", "LOOP", "REPEAT"):
+            if _ASSIGN.match(self._src.data, rest, end):
+                return False
+            self._scan(statement)
+            flow.begin(word, line)
+        elif word in ("ELSE", "CASE", "DEFAULT"):
+            flow.branch(word, last=word != "CASE")
+        elif word in ("ENDIF", "ENDSWITCH"):
+            flow.end(word, word[3:])
+        elif word in _LOOPS:
+            self._scan(statement)
+            flow.end(word, _LOOPS[word])
+        elif word == "EXIT":
+            flow.exit()
+        elif word in ("RETURN", "RESUME"):
+            self._scan(statement)
+            flow.leave()
+        elif word == "GOTO" and (m := _WORD.match(self._src.data, rest, end)):
+            flow.goto(m[1].decode().upper())
+        elif word in ("SPLINE", "PTP_SPLINE"):
+            if self._motions.block != Settings():
+                raise Structure(f"{word} inside a spline block")
+            if (m := _WORD.match(self._src.data, rest, end)) and m[1].upper() == b"WITH":
+                self._motions.block = self._motions.settings(m.end(), end, line)
+        elif word == "ENDSPLINE":
+            self._motions.block = Settings()
+        else:
+            return False
+        return True
+
+    def _other(self, statement: Statement) -> None:
+        word, line, start, rest, end = statement
+        data = self._src.data
+        where = FileLine(self._src.path.name, line) if self._shared.project else line
+        shifts.follow(self._flow, shifts.KRL, data[start:end], where)
+        for given in HANDED_POSE.finditer(data, start, end):
+            if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
+                reason = f"handed to {name}(): where that moves is known at run time only"
+                self._motions.other(name, line, "skip", reason)
+        if word and (m := _ASSIGN.match(data, rest, end)):
+            self._stray(statement)
+            self._assign(statement, m)
+        elif word == "BAS" and _CALL.match(data, rest, end):
+            self._stray(statement)
+            bas(self._flow, self._src, rest + len(data[rest:end]) - len(data[rest:end].lstrip()), end, line)
+        elif word and (m := _LABEL.fullmatch(data, rest, end)):
+            self._flow.label(word)
+        elif word == "INTERRUPT" and self._interrupt(statement):
+            pass
+        elif word == "TRIGGER":
+            self._trigger(statement)
+        elif word and word not in OTHER_STATEMENTS and word not in KEEPS_FRAMES and _OPERAND.match(data, rest, end):
+            self._names.scan(data, rest, end, line)
+            self._motions.other(
+                word, line, "refuse", f"looks like a motion that is not known: {shown(data, start, end)}"
+            )
+        else:
+            self._scan(statement)
+
+    def _scan(self, statement: Statement) -> None:
+        """Take any other statement: what it reads and calls, and whether a motion hides in it."""
+        _, line, start, _, end = statement
+        data = self._src.data
+        self._stray(statement)
+        if WORLD_CHANGE.search(data, start, end):
+            self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
+        if FRAME_CHANGE.search(data, start, end):
+            unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
+            self._flow.change(tool=unknown, base=unknown)
+        self._call(self._names.scan(data, start, end, line))
+
+    def _stray(self, statement: Statement) -> None:
+        _, line, start, _, end = statement
+        data = self._src.data
+        if found := next((m for m in STRAY_MOTION.finditer(data, start, end) if m[1]), None):
+            reason = f"a motion inside another statement: {shown(data, start, end)}"
+            self._motions.other(found[1].decode().upper(), line, "refuse", reason)
+
+    def _assign(self, statement: Statement, m: re.Match[bytes]) -> None:
+        word, line, start, rest, end = statement
+        data, flow, fdats = self._src.data, self._flow, self._names.fdats
+        self._call(self._names.scan(data, rest, end, line))
+        if word in SYSTEM:
+            which = SYSTEM[word]
+            value = InForce("unknown", f"{shown(data, start, end)} (line {line})")
+            if not m[1] and not m[2]:
+                value = frame_value(self._src, m.end(), end, line, which, fdats)
+            flow.change(**{which: value})
+        elif word == "$IPO_MODE":
+            flow.change(ipo=ipo_value(data[m.end() : end], fdats))
+        elif word == "FDAT_ACT":
+            flow.change(fdat=fdat_value(self._src, m.end(), end if not m[2] else m.end(), line, fdats))
+        elif word in _FRAME_TABLES:
+            number = m[1].strip(b"[] \t") if m[1] else b""
+            key = int(number) if number.isdigit() and len(number) < 5 else None
+            self._changed.setdefault((_FRAME_TABLES[word], key), self._place(line))
+        elif word in _WORLD:
+            if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
+                self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
+        elif (variable := self._names.find(word)) is not None:
+            index = element(variable, m[1])
+            if m[2]:
+                variable.writes[index].append((line, f"component {m[2].decode('latin-1').strip()} set"))
+            else:
+                self._names.assign(self._src, variable, index, m.end(), end, line)
+
+    def _place(self, line: int) -> str:
+        return f"{self._src.path.name}, line {line}" if self._shared.project else f"line {line}"
+
+    def _interrupt(self, statement: Statement) -> bool:
+        """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""
+        _, _, start, _, end = statement
+        code = self._src.data[start:end]
+        if b"INTERRUPT" not in code.upper():
+            return False
+        if (m := _HANDLER.search(code)) and m[1].decode().upper() not in KEEPS_FRAMES:
+            handler = m[1].decode().upper()
+            self._flow.handlers.append(self._own.get(handler, handler))
+            self._flow.start(self._own.get(handler, handler))
+        return True
+
+    def _trigger(self, statement: Statement) -> None:
+        """Take TRIGGER … DO subprogram( ), which runs while the motions after it do."""
+        _, _, start, _, end = statement
+        if m := _HANDLER.search(self._src.data[start:end]):
+            name = m[1].decode().upper()
+            self._flow.start(self._own.get(name, name))
+        self._scan(statement)
+
+    def _call(self, names: list[str]) -> None:
+        where = "project" if self._shared.project else "file"
+        for name in names:
+            text = "" if self._options.calls_keep_frames else f"{name}() was called, which is not in this {where}"
+            self._flow.call(self._own.get(name, name), text)
+
+    def _begin_routine(self, statement: Statement) -> None:
+        word, line, start, _, end = statement
+        if self._routine is not None:
+            raise Structure(f"{self._routine[0]} of line {self._routine[1]} has no END before this")
+        m = _ROUTINE.match(self._src.data, start, end)
+        if m is None:
+            raise Structure(f"{word}: expected a name")
+        name = m[1].decode()
+        self._routine = (name, line)
+        self._names.local = {}
+        for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
+            variable = self._names.local[parameter.upper()] = Variable(parameter, "", line, "src")
+            self.variables.append(variable)
+        outside = not self._shared.project and (not self._routines or word == "GLOBAL")
+        key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
+        self._flow.begin_routine(key, outside=outside)
+        self._routines += 1
+
+    def _end_routine(self) -> None:
+        if self._routine is None and self._routines:
+            raise Structure("END without DEF")
+        self._flow.end_routine()
+        self._routine = None
+        self._routines += 1
+        self._motions.block = Settings()
+        self._names.local = {}
+
+
+def _declares(word: str, data: bytes, rest: int, end: int) -> bool:
+    return word in DECLARE or (word in TYPES and _OPERAND.match(data, rest, end) is not None)

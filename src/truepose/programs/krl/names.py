@@ -1,0 +1,173 @@
+"""KRL's names: declared points with their numbers, FDATs, and what statements do with them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final, Literal
+
+from truepose.programs.core.flow import Frames, InForce
+from truepose.programs.core.source import Source
+from truepose.programs.krl.lexer import (
+    Aggregate,
+    closing_brace,
+    parse_aggregate,
+    parse_point,
+    shown,
+    split_commas,
+    strip,
+)
+from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, Variable
+from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
+
+_DECLARATION = re.compile(rb"((?:(?:DECL|GLOBAL|CONST|PUBLIC|IMPORT)\b\s*+)*+)([A-Za-z_]\w*+)\s*+", re.I)
+_DECLARATOR = re.compile(rb"([A-Za-z_$][\w$]*+)\s*+(\[[^\]]*\])?\s*+(=)?\s*+")
+_IS_PATH = re.compile(rb"\bIS\b", re.I)
+_IMPORTED = re.compile(rb"/R\d/(?:\w+/)*([\w$]+)\.\.([\w$]+)(?:\[\])?", re.I)
+_POINT_TYPES: Final = frozenset([*POSES, *JOINTS])
+
+
+class Names:
+    """Symbol table of a module: its .dat, and the routine that is being read.
+
+    Attributes
+    ----------
+    numbers : list of Numbers
+        Every literal that may be a target, in the order of reading.
+    fdats : dict of str to Frames
+    public : bool
+        The data list is PUBLIC: other modules may import its points.
+    """
+
+    def __init__(self, numbers: list[Numbers], everywhere: dict[str, Variable] | None = None) -> None:
+        self.module: dict[str, Variable] = {}
+        self.local: dict[str, Variable] = {}
+        self.elsewhere: dict[str, Variable] = {}
+        self.everywhere = everywhere
+        self.numbers = numbers
+        self.fdats: dict[str, Frames] = {}
+        self.public = False
+        self._imports: list[tuple[str, str, str]] = []
+
+    def find(self, name: str) -> Variable | None:
+        """Return the point of a name in upper case; None if it is anything else."""
+        found = self.local.get(name) or self.module.get(name)
+        return found or (self.everywhere or {}).get(name) or self.elsewhere.get(name)
+
+    def take_imports(self, modules: Mapping[str, Names]) -> None:
+        """Let imported names stand for the points of other modules, where those are known."""
+        for name, module, original in self._imports:
+            if module in modules and (variable := modules[module].module.get(original)) is not None:
+                self.module[name] = variable
+
+    def declare(self, source: Source, start: int, end: int, line: int, origin: Literal["dat", "src"]) -> None:
+        """Read a declaration, with initial values if there are any.
+
+        Raises
+        ------
+        FileError
+            If a point is declared twice, or its value is broken.
+        """
+        data = source.data
+        m = _DECLARATION.match(data, start, end)
+        if m is None:
+            return
+        kind, words = m[2].decode().upper(), m[1].upper()
+        imported = b"IMPORT" in words
+        if imported and (path := _IS_PATH.search(data, m.end(), end)):
+            if known := _IMPORTED.fullmatch(data[path.end() : end].strip()):
+                alias = data[m.end() : path.start()].strip(b" \t[]").decode("latin-1").upper()
+                self._imports.append((alias, known[1].decode().upper(), known[2].decode().upper()))
+            end = path.start()
+        if kind not in _POINT_TYPES and kind != "FDAT":
+            return
+        for a, b in _pieces(source, m.end(), end, line):
+            d = _DECLARATOR.match(data, a, b)
+            if d is None:
+                raise source.error(line, f"declaration {shown(data, start, end)}: expected a name; correct the file")
+            name = d[1].decode().upper()
+            if kind == "FDAT":
+                if d[3] and data[d.end() : d.end() + 1] == b"{":
+                    close = closing_brace(source, d.end(), b, line)
+                    self.fdats[name] = read_fdat(parse_aggregate(source, d.end(), close, line), name)
+                continue
+            table = self.module if origin == "dat" else self.local
+            if name in table and table[name].type:  # a parameter has none yet
+                raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
+            is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
+            variable = table[name] = Variable(
+                d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
+            )
+            variable.fdats = self.fdats if origin == "dat" else None
+            variable.is_public = self.public and origin == "dat"
+            shared = self.everywhere if is_global and self.everywhere is not None else {}
+            if (old := shared.setdefault(name, variable)) is not variable:
+                raise source.error(line, f"{name} is GLOBAL here and in line {old.line} of another file; keep one")
+            if d[3]:
+                self.assign(source, variable, (), d.end(), b, line)
+
+    def assign(self, source: Source, variable: Variable, index: Index, start: int, end: int, line: int) -> None:
+        """Take the value of a point: numbers that may be corrected, or something that the run time decides."""
+        start, end = strip(source.data, start, end)
+        parameter = variable.origin == "src" and not variable.type
+        if source.data[start : start + 1] != b"{" or parameter:
+            variable.writes[index].append((line, "assigned"))
+            return
+        close = closing_brace(source, start, end, line)
+        if close != end:
+            variable.writes[index].append((line, "assigned by an expression"))
+            return
+        aggregate = parse_point(source, start, end, line)
+        if variable.origin == "dat" and (old := variable.literals.get(index)) and self.numbers[old[0]].source is source:
+            raise source.error(
+                line, f"{variable.name} has a value already in line {self.numbers[old[0]].line}; keep one"
+            )
+        suffix = "" if index == () else "[" + (",".join(map(str, index)) if index else "…") + "]"
+        variable.literals[index].append(len(self.numbers))
+        self.numbers.append(Numbers(variable.name + suffix, source, line, aggregate, variable, index))
+
+    def scan(self, data: bytes, start: int, end: int, line: int, how: str = "read by arithmetic") -> list[str]:
+        """Note the points that code reads; return the subprograms that it calls."""
+        calls = []
+        for m in IDENTIFIER.finditer(data, start, end):
+            if m[1] is None:
+                continue
+            name = m[1].decode().upper()
+            if m[2] == b"(":
+                if name not in KEEPS_FRAMES:
+                    calls.append(name)
+            elif (variable := self.find(name)) is not None:
+                variable.reads[element(variable, m[2])].append((line, how))
+        return calls
+
+
+def element(variable: Variable, brackets: bytes | None) -> Index:
+    """Return the element that ``[3]`` names; None if only the run time knows, or the whole array is meant."""
+    if brackets is not None and brackets.startswith(b"["):
+        try:
+            return tuple([int(n) for n in brackets.strip(b"[] \t").split(b",")])
+        except ValueError:
+            return None
+    return None if variable.array else ()
+
+
+def read_fdat(aggregate: Aggregate, name: str) -> Frames:
+    """Return the frames that an FDAT names."""
+
+    def number(key: str, data: str) -> InForce:
+        value = aggregate.integer(key)
+        return (
+            InForce("unknown", f"{name} has no {key}")
+            if value is None
+            else InForce("number", f"{data}[{value}]", value)
+        )
+
+    ipo = aggregate.loose.get("IPO_FRAME", b"#BASE").decode("latin-1").upper().lstrip("# ")
+    return Frames(number("TOOL_NO", "TOOL_DATA"), number("BASE_NO", "BASE_DATA"), ipo)
+
+
+def _pieces(source: Source, start: int, end: int, line: int) -> list[tuple[int, int]]:
+    try:
+        return split_commas(source.data, start, end)
+    except ValueError as error:
+        raise source.error(line, f"{shown(source.data, start, end)}: {error}; correct the file") from None

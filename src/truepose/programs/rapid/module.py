@@ -1,0 +1,458 @@
+"""One RAPID module: first its declarations, then its statements.
+
+All modules of a task declare before any is read, because data may be declared behind their use and in another module.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from truepose.errors import FileError
+from truepose.programs.core import shifts
+from truepose.programs.core.flow import UNSET, InForce, Structure
+from truepose.programs.core.points import FileLine, Place, Point, Problem, at
+from truepose.programs.core.source import Source
+from truepose.programs.core.targets import frame_key
+from truepose.programs.rapid import syntax
+from truepose.programs.rapid.data import frame_data, robtarget
+from truepose.programs.rapid.motions import MotionReader
+from truepose.programs.rapid.names import Datum, Read, Routine, Scope, Task, Variable, late_bound
+from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
+from truepose.programs.rapid.words import (
+    DATA,
+    DISPLACEMENTS,
+    HANDLERS,
+    INSTRUCTIONS,
+    JOINT_MOTIONS,
+    LOADS,
+    LOOPS,
+    MOTION,
+)
+
+_ROUTINES: Final = ("PROC", "FUNC", "TRAP")
+_FRAME_TYPES: Final = {"TOOLDATA": "tool", "WOBJDATA": "base"}
+_PARTS: Final = ("UFRAME", "OFRAME", "TFRAME")
+
+
+class Module:
+    """Reads one module; `declare` of all modules first, then `read`.
+
+    Attributes
+    ----------
+    source : Source
+    name : str
+        In upper case.
+    own : Scope
+        What is LOCAL.
+    """
+
+    def __init__(self, source: Source, task: Task) -> None:
+        self.source, self._task = source, task
+        self._options, self._flow = task.options, task.flow
+        self._statements = list(syntax.statements(source))
+        self.name = next((_module_name(s) for s in self._statements if "MODULE" in [t.text for t in s[:2]]), "")
+        if not self.name:
+            raise FileError(source.path, "has no MODULE: it is no RAPID module")
+        self.own, self._inner = Scope(), Scope()
+        self._open: list[tuple[str, int]] = []
+        self._key = ""
+        self._initial: list[tuple[list[Token], int]] = []
+        self._motions = MotionReader(self)
+
+    @property
+    def task(self) -> Task:
+        """The task that it belongs to."""
+        return self._task
+
+    def declare(self) -> None:
+        """Read the declarations of the module; values that name other data are kept for `read`."""
+        for statement in self._statements:
+            outside = not self._routine()
+            self._structure(statement)
+            if outside:
+                self._declare(statement)
+                self._declare_routine(statement)
+        if self._open:
+            word, line = self._open[-1]
+            raise self.source.error(line, f"{word} has no END{word}: the file is truncated")
+
+    def read(self) -> None:
+        """Read the statements.
+
+        Raises
+        ------
+        FileError
+            If the file is broken; with its line.
+        """
+        for tokens, line in self._initial:
+            self.read_by(tokens, line)
+        line = 1
+        try:
+            for statement in self._statements:
+                line = self.source.line(statement[0].start)
+                self._structure(statement)
+                self._statement(statement, line)
+        except Structure as error:
+            raise self.source.error(line, f"{error}; correct the file") from None
+
+    def place(self, line: int) -> Place:
+        """Return a line, with the file's name if the task has several."""
+        return FileLine(self.source.path.name, line) if self._task.named else line
+
+    def find(self, name: str) -> Variable | None:
+        """Return the robtarget of a name."""
+        for scope in (self._inner, self.own, self._task.scope):
+            if (variable := scope.points.get(name)) is not None:
+                return variable
+            if name in scope.others:
+                return None
+        return None
+
+    def find_frame(self, name: str) -> Datum | None:
+        """Return the tool or workobject of a name, as a module declares it."""
+        return self.own.frames.get(name) or self._task.scope.frames.get(name)
+
+    def find_routine(self, name: str) -> Routine | None:
+        """Return the routine of a name."""
+        return self.own.routines.get(name) or self._task.scope.routines.get(name)
+
+    def is_inner(self, name: str) -> bool:
+        """Return whether a name is of the routine that is being read, and no robtarget."""
+        return name in self._inner.others
+
+    def _routine(self) -> bool:
+        return any(word != "MODULE" for word, _ in self._open)
+
+    def _structure(self, statement: list[Token]) -> None:
+        """Follow modules, routines and records as they open and close."""
+        word = _without_scope(statement)[0].text
+        line = self.source.line(statement[0].start)
+        if word in ("MODULE", "RECORD", *_ROUTINES):
+            if self._open and (word == "MODULE" or self._routine()):
+                raise self.source.error(line, f"{self._open[-1][0]} of line {self._open[-1][1]} has no end before this")
+            self._open.append((word, line))
+        elif word in ("ENDMODULE", "ENDRECORD", *(f"END{kind}" for kind in _ROUTINES)):
+            if not self._open or self._open[-1][0] != word[3:]:
+                raise self.source.error(line, f"{word} without {word[3:]}; correct the file")
+            self._open.pop()
+
+    def _declare_routine(self, statement: list[Token]) -> None:
+        """Take a routine's head."""
+        head = _without_scope(statement)
+        if head[0].text not in _ROUTINES or len(head) < 2:
+            return
+        kind, name = head[0].text, _routine_name(head)
+        line = self.source.line(statement[0].start)
+        local = statement[0].text == "LOCAL"
+        table = (self.own if local else self._task.scope).routines
+        if (old := table.get(name)) is not None:
+            remedy = "; give the files of one task at a time" if self._task.named else "; give another name"
+            raise self.source.error(line, f"{name} is defined twice, first in {at(old.place)}{remedy}")
+        key = f"{self.name}:{name}" if local else name
+        table[name] = Routine(key, kind, syntax.parameters(head), self.place(line))
+        self._task.routines.append(table[name])
+
+    def _statement(self, statement: list[Token], line: int) -> None:
+        flow = self._flow
+        statement = _without_scope(statement)
+        word = statement[0].text
+        if word in _ROUTINES and len(statement) > 1:
+            self._begin_routine(statement)
+        elif word in ("ENDPROC", "ENDFUNC", "ENDTRAP"):
+            if self._key == "MAIN":
+                flow.again()
+            flow.end_routine()
+            self._inner = Scope()
+        elif word in DATA:
+            if self._routine():
+                self._declare(statement)
+        elif self._control(statement, line) or not self._routine() or self._open[-1][0] == "RECORD":
+            pass
+        elif word not in ("ENDRECORD", "ENDMODULE"):
+            self._instruction(statement, line)
+
+    def _begin_routine(self, head: list[Token]) -> None:
+        name = _routine_name(head)
+        routine = self.find_routine(name)
+        assert routine is not None  # it was declared
+        self._key = routine.key
+        # in a whole task, what nothing calls is a start
+        outside = routine.key == "MAIN" or (not self._task.whole and ":" not in routine.key)
+        self._flow.begin_routine(routine.key, outside=outside)
+        if head[0].text == "TRAP":
+            self._flow.interrupt_program()
+        self._inner = Scope(others={parameter.name for parameter in routine.parameters})
+
+    def _control(self, statement: list[Token], line: int) -> bool:
+        """Follow a statement that steers the program; False if it is none."""
+        flow, word, rest = self._flow, statement[0].text, statement[1:]
+        is_mark = statement[-1].text == ":"
+        if word == "IF" and statement[-1].text != "THEN":
+            condition, instruction = syntax.split_compact_if(statement)
+            self.read_by(condition, line)
+            flow.begin("IF", line)
+            if instruction:
+                self._statement(instruction, line)
+            flow.end("ENDIF", "IF")
+        elif word in ("IF", "TEST", "FOR", "WHILE"):
+            self.read_by(rest, line)
+            flow.begin("SWITCH" if word == "TEST" else word, line)
+        elif word in ("ELSEIF", "ELSE"):
+            self.read_by(rest, line)
+            flow.branch("ELSE", last=word == "ELSE")
+        elif word in ("CASE", "DEFAULT") and is_mark:
+            flow.branch(word, last=word == "DEFAULT")
+        elif word in ("ENDIF", "ENDTEST"):
+            flow.end(word, "IF" if word == "ENDIF" else "SWITCH")
+        elif word in LOOPS:
+            flow.end(word, LOOPS[word])
+        elif word in HANDLERS and (len(statement) == 1 or statement[1].text == "(") and self._routine():
+            flow.part()
+        elif statement[0].kind == "word" and word in ("RETURN", "EXIT", "EXITCYCLE", "RAISE", "TRYNEXT", "RETRY"):
+            self.read_by(rest, line)
+            self._leave(word)
+        elif word == "GOTO" and len(statement) == 2:
+            flow.goto(statement[1].text)
+        elif len(statement) == 2 and is_mark:
+            flow.label(word)
+        else:
+            return False
+        return True
+
+    def _leave(self, word: str) -> None:
+        if word == "RETURN":
+            self._flow.leave()
+        elif word in ("RETRY", "TRYNEXT"):
+            self._flow.resume()
+        else:
+            if word == "EXITCYCLE" and "MAIN" in self._task.scope.routines:
+                self._flow.call("MAIN", "")
+            self._flow.stop()
+
+    def _instruction(self, statement: list[Token], line: int) -> None:
+        assigned = syntax.position_of(":=", statement)
+        if assigned and not any(token.text == "\\" for token in statement[:assigned]):
+            self._assign(statement, assigned, line)
+            return
+        name = statement[0].text
+        arguments = syntax.arguments(statement[1:])
+        code = self.source.data[statement[0].start : statement[-1].end]
+        shifts.follow(self._flow, shifts.RAPID, code, self.place(line))
+        if name in DISPLACEMENTS:
+            self._displace(name, line)
+            self.read_by(statement[1:], line)
+        elif name in JOINT_MOTIONS:
+            self.read_by(statement[1:], line)
+            self._motions.joint(statement[0], line)
+        elif statement[0].kind == "word" and (m := MOTION.fullmatch(name)) and len(arguments) > 2:
+            self._motions.read(statement[0], m[1] == "C", arguments, line)
+        else:
+            self._call(statement, arguments, line)
+
+    def _displace(self, name: str, line: int) -> None:
+        """Take an instruction that displaces the motions behind it, or ends that."""
+        text = f"{name} ({at(self.place(line))})"
+        if DISPLACEMENTS[name] == "ipo":
+            self._flow.change(ipo="BASE" if name.endswith("OFF") else text)
+        else:
+            self._flow.change(tool=UNSET if name.endswith("OFF") else InForce("unknown", text))
+
+    def _call(self, statement: list[Token], arguments: list[Argument], line: int) -> None:
+        """Take any other instruction."""
+        name, by_name = statement[0].text, list[Token]()
+        if late := name == "%":
+            end = max(k for k, token in enumerate(statement) if token.text == "%")
+            by_name, arguments = statement[1:end], syntax.arguments(statement[end + 1 :])
+        positional = [a.tokens for a in arguments if not a.name]
+        self._motions.unknown(statement, positional, line)
+        how = f"passed to {self.shown([statement[0]])}"
+        named = any(len(t) == 1 and self.find(t[0].text) is not None for t in positional)
+        self.read_by(statement[1:], line, how if named else "read")
+        if name in LOADS:
+            self._load(statement, line)
+        elif name in ("SETDATAVAL", "SETALLDATAVAL", "GETDATAVAL"):
+            self._by_name(name, positional, line)
+        elif late or name == "CALLBYVAR":
+            by_name = by_name if late else (positional or [[]])[0]
+            self._late_call(by_name, by_number=not late, line=line)
+            self._hand_over(None, arguments, line)
+        elif statement[0].kind == "word":
+            self._procedure(name, arguments, line)
+
+    def _procedure(self, name: str, arguments: list[Argument], line: int) -> None:
+        routine = self.find_routine(name)
+        if routine is not None:
+            self._flow.call(routine.key, "")
+            self._hand_over(routine, arguments, line)
+        elif name not in INSTRUCTIONS and not MOTION.fullmatch(name) and not self._task.whole:
+            self._hand_over(None, arguments, line)
+            self._unknown_call(f"{name}() was called, which is not in this file", line)
+
+    def _late_call(self, expression: list[Token], *, by_number: bool, line: int) -> None:
+        """Take a call whose procedure the run time names: any of those whose name may be meant."""
+        start, exact = late_bound(expression)
+        found = self._task.procedures(start, exact=exact and not by_number)
+        if found:
+            self._flow.call_one_of(found)
+        if not (self._task.whole or (found and exact and not by_number)):
+            self._unknown_call("a procedure is called by a name that only the run time knows", line)
+
+    def _unknown_call(self, text: str, line: int) -> None:
+        if not self._options.calls_keep_frames:
+            text = f"{text} ({at(self.place(line))})"
+            self._flow.change(ipo=text, tool=InForce("call", text))
+
+    def _hand_over(self, routine: Routine | None, arguments: list[Argument], line: int) -> None:
+        """Note the names that a routine is given and may change: tools and workobjects among them."""
+        required = [p for p in routine.parameters if not p.optional] if routine else []
+        named = {p.name: p for p in routine.parameters} if routine else {}
+        place = 0
+        for argument in arguments:
+            parameter = named.get(argument.name)
+            if not argument.name:
+                parameter = required[place] if place < len(required) else None
+                place += 1
+            writable = routine is None or parameter is None or parameter.writable
+            if writable and len(argument.tokens) == 1 and argument.tokens[0].kind == "word":
+                self._change(argument.tokens[0].text, line)
+
+    def _change(self, name: str, line: int) -> None:
+        """Note that a tool or workobject of this name may change here."""
+        if not self.is_inner(name):
+            for kind in ("tool", "base"):
+                self._task.changed.setdefault((kind, frame_key(name)), self.place(line))
+
+    def _load(self, statement: list[Token], line: int) -> None:
+        """Note that a module is loaded at run time, unless it is among those at hand."""
+        texts = [token.text[1:-1].replace("\\", "/") for token in statement if token.kind == "text"]
+        name = texts[-1].rpartition("/")[2].rpartition(":")[2].lower() if texts else ""
+        if name not in self._task.files and not self._task.loads:
+            self._task.loads = f"{self.cased(statement[0])} ({at(self.place(line))})"
+
+    def _by_name(self, name: str, positional: list[list[Token]], line: int) -> None:
+        """Take an instruction that reads or writes data whose name is a text."""
+        start, exact = late_bound(positional[0]) if positional and name != "SETALLDATAVAL" else ("", False)
+        if name == "GETDATAVAL":
+            self._task.read_by_name.append((start if exact else "", self.place(line)))
+        elif exact:
+            self._change(start, line)
+        else:
+            for kind in ("tool", "base"):
+                self._task.changed.setdefault((kind, None), self.place(line))
+
+    def _assign(self, statement: list[Token], position: int, line: int) -> None:
+        left, right = statement[:position], statement[position + 1 :]
+        self.read_by(right, line)
+        name = left[0].text
+        if (variable := self.find(name)) is not None:
+            index = syntax.constant_index(_braces(left))
+            how = "component set" if any(t.text == "." for t in left) else "assigned"
+            for key, point in variable.elements.items():
+                if index is None or not index or key == index:
+                    point.writes.append((self.place(line), how))
+        elif len(left) == 1 or any(t.text in _PARTS for t in left):
+            self._change(name, line)
+
+    def read_by(self, items: list[Token], line: int, how: str = "read by arithmetic") -> None:
+        """Note the points that code reads and the functions that it calls."""
+        for i, token in enumerate(items):
+            if token.kind != "word" or (i > 0 and items[i - 1].text in (".", "\\")):
+                continue
+            if i > 1 and items[i - 2].text == "DIM":
+                continue  # the size of an array, not its values
+            if (variable := self.find(token.text)) is not None:
+                self._task.reads.append(Read(variable, self.place(line), how))
+            elif i + 1 < len(items) and items[i + 1].text == "(" and (called := self.find_routine(token.text)):
+                self._flow.call(called.key, "")
+                self._hand_over(called, syntax.arguments(_in_brackets(items[i + 1 :])), line)
+
+    def _declare(self, statement: list[Token]) -> None:
+        """Take a declaration of a robtarget, a tool or a workobject."""
+        local, statement = statement[0].text == "LOCAL", _without_scope(statement)
+        if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
+            return
+        kind, type_, name = statement[0].text, statement[1].text, statement[2].text
+        inner = self._routine()
+        scope = self._inner if inner else self.own if local else self._task.scope
+        line = self.source.line(statement[0].start)
+        position = syntax.position_of(":=", statement)
+        parsed = syntax.value(statement[position + 1 :]) if position else []
+        has_index = any(t.text == "{" for t in statement[: position or None])
+        if inner and type_ != "ROBTARGET":
+            scope.others.add(name)
+        elif type_ in _FRAME_TYPES and not has_index:
+            self._declare_frame(scope, type_, statement[2], parsed, line)
+        if type_ != "ROBTARGET":
+            return
+        if (old := scope.points.get(name)) is not None:
+            text = f"{self.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
+            raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
+        variable = Variable(self.cased(statement[2]), self.place(line), kind, not (inner or local))
+        scope.points[name] = variable
+        self._task.variables.append(variable)
+        dimensions = (
+            sum(t.text == "," for t in statement[3:position]) + 1 if statement[3:4] and statement[3].text == "{" else 0
+        )
+        for index, element in syntax.elements(parsed, dimensions):
+            self._element(variable, index, element, line)
+
+    def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int) -> None:
+        kind, frame, problem = frame_data(type_.lower(), self.cased(token), parsed)
+        if (old := scope.frames.get(token.text)) is not None:
+            problem = problem or Problem("refuse", f"{frame.text} is declared twice ({at(old.place)}); keep one")
+        scope.frames[token.text] = Datum(kind, frame, problem, self.place(line))
+
+    def _element(self, variable: Variable, index: tuple[int, ...], element: Value, line: int) -> None:
+        suffix = "{" + ",".join(map(str, index)) + "}" if index else ""
+        if is_list(element):
+            point = robtarget(self.source, self._options, variable.name + suffix, element, line)
+        elif element:
+            problem = Problem("skip", "its value is known at run time only")
+            point = Point(variable.name + suffix, self.source, line, problem=problem)
+            self._initial.append(([t for t in element if isinstance(t, Token)], line))
+        else:
+            return
+        if variable.kind != "CONST" and point.problem is None:
+            point.problem = Problem("skip", f"{variable.kind}: the controller may write it; make it CONST")
+        variable.elements[index] = point
+        self._task.points.append(point)
+
+    def shown(self, items: list[Token]) -> str:
+        """Return code for a message."""
+        text = self.source.data[items[0].start : items[-1].end].decode("latin-1") if items else ""
+        return "".join(c if c.isprintable() else " " for c in text[:40]) + ("…" if len(text) > 40 else "")
+
+    def cased(self, token: Token) -> str:
+        """Return a word as the file has it."""
+        return self.source.data[token.start : token.end].decode("latin-1")
+
+
+def _without_scope(statement: list[Token]) -> list[Token]:
+    return statement[1:] if statement[0].text in ("LOCAL", "TASK") and len(statement) > 1 else statement
+
+
+def _module_name(statement: list[Token]) -> str:
+    words = [token.text for token in statement if token.kind == "word"]
+    k = words.index("MODULE") + 1
+    return words[k] if k < len(words) else "?"
+
+
+def _routine_name(head: list[Token]) -> str:
+    return head[1 if head[0].text != "FUNC" else min(2, len(head) - 1)].text
+
+
+def _braces(items: list[Token]) -> list[Token]:
+    """Return the part in braces, braces included."""
+    start = next((i for i, token in enumerate(items) if token.text == "{"), len(items))
+    end = next((i for i, token in enumerate(items) if token.text == "}"), start)
+    return items[start : end + 1]
+
+
+def _in_brackets(items: list[Token]) -> list[Token]:
+    """Return what stands between the bracket that comes first and the one that closes it."""
+    depth = 0
+    for k, token in enumerate(items):
+        depth += (token.text == "(") - (token.text == ")")
+        if depth == 0:
+            return items[1:k]
+    return items[1:]

@@ -1,0 +1,182 @@
+"""RAPID's motions: where each goes, and the tool and workobject that it names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use
+from truepose.programs.core.source import parse_number
+from truepose.programs.rapid import syntax
+from truepose.programs.rapid.data import robtarget
+from truepose.programs.rapid.names import Move, Variable
+from truepose.programs.rapid.syntax import Argument, Token, is_list
+from truepose.programs.rapid.words import OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
+
+if TYPE_CHECKING:
+    from truepose.programs.rapid.module import Module
+
+_CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run time")
+
+
+class MotionReader:
+    """Reads the motions of one module."""
+
+    def __init__(self, module: Module) -> None:
+        self._module, self._task = module, module.task
+        self._source, self._options = module.source, module.task.options
+
+    def joint(self, token: Token, line: int) -> None:
+        """Take a motion to joints."""
+        name = f"{self._module.cased(token)}:{line}"
+        self._add(Point(name, self._source, line, problem=JOINTS), self._use(token.text, token, line))
+
+    def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> None:
+        """Refuse an instruction that looks like a motion."""
+        literal = any(syntax.looks_like_robtarget(syntax.value(tokens)) for tokens in positional)
+        shape = any(len(t) == 1 and ZONE.fullmatch(t[0].text) for t in positional) and any(
+            len(t) == 1 and SPEED.fullmatch(t[0].text) for t in positional
+        )
+        if literal or (shape and len(positional) > 3):
+            word = self._module.cased(statement[0])
+            reason = f"looks like a motion that is not known: {self._module.shown(statement)}"
+            point = Point(f"{word}:{line}", self._source, line, problem=Problem("refuse", reason))
+            self._add(point, self._use(word, statement[0], line))
+
+    def read(self, token: Token, circle: bool, arguments: list[Argument], line: int) -> None:
+        """Take a motion."""
+        word = self._module.cased(token)
+        positional = [a.tokens for a in arguments if not a.name]
+        if token.text.startswith("SEARCH"):
+            positional = positional[2:]
+        goals = 2 if circle else 1
+        if len(positional) < goals + 2:
+            problem = Problem("refuse", "a motion that is not understood")
+            self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
+            return
+        tool, tool_problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional[goals - 1 :]))
+        wobj_tokens = next((a.tokens for a in arguments if a.name == "WOBJ"), None)
+        wobj: Frame | None = Frame("wobj0", 0)
+        wobj_problem: Problem | None = None
+        if wobj_tokens is not None:
+            wobj, wobj_problem = self._frame("wobjdata", wobj_tokens)
+        shifted = _CORRECTED_PATH if any(a.name == "CORR" for a in arguments) else None
+        use = self._use(word, token, line)._replace(
+            tool=tool, frame=wobj, problem=tool_problem or wobj_problem or shifted
+        )
+        uses = [use, use._replace(order=use.order + 1)][:goals]
+        found = [self._goal(positional[k], line, use, k, goals) for k, use in enumerate(uses)]
+        if circle:
+            self._task.circles += [[a, b] for a in found[0] for b in found[1]] or [found[0] + found[1]]
+
+    def _tool_tokens(self, name: str, arguments: list[Argument], after_goal: list[list[Token]]) -> list[Token]:
+        positions = [i for i, a in enumerate(arguments) if a.name == "WOBJ"]
+        if positions:
+            before = [a.tokens for a in arguments[: positions[0]] if not a.name]
+            return before[-1] if before else []
+        family = next((f for f in TOOL_AFTER if name.startswith(f)), "")
+        place = 3 if name in WITHOUT_TRIGGER else TOOL_AFTER.get(family, 0)
+        if 0 < place < len(after_goal):
+            return after_goal[place]
+        zones = [i for i, tokens in enumerate(after_goal[:-1]) if len(tokens) == 1 and ZONE.fullmatch(tokens[0].text)]
+        return after_goal[zones[-1] + 1] if zones else after_goal[-1]
+
+    def _frame(self, kind: str, items: list[Token]) -> tuple[Frame | None, Problem | None]:
+        """Return the tool or workobject that an argument names, and why it cannot be used."""
+        what = "tool" if kind == "tooldata" else "workobject"
+        if len(items) != 1 or items[0].kind != "word" or self._module.is_inner(items[0].text):
+            shown = self._module.shown(items)
+            return None, Problem("refuse", f"{what} {shown} is known at run time only")
+        name = items[0].text
+        if name in ("TOOL0", "WOBJ0"):
+            return Frame(name.lower(), 0), None
+        datum = self._module.find_frame(name)
+        if datum is not None and datum.kind == kind:
+            return datum.frame, datum.problem
+        text = self._module.cased(items[0])
+        return Frame(text, text), None
+
+    def _goal(self, items: list[Token], line: int, use: Use, k: int, goals: int) -> list[Point]:
+        """Take where a motion goes; return the points that it may be."""
+        suffix = ("", "") if goals == 1 else (" auxiliary", " end")
+        name = f"{use.word}:{line}{suffix[k]}"
+        parsed = syntax.value(items)
+        if is_list(parsed):
+            point = robtarget(self._source, self._options, name, parsed, line)
+            self._move(point, use)
+            self._task.points.append(point)
+            return [point]
+        if items and items[0].kind == "word" and (len(items) == 1 or (items[1].text == "{" and items[-1].text == "}")):
+            return self._named(items, name, line, use)
+        self._offset(items, use, line)
+        function = items[0].text if items and items[0].kind == "word" else ""
+        reason = "target computed at run time: " + self._module.shown(items)
+        if function in OFFSETS and self._options.offsets:
+            reason = f"offset from a point that is corrected: {self._module.shown(items)}"
+        point = Point(name, self._source, line, problem=Problem("skip", reason))
+        return [self._add(point, use)]
+
+    def _named(self, items: list[Token], name: str, line: int, use: Use) -> list[Point]:
+        variable = self._module.find(items[0].text)
+        if variable is None:
+            known = self._module.is_inner(items[0].text)
+            reason = "target known at run time only" if known else "declared in another module"
+            point = Point(self._module.cased(items[0]), self._source, line, problem=Problem("skip", reason))
+            return [self._add(point, use)]
+        index = syntax.constant_index(items[1:])
+        if not variable.elements:
+            problem = Problem("skip", "its value is known at run time only")
+            return [self._add(Point(variable.name, self._source, line, problem=problem), use)]
+        found = [p for key, p in variable.elements.items() if index is None or key == index]
+        if not found:
+            point = Point(name, self._source, line, problem=Problem("refuse", f"{variable.name} has no such element"))
+            return [self._add(point, use)]
+        for point in found:
+            self._move(point, use)
+        return found
+
+    def _offset(self, items: list[Token], use: Use, line: int) -> None:
+        """Note the points in an expression: moved to with an offset, or read."""
+        function = items[0].text if items and items[0].kind == "word" else ""
+        if function not in OFFSETS or len(items) < 4:
+            self._module.read_by(items, line)
+            return
+        pieces = syntax.split(items[2:-1])
+        first = pieces[0]
+        size, known = 0.0, True
+        for piece in pieces[1:4]:
+            text = "".join(t.text for t in piece)
+            try:
+                size += parse_number(text.encode("latin-1")) ** 2
+            except ValueError:
+                known = False
+        for piece in pieces[1:]:
+            self._module.read_by(piece, line)
+        if first and first[0].text in OFFSETS:
+            self._offset(first, use, line)
+            return
+        if not first or (variable := self._module.find(first[0].text)) is None:
+            self._module.read_by(first, line)
+            return
+        variable.offset_known = variable.offset_known and known
+        if size**0.5 >= variable.offset:
+            variable.offset, variable.offset_place = size**0.5, use.line
+        index = syntax.constant_index(first[1:])
+        for key, point in variable.elements.items():
+            if index is None or key == index:
+                self._move(point, use._replace(problem=use.problem or self._offset_problem(variable)))
+
+    def _offset_problem(self, variable: Variable) -> Problem | None:
+        if self._options.offsets:
+            return None
+        return Problem("skip", "")  # the words follow when the largest offset is known
+
+    def _use(self, word: str, token: Token, line: int) -> Use:
+        return Use(word, self._module.place(line), section=self._task.flow.section, order=token.start)
+
+    def _add(self, point: Point, use: Use) -> Point:
+        point.uses.append(use)
+        self._task.points.append(point)
+        return point
+
+    def _move(self, point: Point, use: Use) -> None:
+        self._task.moves.append(Move(point, use, self._task.flow.node))

@@ -1,0 +1,279 @@
+"""RAPID's words: tokens, statements, arguments, and bracketed values.
+
+A statement ends at ``;``, or where a structure opens or closes: THEN, DO, ELSE, the colon of CASE, ENDIF and the like.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from truepose.programs.core.source import NUMBER, Source
+
+_TOKEN: Final = re.compile(
+    rb"(?P<blank>[ \t\r\n\f\v\x00\x1a]+|![^\r\n]*+)|(?P<text>\"(?:[^\"\r\n]|\"\")*+\")|(?P<open>\"[^\r\n]*+)"
+    rb"|(?P<number>" + NUMBER + rb")|(?P<word>[A-Za-z_\x80-\xff][\w\x80-\xff]*+)|(?P<mark>:=|<>|<=|>=|\w+|.)",
+    re.S,
+)
+_HEADER = re.compile(rb"\s*%%%.*?%%%|(?:\xef\xbb\xbf)?", re.S)
+_CLOSING: Final = ["MODULE", "PROC", "FUNC", "TRAP", "IF", "FOR", "WHILE", "TEST", "RECORD"]
+_ALONE: Final = frozenset([*("END" + word for word in _CLOSING), "ELSE", "UNDO", "BACKWARD"])
+_OPENS: Final = {"(": ")", "[": "]", "{": "}"}
+_OPERATORS: Final = frozenset(["AND", "OR", "NOT", "XOR", "DIV", "MOD"])
+
+
+class Token(NamedTuple):
+    """A word (in upper case), number, text or mark, and where it lies."""
+
+    kind: str
+    text: str
+    start: int
+    end: int
+
+
+class Argument(NamedTuple):
+    r"""An argument of a call: positional, or ``\Name:=value``."""
+
+    name: str
+    tokens: list[Token]
+
+
+Value = list["Value"] | list[Token]
+"""A bracketed value: a list of values; or the tokens between two commas."""
+
+
+def tokens(source: Source) -> Iterator[Token]:
+    """Yield all tokens but blanks and comments.
+
+    Raises
+    ------
+    FileError
+        If a text is not closed on its line.
+    """
+    data = source.data
+    header = _HEADER.match(data)
+    for m in _TOKEN.finditer(data, header.end() if header else 0):
+        kind = m.lastgroup
+        if kind == "blank":
+            continue
+        if kind == "open":
+            raise source.error(source.line(m.start()), 'a text that starts with " is not closed on this line; close it')
+        text = m[0].decode("latin-1")
+        yield Token(kind or "mark", text.upper() if kind == "word" else text, m.start(), m.end())
+
+
+def statements(source: Source) -> Iterator[list[Token]]:
+    """Yield the statements, without their semicolons.
+
+    Raises
+    ------
+    FileError
+        If brackets do not pair within a statement.
+    """
+    now: list[Token] = []
+    brackets: list[Token] = []
+    for token in tokens(source):
+        if token.text in ("CASE", "DEFAULT", "ENDTEST") and token.kind == "word" and now and now[0].text == "TEST":
+            _closed(source, brackets)
+            yield now
+            now = []
+        if _header_done(now, brackets, token):
+            yield now
+            now = []
+        if token.kind == "mark" and token.text in _OPENS:
+            brackets.append(token)
+        elif (
+            token.kind == "mark"
+            and token.text in _OPENS.values()
+            and (not brackets or _OPENS[brackets.pop().text] != token.text)
+        ):
+            raise source.error(source.line(token.start), f"{token.text} closes nothing; correct the file")
+        if token.text == ";" and token.kind == "mark":
+            _closed(source, brackets)
+            if now:
+                yield now
+            now = []
+            continue
+        now.append(token)
+        if not brackets and _ends(now):
+            yield now
+            now = []
+    _closed(source, brackets)
+    if now:
+        raise source.error(
+            source.line(now[0].start), f"the statement {now[0].text} … has no end: the file is truncated"
+        )
+
+
+def _closed(source: Source, brackets: list[Token]) -> None:
+    if brackets:
+        raise source.error(source.line(brackets[-1].start), f"{brackets[-1].text} is not closed; correct the file")
+
+
+def _header_done(now: list[Token], brackets: list[Token], token: Token) -> bool:
+    """Return whether a routine's or module's head is complete before this token."""
+    if not now or brackets:
+        return False
+    words = [t.text for t in now[:2] if t.kind == "word"]
+    if now[0].text == "ERROR" and len(now) == 1:
+        return token.text != "(" and token.text != ":="
+    if now[0].text == "ERROR":
+        return now[1].text == "(" and now[-1].text == ")"
+    head = 1 if words and words[0] in ("LOCAL", "TASK") else 0
+    if len(words) <= head or words[head] not in ("MODULE", "PROC", "FUNC", "TRAP", "RECORD"):
+        return False
+    if words[head] in ("PROC", "FUNC") or now[-1].text == ")":
+        return now[-1].text == ")"
+    return len(now) == head + 2 and token.text != "("
+
+
+def _ends(now: list[Token]) -> bool:
+    first, last = now[0].text, now[-1].text
+    if now[0].kind != "word":
+        return False
+    if len(now) == 1 and first in _ALONE:
+        return True
+    if first in ("IF", "ELSEIF") and last == "THEN":
+        return True
+    if first in ("FOR", "WHILE") and last == "DO":
+        return True
+    return last == ":" and now[-1].kind == "mark" and (first in ("CASE", "DEFAULT") or len(now) == 2)
+
+
+def split_compact_if(statement: list[Token]) -> tuple[list[Token], list[Token]]:
+    """Return condition and instruction of ``IF condition instruction``."""
+    depth = 0
+    for i, token in enumerate(statement[1:], 1):
+        if token.kind == "mark":
+            depth += (token.text in _OPENS) - (token.text in _OPENS.values())
+        before = statement[i - 1]
+        operand = (
+            before.kind in ("number", "text")
+            or before.text in (")", "]", "}")
+            or (before.kind == "word" and before.text not in _OPERATORS and i > 1)
+        )
+        if depth == 0 and token.kind == "word" and token.text not in _OPERATORS and operand:
+            return statement[1:i], statement[i:]
+    return statement[1:], []
+
+
+def split(items: list[Token]) -> list[list[Token]]:
+    """Return the pieces between commas that stand in no bracket."""
+    pieces: list[list[Token]] = [[]]
+    depth = 0
+    for token in items:
+        if token.kind == "mark":
+            depth += (token.text in _OPENS) - (token.text in _OPENS.values())
+        if depth == 0 and token.text == "," and token.kind == "mark":
+            pieces.append([])
+        else:
+            pieces[-1].append(token)
+    return pieces
+
+
+def arguments(items: list[Token]) -> list[Argument]:
+    r"""Return the arguments of a call; ``\Opt`` may follow a comma or an argument directly."""
+    found: list[Argument] = []
+    for piece in split(items):
+        depth, part, name = 0, list[Token](), ""
+        parts: list[Argument] = []
+        for k, token in enumerate(piece):
+            if token.kind == "mark":
+                depth += (token.text in _OPENS) - (token.text in _OPENS.values())
+            if depth == 0 and token.text == "\\":
+                parts.append(Argument(name, part))
+                part, name = [], piece[k + 1].text if k + 1 < len(piece) else "?"
+            else:
+                part.append(token)
+        parts.append(Argument(name, part))
+        for name, part in parts:
+            if name:  # \Name or \Name:=value
+                found.append(Argument(name, part[2:] if len(part) > 1 and part[1].text == ":=" else []))
+            elif part:
+                found.append(Argument("", part))
+    return found
+
+
+def value(items: list[Token]) -> Value:
+    """Return a bracketed value as lists; anything else as its tokens."""
+    if len(items) > 1 and items[0].text == "[" and items[-1].text == "]" and _pairs(items):
+        return [value(piece) for piece in split(items[1:-1])]
+    return items
+
+
+def _pairs(items: list[Token]) -> bool:
+    """Return whether the first bracket is closed by the last."""
+    depth = 0
+    for i, token in enumerate(items):
+        if token.kind == "mark":
+            depth += (token.text in _OPENS) - (token.text in _OPENS.values())
+        if depth == 0:
+            return i == len(items) - 1
+    return False
+
+
+def is_list(item: Value) -> bool:
+    """Return whether a value has brackets of its own."""
+    return bool(item) and isinstance(item[0], list)
+
+
+def looks_like_robtarget(item: Value) -> bool:
+    """Return whether a value is a list of four lists."""
+    return is_list(item) and len(item) == 4 and all(isinstance(group, list) and is_list(group) for group in item)
+
+
+def elements(item: Value, dimensions: int, index: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], Value]]:
+    """Yield the elements of an array's value, counted from 1, each with its index."""
+    if not dimensions:
+        yield index, item
+    elif is_list(item):
+        for i, part in enumerate(item, 1):
+            if isinstance(part, list):
+                yield from elements(part, dimensions - 1, (*index, i))
+
+
+def constant_index(items: list[Token]) -> tuple[int, ...] | None:
+    """Return the numbers in ``{2,1}``; () where there are no braces, None where only the run time knows."""
+    if not items:
+        return ()
+    inside = [token.text for token in items[1:-1] if token.text != ","]
+    return tuple([int(n) for n in inside]) if all(n.isascii() and n.isdigit() and len(n) < 6 for n in inside) else None
+
+
+def position_of(mark: str, items: list[Token]) -> int:
+    """Return where a mark stands outside brackets; 0 if it does not."""
+    depth = 0
+    for i, token in enumerate(items):
+        if token.kind == "mark":
+            depth += (token.text in _OPENS) - (token.text in _OPENS.values())
+            if depth == 0 and token.text == mark:
+                return i
+    return 0
+
+
+class Parameter(NamedTuple):
+    """A routine's parameter; `writable` if the routine may change what it is given."""
+
+    name: str
+    type: str
+    writable: bool
+    optional: bool
+
+
+def parameters(head: list[Token]) -> tuple[Parameter, ...]:
+    """Return a routine's parameters."""
+    start = next((i for i, token in enumerate(head) if token.text == "("), len(head))
+    found = []
+    for piece in split(head[start + 1 : -1]):
+        words: list[str] = []
+        optional = False
+        for k, token in enumerate(piece):
+            if token.text in ("\\", "|"):
+                words, optional = [], optional or token.text == "\\"
+            elif token.kind == "word":
+                words.append(token.text)
+                if k + 1 == len(piece) or piece[k + 1].text in ("|", "{", "\\"):
+                    writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
+                    found.append(Parameter(token.text, words[-2] if len(words) > 1 else "", writable, optional))
+    return tuple(found)

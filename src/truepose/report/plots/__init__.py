@@ -1,0 +1,5 @@
+"""Figures of semivariograms."""
+
+from truepose.report.plots.similarity import draw_variogram, plot_variogram
+
+__all__ = ["draw_variogram", "plot_variogram"]

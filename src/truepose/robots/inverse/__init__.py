@@ -1,0 +1,1 @@
+"""Inverse kinematics: all branches in closed form, Newton's method for calibrated and other arms."""

@@ -1,0 +1,160 @@
+"""The whole way on a virtual cell, through files, as a user goes it: from tracker readings to a corrected program.
+
+What is written to the folder is what a real cell has: cell.toml, plan.csv, the tracker's readings, samples, the map, a
+KRL program, its corrected copy, and the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from truepose._io.files import write_atomic
+from truepose.cell import load_cell
+from truepose.error_map import ErrorMap
+from truepose.error_map.fit import fit_cell
+from truepose.geometry import apply_transform, euler, make_transform
+from truepose.programs import FrameTable, correct_program, read_program
+from truepose.report import write_report
+from truepose.report.study import similarity_study
+from truepose.robots import status_turn
+from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
+from truepose.simulation import VirtualCell
+from truepose.trackers import import_readings, write_readings
+from truepose.verification import accuracy
+
+FloatArray = NDArray[np.float64]
+
+N_SAMPLES: Final = 160
+N_HELD_OUT: Final = 100
+_PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; where orientations vary, the arm's model is needed
+_TOOL, _BASE = 3, 1
+_PANEL_ROWS, _PANEL_COLUMNS = 4, 6
+
+
+def run_demo(
+    directory: Path, *, preset: str = "paper", seed: int = 0, progress: Callable[[str], Any]
+) -> dict[str, Any]:
+    """Run the demonstration and return its figures and paths.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder for everything that is written.
+    preset : str
+        Of `truepose.simulation.PRESETS`.
+    seed : int
+        Of the virtual cell.
+    progress : callable
+        Takes a line about what is being done.
+    """
+    virtual = VirtualCell(preset, seed=seed)
+    progress("Planning and measuring")
+    cell_path = directory / "cell.toml"
+    write_atomic(cell_path, virtual.cell.to_toml() + '\n[frames]\nconfig_dat = "program/$config.dat"\n')
+    cell = load_cell(cell_path)
+    samples = _measure(virtual, directory, "fit", N_SAMPLES, seed)
+    held_out = _measure(virtual, directory, "held_out", N_HELD_OUT, seed + 1_000_003)
+
+    progress("Fitting")
+    error_map = fit_cell(cell, samples, _PREDICTOR.get(preset, "kinematic-kriging"))
+    error_map.save(directory / "map.truepose")
+    progress("Looking for similarity")
+    study = similarity_study(error_map)
+    progress("Validating on held-out poses")
+    held_out_figures = error_map.validate(held_out)
+
+    progress("Correcting a program")
+    source = _write_program(virtual, directory / "program")
+    corrected = correct_program(source, error_map, cell)
+    corrected.write(directory / "corrected", force=True)
+    corrected_path = directory / "corrected" / source.name
+    progress("Measuring the corrected program's targets")
+    remeasured = _remeasure(virtual, error_map, source, corrected_path)
+
+    progress("Writing the report")
+    report = directory / "report.html"
+    sidecar = directory / "corrected" / f"{source.stem}.corrections.json"
+    write_report(report, error_map, held_out, sidecars=[sidecar], study=study)
+    return {
+        "preset": preset,
+        "seed": seed,
+        "robot": virtual.robot.name,
+        "predictor": error_map.predictor_name,
+        "n_samples": len(samples),
+        "registration": "rigid registration of tracker to base",
+        "similarity": study.parts[0].verdict,
+        **{
+            key: held_out_figures[key]
+            for key in ("before", "after", "reduction_mean_percent", "reduction_max_percent", "coverage", "groups")
+        },
+        "noise_floor_mm": virtual.noise_floor,
+        "remeasured": remeasured,
+        "report": report,
+        "program": corrected_path,
+    }
+
+
+def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int) -> Samples:
+    """Plan n poses, measure them, and take the readings back in as a user does: from the tracker's file."""
+    measured = virtual.measure(virtual.design(n, seed=seed))
+    plan_path, readings_path, samples_path = (
+        directory / f"{name}_{kind}" for kind in ("plan.csv", "readings.txt", "samples.csv")
+    )
+    commanded = ("q", "p_cmd", "rotation_cmd", "approach", "load", "temperature")
+    write_samples(plan_path, Poses(**{name: getattr(measured, name) for name in commanded}))
+    write_readings(readings_path, measured, "spatial-analyzer")
+    samples, _ = import_readings(readings_path, read_poses(plan_path))
+    write_samples(samples_path, samples)
+    return read_samples(samples_path)
+
+
+def _write_program(virtual: VirtualCell, directory: Path) -> Path:
+    """Write a KRL pair that drills a panel: taught points with FDAT in the .dat, and $config.dat with the frames."""
+    tf_base_panel = make_transform(Rotation.identity(), np.asarray(virtual.preset.centre_mm))
+    y, z = np.meshgrid(
+        np.linspace(-0.4, 0.4, _PANEL_COLUMNS) * virtual.preset.size_mm[1],
+        np.linspace(-0.4, 0.4, _PANEL_ROWS) * virtual.preset.size_mm[2],
+    )
+    x = 0.15 * virtual.preset.size_mm[0] * np.cos(np.pi * y / virtual.preset.size_mm[1])
+    p_panel = np.stack([x, y, z], axis=-1).reshape(-1, 3).round(2)
+    status, turn = status_turn(virtual.robot, virtual.reach(apply_transform(tf_base_panel, p_panel)))
+    a, b, c = virtual.preset.abc_deg
+    moves, points = [], []
+    for i, ((px, py, pz), s, t) in enumerate(zip(p_panel, status, turn, strict=True), 1):
+        moves.append(f"{'PTP' if i == 1 else 'LIN'} XP{i}\nDRILL()\n")
+        points.append(
+            f"DECL E6POS XP{i}={{X {px:.3f},Y {py:.3f},Z {pz:.3f},A {a:.3f},B {b:.3f},C {c:.3f},S {s},T {t},E1 0.0}}\n"
+            f'DECL FDAT FP{i}={{TOOL_NO {_TOOL},BASE_NO {_BASE},IPO_FRAME #BASE,POINT2[] " "}}\n'
+        )
+    source = directory / "panel.src"
+    write_atomic(source, "&ACCESS RVP\nDEF panel( )\n" + "".join(moves) + "END\n\nDEF DRILL( )\nWAIT SEC 0.5\nEND\n")
+    write_atomic(source.with_suffix(".dat"), "&ACCESS RVP\nDEFDAT PANEL\n" + "".join(points) + "ENDDAT\n")
+    write_atomic(directory / "$config.dat", _config_dat(virtual.tf_flange_tool, tf_base_panel))
+    return source
+
+
+def _config_dat(tf_flange_tool: FloatArray, tf_base_panel: FloatArray) -> str:
+    def frame(tf: FloatArray) -> str:
+        values = [*tf[:3, 3], *euler("kuka", Rotation.from_matrix(tf[:3, :3]))]
+        return "{" + ",".join(f"{name} {value:.4f}" for name, value in zip("XYZABC", values, strict=True)) + "}"
+
+    tool, base = f"TOOL_DATA[{_TOOL}]={frame(tf_flange_tool)}", f"BASE_DATA[{_BASE}]={frame(tf_base_panel)}"
+    return f"DEFDAT $CONFIG PUBLIC\n{tool}\n{base}\nENDDAT\n"
+
+
+def _remeasure(virtual: VirtualCell, error_map: ErrorMap, original: Path, corrected: Path) -> dict[str, Any]:
+    """Run both programs on the virtual robot and measure how far from the original targets the tool ends."""
+    frames = FrameTable.from_config_dat(original.parent / "$config.dat")
+    targets = read_program(original, frames).positions_base()
+
+    def miss(path: Path) -> FloatArray:
+        measured = virtual.measure(virtual.reach(read_program(path, frames).positions_base()))
+        return apply_transform(error_map.registration.tf_base_tracker, measured.p_meas) - targets
+
+    return accuracy(miss(original), miss(corrected)).to_dict()

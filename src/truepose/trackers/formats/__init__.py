@@ -1,0 +1,1 @@
+"""Layouts of measurement files, one module each."""

@@ -1,0 +1,81 @@
+"""Plans as joints in a controller's own words: RAPID jointtarget, KRL E6AXIS, UR lists in radians, spreadsheets."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose._io.files import read_bytes
+from truepose.errors import FileError
+from truepose.samples import Poses, check, read_poses
+from truepose.trackers.columns import split
+from truepose.trackers.readings import decode, first_line
+
+FloatArray = NDArray[np.float64]
+
+_N: Final = r"\s*+([+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+)\s*+"
+_RAPID: Final = re.compile(rf"jointtarget\s+(?P<name>\w+)\s*:=\s*\[\s*\[{','.join([_N] * 6)}\]", re.IGNORECASE)
+_KRL: Final = re.compile(
+    rf"(?:\b(?P<name>\w++)\s*+=\s*+)?\{{\s*(?:E6AXIS\s*:)?\s*{','.join(rf'{chr(92)}s*A{k}{_N}' for k in range(1, 7))}",
+    re.IGNORECASE,
+)
+_UR: Final = re.compile(rf"(?:\b(?P<name>\w++)\s*+=\s*+)?(?<!p)\[{','.join([_N] * 6)}\]")
+_JOINT_COLUMN: Final = re.compile(
+    r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]{1,3})\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
+)
+_PATTERNS: Final = ((_RAPID, np.pi / 180.0), (_KRL, np.pi / 180.0), (_UR, 1.0))
+_TIDY: Final = re.compile(r"\b(?:q1|x_cmd)_", re.IGNORECASE)
+_SURELY_DEGREES: Final = 4.0 * np.pi
+
+
+def read_plan(path: str | Path) -> Poses:
+    """Read what was commanded: plan.csv (the tidy table), or joints as a controller or a spreadsheet writes them.
+
+    Raises
+    ------
+    FileError
+        If it is none of these; with the line.
+    DataError
+        If the joints cannot be right; see `truepose.samples.check`.
+    """
+    text = decode(read_bytes(path), path)
+    if _TIDY.search(first_line("\n".join(line for line in text.splitlines() if not line.startswith("#")))):
+        return read_poses(path)
+    for pattern, factor in _PATTERNS:
+        if found := list(pattern.finditer(text)):
+            q = factor * np.array([match.groups()[-6:] for match in found], dtype=np.float64)
+            names = [match["name"] for match in found]
+            poses = Poses(q=q, name=np.array(names) if all(names) else None, source=str(path))
+            check(poses)
+            return poses
+    return _read_table(text, path)
+
+
+def _read_table(text: str, path: str | Path) -> Poses:
+    """Read columns j1 … with their unit."""
+    header = next((k for k, line in enumerate(text.splitlines(), start=1) if line.strip()), None)
+    if header is None:
+        raise FileError(path, "is empty; name a plan")
+    table = split(text, path, skip=header)
+    found = {}
+    for column, name in enumerate(table.header):
+        if match := _JOINT_COLUMN.fullmatch(name.strip()):
+            found[int(match["number"])] = (column, (match["unit"] or "").replace("°", "deg"))
+    if not found or set(found) != set(range(1, len(found) + 1)):
+        known = (
+            "plan.csv (q1_deg … or x_cmd_mm …), RAPID jointtarget, KRL E6AXIS, UR lists [j1, …, j6], columns j1_deg …"
+        )
+        raise FileError(path, f"is no plan; known are {known}", line=table.header_line)
+    q = table.numbers([found[k][0] for k in sorted(found)])
+    units = {unit for _, unit in found.values()}
+    if units == {""} and np.abs(q).max() > _SURELY_DEGREES:
+        units = {"deg"}
+    if units not in ({"deg"}, {"rad"}):
+        raise FileError(path, "says no unit of the joints; write j1_deg … or j1_rad …", line=table.header_line)
+    poses = Poses(q=np.deg2rad(q) if units == {"deg"} else q, source=str(path))
+    check(poses)
+    return poses
