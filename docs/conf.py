@@ -23,6 +23,7 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_gallery.gen_gallery",
     "shown_commands",
+    "theory_links",
 ]
 exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "validation/*/table.md", "**sg_execution_times.rst"]
 default_role = "py:obj"

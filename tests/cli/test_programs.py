@@ -134,7 +134,21 @@ def test_an_interrupt_is_told_and_leaves_nothing(run, program, monkeypatch):
     monkeypatch.setattr("truepose.programs.read_programs", interrupted)
     done = run("check", program)
     assert (done.code, done.out) == (130, "")
-    assert done.err == "truepose: interrupted; files are written whole or not at all\n"
+    assert done.err == "truepose: interrupted; no file was written\n"
+
+
+@pytest.mark.promise("An interrupt after files were written says which they are")
+def test_an_interrupt_after_the_commit_names_what_was_written(run, tmp_path, monkeypatch):
+    def interrupted(*_args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("truepose.cli.setup.say", interrupted)
+    cell = tmp_path / "cell"
+    done = run("init", cell, "--robot", "kuka-kr150-2")
+    assert done.code == 130
+    assert "interrupted, but these files were written before, and they are whole" in done.err
+    assert str(cell / "cell.toml") in done.err
+    assert (cell / "cell.toml").read_text("utf-8").startswith("#")
 
 
 @pytest.mark.promise("The last line of correct says how many motion targets are corrected and how many stay nominal.")

@@ -23,7 +23,7 @@ def elementary(kind: str, value: float) -> np.ndarray:
 
 
 def product_of_links(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
-    """Equation (1) and (2) of method.md, one pose, one factor after the other: the frames after each link."""
+    """Theory (1) and (2), one pose, one factor after the other: the frames after each link."""
     frames = [robot.tf_base_first]
     for i in range(robot.dof):
         theta = robot.sign[i] * q[i] + robot.offset[i]

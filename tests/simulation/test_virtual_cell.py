@@ -116,7 +116,7 @@ def test_ideal_is_noise_alone():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_hard_has_the_sizes_of_the_literature(seed):
-    """method.md §7: compliance, harmonics of 1–20 arcsec, backlash up to 0.3 mrad."""
+    """docs/virtual-cell.md: compliance, harmonics of 1–20 arcsec, backlash up to 0.3 mrad."""
     cell = VirtualCell("hard", seed=seed)
     compliance = cell.truth.compliance
     assert ((compliance[:3] >= 3e-7) & (compliance[:3] <= 7e-7)).all()

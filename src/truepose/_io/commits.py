@@ -72,6 +72,10 @@ def _journal(folder: Path, token: str) -> Path:
     return folder / f".truepose-{token}.journal"
 
 
+written: Final[list[Path]] = []
+"""Files that this command, or this process, has written: for what is said when it is interrupted."""
+
+
 class Commit:
     """Files that are written all together or not at all.
 
@@ -170,6 +174,7 @@ class Commit:
                 self._undo(changes, main, error)
                 raise
             self._pending = False
+            written.extend(change.goal for change in changes)
             with contextlib.suppress(OSError):
                 os.ftruncate(descriptor, 0)  # nothing is to be undone from here on
 

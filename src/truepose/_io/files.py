@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from truepose._io.commits import Commit, recover
+from truepose._io.commits import Commit, recover, written
 from truepose.errors import FileError
 
 __all__ = [
@@ -50,6 +50,7 @@ _WATCH: ContextVar[Watch | None] = ContextVar("watch", default=None)
 def watched() -> Iterator[Watch]:
     """Within the block, refuse to write over files that were read in it, and over any other unless `force` is set."""
     token = _WATCH.set(watch := Watch())
+    written.clear()
     try:
         yield watch
     finally:

@@ -1,4 +1,4 @@
-"""Conversions, used only at the edges: inside everything is mm and rad (method.md §0)."""
+"""Conversions, used only at the edges: inside everything is mm and rad (theory)."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def main() -> None:
             _end_at_broken_pipe()
         if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # which typer makes of Ctrl-C
             raise
-        _fail("interrupted; files are written whole or not at all", code=_INTERRUPTED)
+        _fail(_interrupted(), code=_INTERRUPTED)
     except Exception as error:
         if os.environ.get("TRUEPOSE_TRACEBACK"):
             raise
@@ -136,6 +136,16 @@ def _forget_stdout() -> None:
     """Let Python's own flush at its end go nowhere: it would fail again, with a traceback."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _interrupted() -> str:
+    """Return what is said of an interrupt: which files had been written by then."""
+    commits = sys.modules.get("truepose._io.commits")
+    written = [] if commits is None else commits.written
+    if not written:
+        return "interrupted; no file was written"
+    more = f" and {len(written) - 1} more" if len(written) > 1 else ""
+    return f"interrupted, but these files were written before, and they are whole: {written[0]}{more}"
 
 
 def _warn(

@@ -1,4 +1,4 @@
-"""Guards: a wrong correction is worse than none (method.md §4). Each gives its reason in words, on each target."""
+"""Guards, which refuse a correction and say why (theory, compensation): a wrong one is worse than none."""
 
 from __future__ import annotations
 

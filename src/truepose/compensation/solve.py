@@ -1,4 +1,4 @@
-"""The command whose predicted outcome is the target (method.md (15) and (16)), for positions and for poses.
+"""The command whose predicted outcome is the target (theory (15) and (16)), for positions and for poses.
 
 A command is a position, or a pose as a position and the rotation vector ω by which it differs from the target,
 R_c = exp(ω) R_t. Its outcome is exp(ŵ) R_c, so that R_c = exp(−ŵ) R_t is ω + ŵ = 0: the same equation as for positions.

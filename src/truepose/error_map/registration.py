@@ -1,4 +1,4 @@
-"""Samples into the robot base frame: station and tool as the cell file asks (method.md §0, registration)."""
+"""Samples into the robot base frame: station and tool as the cell file asks (theory, registration)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a cell's samples to errors that predictors are fitted to, and the choice among predictors (method.md (14))."""
+"""From a cell's samples to errors that predictors are fitted to, and the choice among predictors (theory (14))."""
 
 from __future__ import annotations
 

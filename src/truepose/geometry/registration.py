@@ -40,7 +40,7 @@ class Registration:
     tf_base_tracker : (4, 4) array [mm]
         Maps tracker coordinates to the robot base frame.
     residuals : (n, 3) array [mm], base frame
-        Measured minus commanded positions after registration: the positional error e of method.md §0.
+        Measured minus commanded positions after registration: the positional error e of theory.
     outliers : (n,) bool array
         Readings that took no part in the fit.
     covariance : (6, 6) or (9, 9) array

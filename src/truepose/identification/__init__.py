@@ -1,4 +1,4 @@
-"""Identification of an arm's parameters from measurements, and what the measurements can tell (method.md §1, (11))."""
+"""Identification of an arm's parameters from measurements: theory (3) and theory (11)."""
 
 from truepose.identification.arm import Arm, tolerance
 from truepose.identification.kalman import KalmanFilter, filtered

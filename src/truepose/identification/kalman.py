@@ -1,4 +1,4 @@
-"""Sequential identification, method.md (11): the parameters as the state of a Kalman filter that does not move.
+"""Sequential identification, theory (11): the parameters as the state of a Kalman filter that does not move.
 
 Each observation corrects x and its covariance P; before the first they are zero and the tolerances. Extended:
 linearised where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical

@@ -1,4 +1,4 @@
-"""Parameter identification in one batch, method.md (11): iterated linear least squares, Levenberg–Marquardt.
+"""Parameter identification in one batch, theory (11): iterated linear least squares, Levenberg–Marquardt.
 
 The changes x minimise Σ r_iᵀ C_i⁻¹ r_i + Σ (x_k / s_k)², with C_i the reading's covariance plus misfit² and s_k the
 tolerance of each parameter. The misfit, what the model cannot explain, is estimated with x so that the weighted squares

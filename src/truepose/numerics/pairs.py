@@ -1,4 +1,4 @@
-"""Sums over all pairs of points, by distance bin: the compiled core of equation (4) and of the permutation envelope.
+"""Sums over all pairs of points, by distance bin: the compiled core of theory (4) and of the permutation envelope.
 
 Every pair is visited once, in tiles; no array of n² is made. The rows are dealt out to a fixed number of tasks whose
 sums are added in order, so that a result does not depend on the number of threads.

@@ -1,4 +1,4 @@
-"""Where to measure: configurations that tell most, their order, and the program that goes there (method.md §6)."""
+"""Where to measure: configurations that tell most, their order, and the program that goes there (theory, planning)."""
 
 from truepose.planning.designs import METHODS
 from truepose.planning.measurement_space import work_region

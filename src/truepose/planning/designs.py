@@ -1,4 +1,4 @@
-"""Ways to choose n configurations of a work region, by name (method.md §6)."""
+"""Ways to choose n configurations of a work region, by name (theory, planning)."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def plan(
     n : int
     method : str
         Of `truepose.planning.METHODS`. "posterior" leaves the lowest mean predicted variance over the region,
-        "posterior-largest" the lowest largest, both by the prior of method.md (10); "d-optimal", "o2" … "o5" are
+        "posterior-largest" the lowest largest, both by the prior of theory (10); "d-optimal", "o2" … "o5" are
         observability indices of the geometry; "grid", "latin-hypercube" and "sobol" know no model.
     candidates : (m, dof) array [rad], optional
         Choose among these instead of the work region, for predictions at all of them.

@@ -1,4 +1,4 @@
-"""Which candidates to measure: greedy, then exchanged one by one while that helps (method.md §6).
+"""Which candidates to measure: greedy, then exchanged one by one while that helps (theory, planning).
 
 The prior of (10) makes every error linear in weights w ~ N(0, I) but for noise: e_i = A_i w + ε_i, ε_i ~ N(0, R_i). A
 sample at candidate i then takes from the posterior covariance P of the weights

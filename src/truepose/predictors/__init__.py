@@ -1,4 +1,4 @@
-"""Error models: predict the positional error, with a standard deviation, where nothing was measured (method.md §3)."""
+"""Error models: predict the positional error with its standard deviation where nothing was measured (theory)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration as an error model: the arm with identified parameters predicts its errors everywhere, method.md (11)."""
+"""Calibration as an error model: the arm with identified parameters predicts its errors everywhere, theory (11)."""
 
 from __future__ import annotations
 

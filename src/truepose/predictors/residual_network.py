@@ -1,4 +1,4 @@
-"""A neural network for what calibration leaves, method.md (11): inputs the joints' angles, and the approach signs."""
+"""A neural network for what calibration leaves, theory (11): inputs the joints' angles, and the approach signs."""
 
 from __future__ import annotations
 

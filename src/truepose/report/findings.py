@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 TYPICAL_MM: Final = 0.3
 TYPICAL_RAD: Final = 3e-4
-"""Typical errors of the parameters of an arm (method.md §7); only their ratio matters here."""
+"""Typical errors of the parameters of an arm (docs/virtual-cell.md); only their ratio matters here."""
 
 DIRECTIONAL: Final = 1.5
 """Ranges that differ by less than this factor are told as equal."""
@@ -44,7 +44,7 @@ class Explained:
     rank : int
         Parameters that the samples can tell.
     theory : ExperimentalVariogram
-        Equation (6) of typical parameter errors, of a size that fits their share: the similarity that they imply.
+        Theory (6) of typical parameter errors, of a size that fits their share: the similarity that they imply.
     residual : ExperimentalVariogram
         Of what the fit leaves.
     """

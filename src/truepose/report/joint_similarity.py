@@ -1,4 +1,4 @@
-"""Joint-wise similarity: how alike the errors of one joint at two of its angles are (method.md §2, (10)).
+"""Joint-wise similarity: how alike the errors of one joint at two of its angles are (theory, similarity, (10)).
 
 What a joint's own error does is not seen by itself, so it is taken from kinematic Kriging: its variance s_j² and its
 range l_j, by restricted likelihood, and the curve that the samples tell. Drawn as semivariograms in mrad² over degrees.

@@ -1,4 +1,4 @@
-"""Similarity of a cell's errors in Cartesian and in joint space, as table, sentence and picture (method.md §2)."""
+"""Similarity of a cell's errors in Cartesian and in joint space, as table, sentence and picture (theory)."""
 
 from __future__ import annotations
 

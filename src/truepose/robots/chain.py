@@ -1,4 +1,4 @@
-"""Serial arms of revolute joints: nominal parameters and forward kinematics on arrays, method.md (1) and (2).
+"""Serial arms of revolute joints: nominal parameters and forward kinematics on arrays, theory (1) and (2).
 
 One engine lies underneath every convention: fixed transforms between rotations about z.
 """
@@ -36,11 +36,11 @@ class Robot:
 
     Joint i turns by theta_i = sign_i q_i + offset_i about its z axis and contributes, by convention,
 
-    - "mdh", Craig's modified D-H with Hayati's beta, method.md (1):
+    - "mdh", Craig's modified D-H with Hayati's beta, theory (1):
       A_i = Rx(alpha_i) Tx(a_i) Rz(theta_i) Tz(d_i) Ry(beta_i), where alpha_i and a_i are those of Craig's link i-1;
     - "dh", standard D-H: A_i = Rz(theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
 
-    The flange is at tf_base_first A_1 … A_n tf_last_flange, method.md (2).
+    The flange is at tf_base_first A_1 … A_n tf_last_flange, theory (2).
 
     Parameters
     ----------
@@ -157,11 +157,11 @@ class Robot:
         return np.asarray(after @ before)
 
     def theta(self, q: FloatArray) -> FloatArray:
-        """Return the angles of method.md (1), sign · q + offset: (…, dof) [rad]."""
+        """Return the angles of theory (1), sign · q + offset: (…, dof) [rad]."""
         return self.sign * q + self.offset
 
     def forward(self, q: ArrayLike, tool: ArrayLike | None = None) -> FloatArray:
-        """Return the pose of the flange, or of the TCP, in the robot base frame, method.md (2).
+        """Return the pose of the flange, or of the TCP, in the robot base frame, theory (2).
 
         Parameters
         ----------
@@ -194,7 +194,7 @@ class Robot:
     def frames(self, q: ArrayLike) -> FloatArray:
         """Return the cumulative transforms tf_base_first A_1 … A_i in the robot's own convention.
 
-        With "mdh" they carry all that an error Jacobian needs, method.md (3): the x axis of frame i-1 (a, alpha), the
+        With "mdh" they carry all that an error Jacobian needs, theory (3): the x axis of frame i-1 (a, alpha), the
         z axis of frame i turned back by beta (theta, d), the y axis of frame i (beta).
 
         Parameters
@@ -233,7 +233,7 @@ class Robot:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the columns of `error_jacobian`: theta1 …, d1 …, a1 …, alpha1 …, beta1 …, as in method.md (1)."""
+        """Names of the columns of `error_jacobian`: theta1 …, d1 …, a1 …, alpha1 …, beta1 …, as in theory (1)."""
         kinds = ("theta", "d", "a", "alpha", "beta")
         return tuple(f"{kind}{j}" for kind in kinds for j in range(1, self.dof + 1))
 
@@ -246,7 +246,7 @@ class Robot:
         convention: str = "hayati",
         parameters: Sequence[str] | None = None,
     ) -> FloatArray:
-        """Return the derivative of the TCP by the kinematic parameters, method.md (3), at their nominal values.
+        """Return the derivative of the TCP by the kinematic parameters, theory (3), at their nominal values.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class Robot:
         tool : (4, 4) array or (3,) array [mm], optional
             tf_flange_tool, or the TCP in the flange frame.
         convention : str
-            Whose parameters: "hayati" is method.md (1), to which another chain is converted; see
+            Whose parameters: "hayati" is theory (1), to which another chain is converted; see
             `truepose.robots.CONVENTIONS`.
         parameters : sequence of str, optional
             Names of columns, in that order, or of groups ("theta", "base", "tool"). When not given: `parameter_names`,

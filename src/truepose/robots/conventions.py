@@ -4,7 +4,7 @@ Of the links between two joints only the line of the next axis matters: a turn a
 through the next joint into the next link. Each convention takes a link apart as ``form(parameters) Rz Tz``, and carries
 Rz Tz on.
 
-- "hayati": modified D-H (Craig) with Hayati's beta, method.md (1).
+- "hayati": modified D-H (Craig) with Hayati's beta, theory (1).
 - "dh": standard D-H, Rz(theta) Tz(d) Tx(a) Rx(alpha); where the next axis is nearly parallel d is zero and Ry(beta)
   follows (Hayati and Mirmirani 1985), as the common normal would run far away.
 - "s-model": Rz(beta) Tz(d) Tx(a) Rx(alpha) Rz(gamma) Tz(b) (Stone and Sanderson 1987); six for each link, not

@@ -19,7 +19,7 @@ _SQUARE = 1e-9
 
 
 def to_mdh(robot: Robot) -> Robot:
-    """Return the same arm with the parameters of equation (1); frames and flange are kept to rounding.
+    """Return the same arm with the parameters of theory (1); frames and flange are kept to rounding.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def to_mdh(robot: Robot) -> Robot:
 
 
 def mdh_of_fixed(robot: Robot, fixed: FloatArray) -> Robot:
-    """Return the arm fixed_0 Rz(s_1 q_1 + offset_1) fixed_1 … fixed_n in the parameters of equation (1).
+    """Return the arm fixed_0 Rz(s_1 q_1 + offset_1) fixed_1 … fixed_n in the parameters of theory (1).
 
     Parameters
     ----------

@@ -5,7 +5,7 @@
 Each link L_k is a product of motions: turns about an axis, shifts along one, fixed transforms. A convention
 (`truepose.robots.conventions`) says which motions, and which of them are parameters. A parameter moves all that comes
 after it by a twist that is constant in the frame of its link, so that a convention's Jacobian is one fixed matrix
-behind the Jacobian of the link frames: the chain rule of method.md (3).
+behind the Jacobian of the link frames: the chain rule of theory (3).
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class ErrorModel:
         outputs: Outputs = "position",
         parameters: Sequence[str] | None = None,
     ) -> FloatArray:
-        """Return ∂P/∂psi (and the rotation), method.md (3): (n, 3 or 6, p), base frame.
+        """Return ∂P/∂psi (and the rotation), theory (3): (n, 3 or 6, p), base frame.
 
         Parameters
         ----------
@@ -204,7 +204,7 @@ class ErrorModel:
         return of_links(self.robot, self.fixed(values), convention)
 
     def to_robot(self, values: FloatArray | None = None) -> Robot:
-        """Return the arm in the parameters of equation (1), its flange at this model's last frame (tool included)."""
+        """Return the arm in the parameters of theory (1), its flange at this model's last frame (tool included)."""
         from truepose.robots.convert import mdh_of_fixed
 
         return mdh_of_fixed(replace(self.robot, offset=np.zeros(self.robot.dof)), self.fixed(values))

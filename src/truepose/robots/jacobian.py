@@ -1,4 +1,4 @@
-"""Derivatives of forward kinematics by parameters and joints, on arrays, method.md (3).
+"""Derivatives of forward kinematics by parameters and joints, on arrays, theory (3).
 
 A parameter that translates along the unit axis u of its frame gives the column u; one that rotates about the unit axis
 w through o gives w × (P − o). In the orientation rows these are 0 and w. All comes from one walk along the chain.

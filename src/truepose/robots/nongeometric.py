@@ -1,4 +1,4 @@
-"""What makes an arm err beside its geometry: deviations of each joint's angle, by name, method.md §1.
+"""What makes an arm err beside its geometry: deviations of each joint's angle, by name, theory, kinematics.
 
 A term says by how much joint j is off at a configuration, δq_j = c f(q, approach), with one coefficient c to identify.
 The columns of the Jacobian are (∂P/∂q_j) f, and the model itself is F(q + Σ c f), exact also for large c.

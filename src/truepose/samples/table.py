@@ -1,4 +1,4 @@
-"""Commanded configurations, and what a tracker read at them (method.md §0).
+"""Commanded configurations, and what a tracker read at them (theory).
 
 Positions are mm, angles rad. Commanded quantities are in the robot base frame, measured ones in the tracker frame: they
 become comparable by a registration (`truepose.geometry`).

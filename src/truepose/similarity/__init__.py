@@ -1,4 +1,4 @@
-"""Is there structure in the errors? Semivariograms, their models, and the test against chance (method.md §2)."""
+"""Is there structure in the errors? Semivariograms, their models, and the test against chance (theory, similarity)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The experimental semivariogram, equation (4): half the mean squared difference of errors a distance h apart."""
+"""The experimental semivariogram, theory (4): half the mean squared difference of errors a distance h apart."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ class ExperimentalVariogram:
     lag : (k,) array
         Mean distance of the pairs of each bin, in the unit of the coordinates; NaN in an empty bin.
     semivariance : (k, c) array [mm²]
-        Equation (4) for each component; NaN in an empty bin.
+        Theory (4) for each component; NaN in an empty bin.
     vector : (k,) array [mm²]
-        Equation (4) with the squared norm of the vector difference: the sum over the components.
+        Theory (4) with the squared norm of the vector difference: the sum over the components.
     pairs : (k,) array of int
         Number of pairs N(h).
     edges : (k + 1,) array
@@ -94,7 +94,7 @@ def experimental_variogram(
     weights: ArrayLike | None = None,
     cross: bool = False,
 ) -> ExperimentalVariogram:
-    """Return the semivariogram of e over the distances of x, equation (4).
+    """Return the semivariogram of e over the distances of x, theory (4).
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def experimental_variogram(
     max_lag : float, optional
         Largest distance, in the unit of x; half the largest distance between two points when not given.
     estimator : {"matheron", "cressie", "dowd", "genton"}
-        Matheron is equation (4). The others resist gross errors: Cressie and Hawkins by fourth powers of mean square
+        Matheron is theory (4). The others resist gross errors: Cressie and Hawkins by fourth powers of mean square
         roots, Dowd by the median, Genton by the quartile of the differences' differences; see `robust`.
     direction : Direction or (d,) array_like, optional
         Count only pairs along this axis.

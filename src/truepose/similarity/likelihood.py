@@ -1,6 +1,6 @@
 """Fit of a variogram model to the samples themselves: maximum likelihood, restricted likelihood, leave-one-out.
 
-The components share one correlation and have scales of their own (equation (9) with B diagonal), or one scale; the
+The components share one correlation and have scales of their own (theory (9) with B diagonal), or one scale; the
 criteria have them in closed form. So the search is over ranges, shape and nugget ratio alone, with analytic gradients.
 Unlike the bins of a variogram this tells a small nugget from none under a smooth trend, on which a prediction's
 standard deviation hangs. Formulas and sources: `truepose.similarity.criteria`.

@@ -1,4 +1,4 @@
-"""Models of the semivariogram and of the covariance that belongs to it, equation (5)."""
+"""Models of the semivariogram and of the covariance that belongs to it, theory (5)."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class VariogramModel:
         return gamma
 
     def covariance(self, h: ArrayLike, direction: ArrayLike | None = None) -> FloatArray:
-        """Return Cov(h) = Cov(0) − γ(h) [mm²], equation (5), of the field with its nugget: Cov(0) = C0 + C."""
+        """Return Cov(h) = Cov(0) − γ(h) [mm²], theory (5), of the field with its nugget: Cov(0) = C0 + C."""
         h = np.asarray(h, dtype=np.float64)
         return self.signal_covariance(h, direction) + np.where(h == 0, self.nugget, 0.0)
 

@@ -1,6 +1,6 @@
 """Estimators of the semivariance from the differences of a bin; those that resist gross errors, and the cloud.
 
-Matheron is equation (4). With N differences z:
+Matheron is theory (4). With N differences z:
 
 ========= ============================================================== ======================================
 cressie   (1/N Σ |z|^½)⁴ / (0.457 + 0.494/N + 0.045/N²) / 2              N. Cressie & D. Hawkins, Math. Geology 12

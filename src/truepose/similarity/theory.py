@@ -1,4 +1,4 @@
-"""The semivariogram that parameter errors imply, equation (6): what kinematics explains of the similarity."""
+"""The semivariogram that parameter errors imply, theory (6): what kinematics explains of the similarity."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def model_based_variogram(
     *,
     weights: ArrayLike | None = None,
 ) -> ExperimentalVariogram:
-    """Return γ_theory = ½ tr[(J − J') Σ (J − J')ᵀ], averaged over the pairs of each bin, equation (6).
+    """Return γ_theory = ½ tr[(J − J') Σ (J − J')ᵀ], averaged over the pairs of each bin, theory (6).
 
     With Σ = L Lᵀ it is the semivariogram of the columns of J L, summed; so it is averaged over the very pairs of
     `experimental_variogram` with the same x, bins and direction.
@@ -31,7 +31,7 @@ def model_based_variogram(
     x : (n, d) array_like
         Positions (n, 3) [mm] or joints (n, dof) [rad].
     jacobian : (n, c, p) array_like
-        J of the error's c components by p parameters at x, equation (3) [mm per unit of the parameter].
+        J of the error's c components by p parameters at x, theory (3) [mm per unit of the parameter].
     covariance : (p, p) or (p,) array_like
         Σ of the parameters' errors; one vector stands for its diagonal.
     bins, max_lag, direction, weights

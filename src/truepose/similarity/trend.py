@@ -1,4 +1,4 @@
-"""Trend: a drift over the coordinates, and the errors that are left when it is taken off (method.md §2)."""
+"""Trend: a drift over the coordinates, and the errors that are left when it is taken off (theory, similarity)."""
 
 from __future__ import annotations
 

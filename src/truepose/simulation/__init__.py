@@ -1,4 +1,4 @@
-"""A virtual robot whose truth is known, to test on (method.md §7)."""
+"""A virtual robot whose truth is known, to test on (docs/virtual-cell.md)."""
 
 from truepose.simulation.presets import EFFECTS, PRESETS, TROUBLES, Preset
 from truepose.simulation.tracker import TrackerNoise

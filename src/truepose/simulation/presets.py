@@ -1,4 +1,4 @@
-"""The virtual cells that have a name, and the sizes of their errors (method.md §7)."""
+"""The virtual cells that have a name, and the sizes of their errors (docs/virtual-cell.md)."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ _HARD: Final = replace(
 PRESETS: Final[dict[str, Preset]] = {
     # The paper's experiment: positions in a box at one orientation, 1.2912 mm at most before compensation.
     "paper": _PAPER,
-    # Everything that method.md §7 names, on the same arm, orientations that vary by 15° about each axis.
+    # Everything that docs/virtual-cell.md names, on the same arm, orientations that vary by 15° about each axis.
     "hard": _HARD,
     # An arm without errors: what is left is noise, and the station to be found.
     "ideal": replace(_HARD, effects=frozenset({"repeatability", "tracker"})),

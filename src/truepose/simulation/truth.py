@@ -1,4 +1,4 @@
-"""What a virtual robot does: the arm as it is, moved by what each joint really turns (method.md §1 and §7)."""
+"""What a virtual robot does: the arm as it is, moved by what each joint really turns (theory, kinematics and §7)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A virtual cell: a robot with errors, a tracker somewhere, a tool not quite as stated (method.md §7)."""
+"""A virtual cell: a robot with errors, a tracker somewhere, a tool not quite as stated (docs/virtual-cell.md)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class VirtualCell:
     ----------
     preset : str or Preset
         ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation. ``"hard"``:
-        every effect of method.md §7, orientations within ±15°. ``"ideal"``: noise alone, and the station to be found.
+        every effect of docs/virtual-cell.md, orientations within ±15°. ``"ideal"``: noise alone, and the station to be
+        found.
         The others of `PRESETS` are ``"hard"`` with one trouble more.
     robot : str, optional
         Library name of another robot; work region, tool and payload are then scaled with it (`adapt`).

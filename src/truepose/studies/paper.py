@@ -1,4 +1,4 @@
-"""The paper's experiment again on virtual cells: its own method, and ours on the same readings (method.md §8).
+"""The paper's experiment again on virtual cells: its own method, and ours on the same readings (docs/validation).
 
 A cell is measured on a grid or at random positions, at one orientation or at many; a map is fitted; new targets are
 corrected; the virtual robot goes to the corrected commands and is measured there. Every figure is what the tracker
@@ -57,7 +57,7 @@ class Method:
     predictor : str
         For `fit_cell`; empty for the paper's own.
     one_step : bool
-        Equation (15); otherwise (16).
+        Theory (15); otherwise (16).
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Verification on poses that took no part in the fit or the choice (method.md §5)."""
+"""Verification on poses that took no part in the fit or the choice (theory, verification)."""
 
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
 from truepose.verification.held_out import RP_PER_STD, HeldOut, held_out, usual_groups

@@ -52,7 +52,7 @@ def summary(e: ArrayLike) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Held-out accuracy before and after (method.md §5); see `accuracy`.
+    """Held-out accuracy before and after (theory, verification); see `accuracy`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How good a predictor is on poses that it has not seen: all figures of method.md §5 by one function.
+"""How good a predictor is on poses that it has not seen: all figures of theory, verification by one function.
 
 Poses near each other, on one branch or of one hour resemble each other, so an interval that resamples single poses is
 too narrow where they come in such groups: for each way to group them whole groups are resampled as well.

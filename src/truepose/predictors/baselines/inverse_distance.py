@@ -17,7 +17,7 @@ CHUNK = 2**22  # distances in memory at once
 
 
 class InverseDistance(Interpolator):
-    """Weighted mean of the samples' errors with weights h^-power, equation (12).
+    """Weighted mean of the samples' errors with weights h^-power, theory (12).
 
     It passes through the samples and knows no noise. Its standard deviation is the root mean square of its
     leave-one-out residuals, the same everywhere, less `noise_std` where it is given.

@@ -1,4 +1,4 @@
-"""Equation (10) in a basis: linear in the number of samples, for some hundred to a hundred thousand of them.
+"""Theory (10) in a basis: linear in the number of samples, for some hundred to a hundred thousand of them.
 
 Each f_j stands on knots over the angles of its joint, Z on a subset of samples (Nyström). Everything is then a drift of
 p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the likelihood, its gradient and the

@@ -1,4 +1,4 @@
-"""Equation (10) by the covariance of all readings: exact, for some hundred samples.
+"""Theory (10) by the covariance of all readings: exact, for some hundred samples.
 
 Cov(e(q), e(q')) = J Σ0 J'ᵀ + Σ_j s_j² ρ(q_j, q'_j) (∂P/∂q_j)(∂P'/∂q_j)ᵀ + b² ρ_Z I + δ R, factorised once.
 """

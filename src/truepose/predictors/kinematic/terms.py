@@ -1,4 +1,4 @@
-"""The columns of equation (10) at given configurations: what each kind of error does to the tool point.
+"""The columns of theory (10) at given configurations: what each kind of error does to the tool point.
 
 Drift: registration (base and tool), geometry (in any convention), joint compliance under gravity. Levers:
 ∂P/∂q_j, by which the error of joint j's own angle is seen. Coordinates of the rest Z.

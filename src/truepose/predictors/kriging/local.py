@@ -13,7 +13,7 @@ IntArray = NDArray[np.int64]
 
 
 class LocalKriging(NeighbourKriging):
-    """Ordinary or universal Kriging of each target from its nearest samples, equation (13).
+    """Ordinary or universal Kriging of each target from its nearest samples, theory (13).
 
     Near is meant in units of the variogram's ranges. The prediction jumps a little where the neighbours change; the
     standard deviation is that of Kriging from these neighbours. A fitted variogram gets the scale of each component

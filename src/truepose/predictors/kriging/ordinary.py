@@ -17,7 +17,7 @@ VariogramLike = VariogramModel | Sequence[VariogramModel] | str | Sequence[str] 
 
 
 class OrdinaryKriging(GlobalKriging):
-    """Ordinary Kriging of all components from one factorisation, equation (7).
+    """Ordinary Kriging of all components from one factorisation, theory (7).
 
     The nugget of the variogram is noise of the readings (``exact=False``): it is filtered, the prediction does not pass
     through the samples, and the standard deviation is that of the noise-free error; ``predict(…, include_nugget=True)``
@@ -26,7 +26,7 @@ class OrdinaryKriging(GlobalKriging):
     to `fit` is noise in either case, and comes on top of the nugget.
 
     With a variogram of its own the variance is that model's. A fitted one gives all components one correlation (the
-    intrinsic model, equation (9) with B diagonal); the mean square of `noise_std` is taken off its nugget, and the
+    intrinsic model, theory (9) with B diagonal); the mean square of `noise_std` is taken off its nugget, and the
     scale of each component follows by generalised least squares.
 
     Repeats of one point are averaged. Where the variogram is fitted, or is without nugget and no `noise_std` is given,
@@ -74,7 +74,7 @@ class OrdinaryKriging(GlobalKriging):
 
 
 class SimpleKriging(GlobalKriging):
-    """Kriging with a known mean, equation (8) without a drift.
+    """Kriging with a known mean, theory (8) without a drift.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class SimpleKriging(GlobalKriging):
 
 
 class UniversalKriging(GlobalKriging):
-    """Kriging with a drift, equation (8): its coefficients by generalised least squares, their uncertainty in the std.
+    """Kriging with a drift, theory (8): its coefficients by generalised least squares, their uncertainty in the std.
 
     The variogram, when it is not given, is that of what the drift leaves by ordinary least squares.
 

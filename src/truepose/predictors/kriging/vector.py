@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 class VectorKriging(Predictor):
-    """Kriging of all components together: Cov(e_a(P), e_b(P')) = Σ_s B_s,ab C_s(P, P') + R_ab, equation (9).
+    """Kriging of all components together: Cov(e_a(P), e_b(P')) = Σ_s B_s,ab C_s(P, P') + R_ab, theory (9).
 
     With one structure (the intrinsic model) and noise that the components share or that turns with B, the Kronecker
     structure K ⊗ B is kept: a rotation and stretching of the components makes them independent, so that one

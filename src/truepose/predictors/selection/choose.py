@@ -1,4 +1,4 @@
-"""Which predictor is best where it has not seen samples: nested cross-validation (method.md (14))."""
+"""Which predictor is best where it has not seen samples: nested cross-validation (theory (14))."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folds for cross-validation: random points, blocks of space, branches of the arm (method.md §5, (14))."""
+"""Folds for cross-validation: random points, blocks of space, branches of the arm (theory, verification, (14))."""
 
 from __future__ import annotations
 

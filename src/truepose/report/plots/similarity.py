@@ -55,7 +55,7 @@ def plot_variogram(
         Unit of the distances.
     title : str
     theory, residual : ExperimentalVariogram, optional
-        What kinematics implies, equation (6), and what it leaves: of the vector.
+        What kinematics implies, theory (6), and what it leaves: of the vector.
     words : callable
         Of another language; see `truepose.similarity.words`.
 

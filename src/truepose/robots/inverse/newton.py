@@ -85,7 +85,7 @@ def _solve(robot: Robot, pose: FloatArray, start: FloatArray, steps: int) -> tup
 def linearised(robot: Robot, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what is missing to flange poses, (n, 6) [m, rad] in the base frame, and its Jacobian (n, 6, dof).
 
-    Joint j turns about z_j, the unit vector of its axis through p_j: columns z_j × (P - p_j) and z_j, method.md (3).
+    Joint j turns about z_j, the unit vector of its axis through p_j: columns z_j × (P - p_j) and z_j, theory (3).
     """
     *joints, (axes, p) = walk(robot.theta(q), robot.fixed)
     J = np.empty((len(q), 6, robot.dof))

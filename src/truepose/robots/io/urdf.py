@@ -49,7 +49,7 @@ def load_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
     Returns
     -------
     Robot
-        In the parameters of equation (1), mm and rad; poses agree with the file's to rounding.
+        In the parameters of theory (1), mm and rad; poses agree with the file's to rounding.
 
     Raises
     ------
