@@ -206,3 +206,15 @@ def test_one_orientation_supports_no_other(good, virtual, targets):
     assert set(found.verdict[10:]) == {"refuse"}
     assert "orientation is 3.0° from that of any sample, limit 2°" in found.reason[10]
     assert good.limits_in_force(max_angle_deg=1.0).values["max_angle_deg"] == 1.0
+
+
+@pytest.mark.promise("A map with one standard deviation for all poses corrects nothing unless that is accepted")
+@pytest.mark.parametrize("name", ["idw", "idw-joint", "nearest", "nearest-joint", "grid-cell", "radial-basis"])
+def test_interpolators_do_not_correct_unasked(name):
+    virtual = tp.VirtualCell("paper", seed=3)
+    error_map = tp.fit_cell(virtual.cell, virtual.measure(virtual.design(60)), name)
+    targets = virtual.robot.forward(virtual.design(5, seed=9), tool=error_map.tf_flange_tool)
+    if not error_map.worth.weak:
+        with pytest.raises(RefusedError, match=f"{name} has one standard deviation for all poses.*--accept-weak-map"):
+            error_map.correct(targets)
+    assert len(error_map.correct(targets, accept_weak_map=True).verdict) == 5

@@ -153,7 +153,7 @@ def correct(
         bool, typer.Option("--other-maker", help="Correct programs of another maker than that of the map's robot.")
     ] = False,
     accept_weak_map: Annotated[
-        bool, typer.Option("--accept-weak-map", help="Use a map that is not shown to be better than none.")
+        bool, typer.Option("--accept-weak-map", help="Use a weak map, or one of an interpolator.")
     ] = False,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")

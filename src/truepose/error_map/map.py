@@ -367,7 +367,8 @@ class ErrorMap:
         orientation : bool
             Solve for orientation together with position: R_c = exp(−ŵ) R_t.
         accept_weak_map : bool
-            Use the map although nothing shows that it is better than no map; see `worth`.
+            Use the map although nothing shows that it is better than no map (see `worth`), or although its predictor
+            has one standard deviation for all poses, as interpolators have.
 
         Returns
         -------
@@ -386,11 +387,8 @@ class ErrorMap:
         A predictor in joint space is asked at the joints by which the controller reaches the command: on the branch
         that Status and Turn name, or on that of the nearest sample where they are not given.
         """
-        if self.worth.weak and not accept_weak_map:
-            raise RefusedError(
-                f"{self.worth.words}; measure more samples, try another predictor, or accept it with --accept-weak-map "
-                "(Python: accept_weak_map=True)"
-            )
+        if not accept_weak_map:
+            self._refuse_to_correct()
         p_target, targets = self._targets(poses, positions_suffice=self.space == "cartesian" and not orientation)
         n = len(p_target)
         limits = limits or self.limits_in_force()
@@ -429,6 +427,17 @@ class ErrorMap:
             rotation_mirror=solution.mirror[:, 3:] if orientation else None,
             rotation_std=std[:, 3:] if orientation else None,
         )
+
+    def _refuse_to_correct(self) -> None:
+        """Raise RefusedError where corrections of this map cannot be relied on."""
+        if self.worth.weak:
+            why, remedy = self.worth.words, "measure more samples, try another predictor"
+        elif not self.predictor.has_local_std:
+            why = f"{self.predictor_name} has one standard deviation for all poses, so no guard can tell where it fails"
+            remedy = "fit a Kriging or kinematic predictor"
+        else:
+            return
+        raise RefusedError(f"{why}; {remedy}, or accept it with --accept-weak-map (Python: accept_weak_map=True)")
 
     def _follower(
         self, targets: FloatArray | None, tools: FloatArray, status: IntArray | None, turn: IntArray | None

@@ -50,6 +50,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     of_arm: ClassVar[tuple[str, ...]] = ()
 
+    has_local_std: ClassVar[bool] = True
+    """Whether the standard deviation is that of each pose; otherwise one figure holds for all of them."""
+
     _blas_threads_from: ClassVar[float] = LARGE
     """Samples from which BLAS gains by more than one thread."""
 

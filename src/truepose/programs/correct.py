@@ -233,7 +233,7 @@ def correct_program(
     other_maker : bool
         Correct a program of another maker than that of the map's robot.
     accept_weak_map : bool
-        Use a map although nothing shows that it is better than no map; see `truepose.ErrorMap.worth`.
+        Use a map although nothing shows that it is better than no map; see `truepose.ErrorMap.correct`.
     progress : callable
         Takes how many targets are done, and how many there are, as it goes on.
 

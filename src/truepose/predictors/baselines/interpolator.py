@@ -24,6 +24,8 @@ class Interpolator(Predictor):
         Root mean square of the leave-one-out residuals.
     """
 
+    has_local_std = False
+
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._x, self._e = X, e
         self._prepare()

@@ -20,6 +20,8 @@ class RegistrationOnly(Predictor):
     array([0.])
     """
 
+    has_local_std = False
+
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._e = e
         self.std_ = np.sqrt(np.mean(e**2, axis=0))
