@@ -1,9 +1,6 @@
 """The page of promises and of corrected targets that got worse, in small."""
 
-import pytest
-
-trust = pytest.importorskip("benchmarks.trust", reason="benchmarks are no part of the package")
-trust_cells = pytest.importorskip("benchmarks.trust_cells")
+from benchmarks import trust, trust_cells
 
 TESTS = """
 import pytest
