@@ -25,6 +25,12 @@ from truepose.predictors.selection.ranking import HeldOut, difference_intervals,
 PLAIN = ("registration", "idw", "ordinary-kriging")
 
 
+@pytest.fixture(autouse=True)
+def two_processors(monkeypatch):
+    """Whatever the machine has: two workers are two processes."""
+    monkeypatch.setattr(cross_validation, "cores", lambda: 2)
+
+
 @pytest.fixture(scope="module")
 def virtual():
     return tp.VirtualCell("paper", seed=101)
@@ -176,12 +182,11 @@ def test_figures(held_out):
 
 
 @pytest.mark.promise("An interrupt leaves no worker process behind")
-def test_an_interrupt_ends_the_workers(errors, monkeypatch):
+def test_an_interrupt_ends_the_workers(errors):
     def interrupt(line):
         started.update(multiprocessing.active_children())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cross_validation, "cores", lambda: 2)
     started = set()
     others = set(multiprocessing.active_children())
     with pytest.raises(KeyboardInterrupt):
