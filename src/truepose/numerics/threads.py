@@ -11,7 +11,7 @@ from functools import cache
 from multiprocessing import parent_process
 from typing import Any, Final
 
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+from threadpoolctl import ThreadpoolController
 
 LARGE: Final = 512
 
@@ -21,7 +21,7 @@ _is_worker = False
 @cache
 def cores() -> int:
     """Return how many processors this process may use: its CPU affinity and its container's limit count."""
-    import joblib  # type: ignore[import-untyped]
+    import joblib
 
     return int(joblib.cpu_count())
 

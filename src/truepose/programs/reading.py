@@ -112,6 +112,11 @@ def _read_file(
     return _again(partial(module.read, path, frames, options, **whole), options)
 
 
+def _is_folder(path: Path) -> bool:
+    """Return whether a path is a folder; False where it cannot be followed, where `Path.is_dir` raises."""
+    return os.path.isdir(path)  # noqa: PTH112
+
+
 def dialect_of(path: Path) -> str:
     """Return the language that the ending of a file names; empty where it names none."""
     return _DIALECTS.get(path.suffix.lower(), "")
@@ -155,13 +160,13 @@ def read_programs(
 
     known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]
-    together = [path for path in given if path.suffix.lower() in _RAPID and not os.path.isdir(path)]  # noqa: PTH112
+    together = [path for path in given if path.suffix.lower() in _RAPID and not _is_folder(path)]
     together = together if len(together) > 1 else []
     for path in given:
         if path in together:
             if path is together[0]:
                 take_all(partial(_named_together, together, known, allowed))
-        elif not os.path.isdir(path):  # noqa: PTH112
+        elif not _is_folder(path):
             take(path)
         else:
             krl, rapid, others = _members(path)
