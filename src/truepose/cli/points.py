@@ -23,7 +23,8 @@ def check_point(
         str | None, typer.Option("--angles", help="Orientation that it shows, in the controller's own angles.")
     ] = None,
     tool: Annotated[
-        str | None, typer.Option("--tool", help="The active tool, from frames.tools of the cell file; by default the tool table.")
+        str | None,
+        typer.Option("--tool", help="The active tool, from frames.tools of the cell file; by default its tool table."),
     ] = None,
     as_json: Json = False,
 ) -> None:
