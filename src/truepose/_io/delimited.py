@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._io.strict import LARGEST, to_float
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
-FloatArray = NDArray[np.float64]
 LONGEST_LINE: Final = 20_000
 """Characters of a line of a table."""
 MOST_COLUMNS: Final = 500
@@ -48,7 +48,7 @@ class TextTable:
     header: list[str]
     header_line: int
     fields: NDArray[np.str_]
-    line: NDArray[np.int64]
+    line: IntArray
 
     def numbers(self, columns: Sequence[int]) -> FloatArray:
         """Return some columns as numbers, (n, len(columns)); decimal commas are taken where they are not the delimiter.
@@ -149,7 +149,7 @@ def check_lines(lines: Sequence[tuple[int, str]], path: str | Path) -> None:
             raise FileError(path, what, line=number)
 
 
-def text_array(rows: Sequence[Sequence[str]], path: str | Path, numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+def text_array(rows: Sequence[Sequence[str]], path: str | Path, numbers: IntArray) -> NDArray[np.str_]:
     """Return fields of alike rows as an array (n, k) of str; `numbers` are the rows' lines, for messages.
 
     Raises

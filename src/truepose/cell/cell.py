@@ -9,12 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import parse_toml
+from truepose._typing import FloatArray
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, Pose, Section
 from truepose.cell.sections import (
     Base,
@@ -35,8 +34,6 @@ from truepose.robots import load_robot
 
 if TYPE_CHECKING:
     from truepose.robots import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 class Cell(Section):

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from truepose._io.units import parse_share
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
 
-FloatArray = NDArray[np.float64]
 LARGEST: Final = 1e6
 """A number of a cell file beyond this, in any of its units (mm, deg, µm, kg, s), is a mistake."""
 SMALLEST: Final = 1e-6

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from truepose._io.strict import is_whole
+from truepose._typing import FloatArray
 from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section, Share
 
-FloatArray = NDArray[np.float64]
 Fit = Literal["none", "position", "pose"]
 
 

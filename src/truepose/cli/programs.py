@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from truepose._typing import IntArray
 from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from truepose.cell import Cell
     from truepose.compensation import Policy
     from truepose.errors import FileError
@@ -296,7 +294,7 @@ def _rows(program: Program) -> list[dict[str, Any]]:
     ]
 
 
-def _say_reasons(targets: Sequence[Any], rows: NDArray[np.intp]) -> None:
+def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:
     """Tell why the targets of some rows are not corrected."""
     from rich.markup import escape
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from truepose._typing import BoolArray, FloatArray, IntArray
+
 Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
@@ -152,7 +152,7 @@ class Guards:
         x: FloatArray,
         unit: str,
         std: FloatArray,
-        converged: NDArray[np.bool_],
+        converged: BoolArray,
         rotation: Rotation | None = None,
         p_flange_tool: FloatArray | None = None,
         status: IntArray | None = None,
@@ -177,7 +177,7 @@ class Guards:
         """
         reasons = self.region.reasons(x, unit)
 
-        def flag(where: NDArray[np.bool_], reason: Callable[[int], str]) -> None:
+        def flag(where: BoolArray, reason: Callable[[int], str]) -> None:
             for i in np.flatnonzero(where).tolist():
                 reasons[i] = reasons[i] or reason(i)
 

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import TrueposeError
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 LeaveBlocksOut = Callable[[IntArray], tuple[FloatArray, FloatArray]]
 
 ONE_ORIENTATION: Final = float(np.deg2rad(2.0))

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from truepose._typing import BoolArray, FloatArray, IntArray
+
 Predict = Callable[[FloatArray, IntArray], FloatArray]
 """Commands (m, 3) [mm] or (m, 6) [mm, rad] for the targets of some rows (m,), to an array of m."""
 
@@ -43,7 +42,7 @@ class Solution:
     command: FloatArray
     mirror: FloatArray
     error: FloatArray
-    converged: NDArray[np.bool_]
+    converged: BoolArray
     iterations: int
 
 
@@ -77,7 +76,7 @@ def solve(
     """
     command, rows, unit = target.copy(), np.arange(len(target)), _UNITS[: target.shape[1]]
 
-    def misses(which: IntArray | NDArray[np.bool_] | slice) -> FloatArray:
+    def misses(which: IntArray | BoolArray | slice) -> FloatArray:
         return np.asarray(command[which] + error[which] - target[which])
 
     error = predict(command, rows)

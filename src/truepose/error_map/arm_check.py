@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Fit
 from truepose.errors import DataError, IdentifiabilityError
@@ -21,7 +22,6 @@ from truepose.geometry import Registration, invert_transform, register_with_tool
 from truepose.robots import Robot
 from truepose.samples import Poses
 
-FloatArray = NDArray[np.float64]
 _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors of a small one
 _TOOL_MM: Final = 0.1
 _OWN_MM: Final = 1e-5  # no controller shows positions that finely

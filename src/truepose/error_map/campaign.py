@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
@@ -18,9 +18,6 @@ from truepose.robots import Load, Robot
 from truepose.samples import Samples
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, Campaign, Change, changes, noise, reference_change
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from truepose._typing import FloatArray
 from truepose.error_map.registration import reading_noise
 from truepose.geometry import check_transforms
 from truepose.predictors import Predictor
@@ -25,7 +26,6 @@ from truepose.samples import check_against
 if TYPE_CHECKING:
     from truepose.error_map.map import ErrorMap
 
-FloatArray = NDArray[np.float64]
 
 _SAME_MM: Final = 1e-6
 _TRIED: Final = 10  # samples at which a predictor is asked

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import check_campaign
@@ -18,8 +18,6 @@ from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.predictors import choose
 from truepose.samples import Samples
-
-FloatArray = NDArray[np.float64]
 
 
 def fit_cell(
@@ -101,7 +99,7 @@ def fit_cell(
 
 
 def _excluded(
-    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: NDArray[np.int64]
+    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: IntArray
 ) -> list[dict[str, Any]]:
     """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
     assert samples.row is not None

@@ -6,16 +6,13 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import IntArray
 from truepose.cell import Cell, Correction
 from truepose.compensation import Guards, LimitsInForce
 from truepose.errors import RobotError
 from truepose.robots import Robot, status_turn
 from truepose.samples import Samples
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 STD_PER_TOLERANCE: Final = 0.5
 """Largest standard deviation as a share of the tolerance: a tool twice as far off still keeps the tolerance."""

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from truepose._io import files
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.compensation import (
     Corrections,
@@ -45,9 +46,6 @@ from truepose.verification import held_out as verify
 
 if TYPE_CHECKING:
     from truepose.error_map.update import Recheck
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

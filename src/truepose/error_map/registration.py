@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.errors import DataError, RobotError
@@ -17,7 +17,6 @@ from truepose.geometry import Registration, invert_transform, register, register
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples, check_not_compensated
 
-FloatArray = NDArray[np.float64]
 _DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
 
 

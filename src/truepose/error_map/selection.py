@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError
@@ -19,8 +17,7 @@ from truepose.predictors import choose as choose_among
 from truepose.robots import Robot
 from truepose.samples import Samples
 
-FloatArray = NDArray[np.float64]
-Rows = NDArray[np.int64] | slice
+Rows = IntArray | slice
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
 from truepose.robots import Robot, nearest_branch, select, status_turn
 from truepose.robots.inverse.branches import SINGULAR
 from truepose.robots.inverse.newton import smallest_singular
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 _BLOCK: Final = 1 << 20  # products held at a time
 
 
@@ -67,7 +65,7 @@ class Follower:
             else:
                 named = np.where((turns >= 0)[:, None], named, _near_samples(named[:, None], q_samples))
                 self.q[self._named] = named[self._named]
-        self.lost: NDArray[np.bool_] = np.asarray(np.isnan(self.q).any(axis=1))
+        self.lost: BoolArray = np.asarray(np.isnan(self.q).any(axis=1))
         self.q[self.lost] = q_samples[0]
         self.q_target = self.q.copy()
 

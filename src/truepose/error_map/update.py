@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
 from truepose.predictors import Predictor
@@ -24,7 +24,6 @@ from truepose.verification.consistency import Drift, Explanation, Holding, drift
 if TYPE_CHECKING:
     from truepose.error_map.map import ErrorMap
 
-FloatArray = NDArray[np.float64]
 Refit = Literal["station", "tool", "both"]
 
 STATION: Final = "the station moved (tracker or robot base)"
@@ -253,7 +252,7 @@ def _sentence(cause: Explanation) -> str:
     )
 
 
-def _permuted(covariance: FloatArray, order: NDArray[np.intp]) -> FloatArray:
+def _permuted(covariance: FloatArray, order: IntArray) -> FloatArray:
     if covariance.ndim == 3:
         return np.asarray(covariance[order], np.float64)
     index = (3 * order[:, None] + np.arange(3)).reshape(-1)

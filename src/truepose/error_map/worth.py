@@ -7,15 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import TrueposeError
 from truepose.numerics.threads import blas_threads
 from truepose.predictors import block_folds
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FEW: Final = 40
 """Samples up to which hyperparameters count: a map is fitted anew without each block, these included."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Final, Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_rows, name_rows
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 
 def as_rows(name: str, value: ArrayLike, width: int, *, single: bool = False) -> FloatArray:
@@ -58,7 +57,7 @@ def check_finite(name: str, array: FloatArray) -> None:
         raise DataError(f"{name} has NaN or infinite numbers in {name_rows(bad)}; remove these rows")
 
 
-def name_rows(rows: NDArray[np.intp], limit: int = 5) -> str:
+def name_rows(rows: IntArray, limit: int = 5) -> str:
     """Name rows, counted from 0, in a message: "row 3", "rows 1, 4, 5, 6, 9 and 12 more".
 
     Examples

@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from truepose._io.units import MM_PER
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import name_rows
 from truepose.geometry.station import Poses
-
-FloatArray = NDArray[np.float64]
 
 _MISFIT: Final = 0.1  # median residual over median distance from the middle: no robot is that bad
 _EXPLAINED: Final = 0.1  # an explanation must bring the median residual below this part of it
@@ -75,7 +73,7 @@ def explain_misfit(poses: Poses, median: float, refit: Callable[[Poses], float])
     raise DataError(f"{told}; do the rows belong together, and are all of them from one station?")
 
 
-def find_swapped(tcp: FloatArray, measured: FloatArray, outliers: NDArray[np.bool_], limit: float) -> NDArray[np.intp]:
+def find_swapped(tcp: FloatArray, measured: FloatArray, outliers: BoolArray, limit: float) -> IntArray:
     """Return pairs (row of a command, row of the reading that fits it) among the outliers: (k, 2)."""
     rows = np.flatnonzero(outliers)
     if len(rows) < 2:
@@ -85,7 +83,7 @@ def find_swapped(tcp: FloatArray, measured: FloatArray, outliers: NDArray[np.boo
     return np.column_stack([rows[found], rows[np.asarray(nearest)[found]]]).astype(np.intp)
 
 
-def write_hint(outliers: NDArray[np.bool_], swapped: NDArray[np.intp]) -> str:
+def write_hint(outliers: BoolArray, swapped: IntArray) -> str:
     """Return what to look at when rows seem swapped, or many are gross; else an empty text."""
     if len(swapped):
         pairs = ", ".join(f"reading {reading} fits command {command}" for command, reading in swapped[:5])

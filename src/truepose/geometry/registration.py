@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats, as_rows, check_finite
 from truepose.geometry.plausibility import check_units, explain_misfit, find_swapped, spread, write_hint
@@ -24,8 +25,6 @@ from truepose.geometry.station import (
     weak_hint,
 )
 from truepose.geometry.transforms import apply_transform, check_transforms, invert_transform, make_transform
-
-FloatArray = NDArray[np.float64]
 
 _ROUNDING: Final = 1e-12  # of coordinates, relative
 _REWEIGHTINGS: Final = 100
@@ -59,11 +58,11 @@ class Registration:
 
     tf_base_tracker: FloatArray
     residuals: FloatArray
-    outliers: NDArray[np.bool_]
+    outliers: BoolArray
     covariance: FloatArray
     noise_std: float
     p_flange_tool: FloatArray | None
-    swapped: NDArray[np.intp]
+    swapped: IntArray
     hint: str = ""
 
     @property
@@ -75,7 +74,7 @@ class Registration:
         """Return points (n, 3) [mm] of the tracker frame in the base frame."""
         return apply_transform(self.tf_base_tracker, as_rows("points", p_tracker, 3))
 
-    def outlier_rows(self) -> tuple[NDArray[np.intp], FloatArray]:
+    def outlier_rows(self) -> tuple[IntArray, FloatArray]:
         """Return the rows of the outliers, counted from 0, and the size of each residual [mm], largest first."""
         rows = np.flatnonzero(self.outliers)
         size = np.linalg.norm(self.residuals[rows], axis=1)
@@ -268,7 +267,7 @@ def _register(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, rand
 
 def _fit(
     poses: Poses, p_flange_tool: FloatArray | None, robust: bool, floor: float, random_state: int
-) -> tuple[Station, NDArray[np.bool_]]:
+) -> tuple[Station, BoolArray]:
     """Return the least-squares station and the outliers left out of it (MM-estimation, Yohai 1987, for the latter)."""
     n = len(poses.p_measured)
     station = start(poses, p_flange_tool, robust, np.random.default_rng(random_state))

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-FloatArray = NDArray[np.float64]
+from truepose._typing import FloatArray
 
 OUTLIER_LIMIT: Final = 6.0
 """A residual longer than this many robust standard deviations (of one axis) is gross.

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import IdentifiabilityError
 from truepose.geometry.robust import trusted_count
-
-FloatArray = NDArray[np.float64]
 
 STATION_NAMES: Final = tuple(f"station {kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
 TOOL_NAMES: Final = tuple(f"tool {axis}" for axis in "xyz")
@@ -47,7 +45,7 @@ class Poses:
     p_measured: FloatArray
     rotations: FloatArray | None = None
 
-    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Poses:
+    def __getitem__(self, rows: IntArray | BoolArray) -> Poses:
         rotations = None if self.rotations is None else self.rotations[rows]
         return Poses(self.p_commanded[rows], self.p_measured[rows], rotations)
 

@@ -7,13 +7,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 
-FloatArray = NDArray[np.float64]
 _ROUNDING = 1e-4  # of rotation entries: poses typed with five digits pass, sheared or scaled ones do not
 
 

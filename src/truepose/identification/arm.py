@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray, IntArray
 from truepose.robots import ErrorModel, JointTerms, Load, Parameter, Robot, error_model, joint_terms
 from truepose.robots.error_model import turn
 from truepose.robots.jacobian import Outputs
-
-FloatArray = NDArray[np.float64]
 
 _TOLERANCE: Final = {"mm": 1.0, "rad": 1e-3, "1": 1e-3, "rad/Nm": 5e-6}
 _WIDE: Final = {"mm": 30.0, "rad": 3e-2}
@@ -43,7 +42,7 @@ class Arm:
     """
 
     model: ErrorModel
-    active: NDArray[np.intp]
+    active: IntArray
     terms: JointTerms
 
     @classmethod

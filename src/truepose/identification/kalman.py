@@ -15,13 +15,11 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.identification.arm import Arm
 from truepose.identification.observations import Observations
 from truepose.identification.solve import estimate_misfit
-
-FloatArray = NDArray[np.float64]
 
 Kind = Literal["ekf", "ukf"]
 _Step = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # gain, H, noise, step of z

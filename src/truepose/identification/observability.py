@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.identification.arm import Arm
-
-FloatArray = NDArray[np.float64]
 
 _RANK: Final = 1e-8  # singular values of scaled columns, relative to the largest
 _UNSEEN: Final = 1e-9  # length of a column, relative to the longest

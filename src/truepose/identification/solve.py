@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 from scipy.optimize import brentq
 from scipy.optimize import least_squares as scipy_least_squares
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification.arm import Arm
 from truepose.identification.observations import Observations
-
-FloatArray = NDArray[np.float64]
 
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
 LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
@@ -57,7 +55,7 @@ class Solution:
 
     x: FloatArray
     covariance: FloatArray
-    free: NDArray[np.bool_]
+    free: BoolArray
     misfit: FloatArray
     residual: FloatArray
     jacobian: FloatArray
@@ -69,7 +67,7 @@ def least_squares(
     data: Observations,
     tolerance: FloatArray | None = None,
     *,
-    free: NDArray[np.bool_] | None = None,
+    free: BoolArray | None = None,
     misfit: FloatArray | None = None,
 ) -> Solution:
     """Identify by iterated linear least squares (Gauss-Newton).
@@ -115,7 +113,7 @@ def levenberg_marquardt(
     data: Observations,
     tolerance: FloatArray | None = None,
     *,
-    free: NDArray[np.bool_] | None = None,
+    free: BoolArray | None = None,
     misfit: FloatArray | None = None,
     loss: Loss = "linear",
 ) -> Solution:
@@ -152,7 +150,7 @@ def finish(
     misfit: FloatArray,
     tolerance: FloatArray | None = None,
     *,
-    free: NDArray[np.bool_] | None = None,
+    free: BoolArray | None = None,
     loss: Loss = "linear",
 ) -> Solution:
     """Return the solution at known changes: covariance of the linearised problem, residuals, weights."""
@@ -173,7 +171,7 @@ def finish(
     return Solution(x, covariance, free, misfit, residual, columns, white)
 
 
-def minimal_subset(arm: Arm, data: Observations) -> NDArray[np.bool_]:
+def minimal_subset(arm: Arm, data: Observations) -> BoolArray:
     """Return parameters that the data can tell apart, as many as there are (p,): QR with column pivoting.
 
     Base and tool are preferred, then the parameters seen best; the others are to be kept at their nominal values. A
@@ -248,7 +246,7 @@ def _system(
     columns: FloatArray,
     x: FloatArray,
     tolerance: FloatArray | None,
-    free: NDArray[np.bool_],
+    free: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the scale of each step, and the rows and right side of the linear problem in scaled steps."""
     rows = (white @ columns[:, :, free]).reshape(-1, int(free.sum()))
@@ -261,9 +259,7 @@ def _system(
     return scale, np.vstack([rows * scale, np.eye(len(scale))]), np.concatenate([right, -x[free] / scale])
 
 
-def _solved(
-    rows: FloatArray, right: FloatArray, arm: Arm, free: NDArray[np.bool_], tolerance: FloatArray | None
-) -> FloatArray:
+def _solved(rows: FloatArray, right: FloatArray, arm: Arm, free: BoolArray, tolerance: FloatArray | None) -> FloatArray:
     q, r = np.linalg.qr(rows)
     diagonal = np.abs(np.diag(r))
     if len(rows) < rows.shape[1] or diagonal.min() < (_RANK if tolerance is None else _DIGITS) * diagonal.max():
@@ -271,7 +267,7 @@ def _solved(
     return np.asarray(solve_triangular(r, q.T @ right))
 
 
-def _cannot_tell(arm: Arm, free: NDArray[np.bool_], rows: FloatArray) -> IdentifiabilityError:
+def _cannot_tell(arm: Arm, free: BoolArray, rows: FloatArray) -> IdentifiabilityError:
     from truepose.identification.observability import observability
 
     names = [name for name, taken in zip(arm.names, free, strict=True) if taken]
@@ -293,7 +289,7 @@ def _damped(
     x: FloatArray,
     white: FloatArray,
     tolerance: FloatArray | None,
-    free: NDArray[np.bool_],
+    free: BoolArray,
     loss: Loss,
 ) -> FloatArray:
     scale = arm.tolerance[free]

@@ -16,11 +16,9 @@ import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import prange, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.numerics.compiled import BLOCK, REORDER, compiled
-
-FloatArray = NDArray[np.float64]
 
 SPHERICAL: Final = 0
 EXPONENTIAL: Final = 1

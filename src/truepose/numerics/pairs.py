@@ -13,11 +13,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.numerics.compiled import BLOCK, REORDER, compiled, pack
 from truepose.numerics.kernels import squared_distances
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 CellArray = NDArray[np.int32]
 
 TASKS: Final = 64

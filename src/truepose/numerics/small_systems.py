@@ -11,12 +11,9 @@ from typing import Final
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.numerics.compiled import compiled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LANES: Final = 8
 

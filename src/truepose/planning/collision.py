@@ -9,10 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.robots import Robot
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _ALONG: Final = np.linspace(0.0, 1.0, 9)  # points that stand for a link
 _WAY: Final = 24  # configurations that stand for a motion

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.planning.prior import Prior
 from truepose.planning.region import Ground, WorkRegion
 from truepose.planning.selection import Progress, lowest_largest, lowest_mean, most_observable
 from truepose.predictors.kinematic.terms import COMPLIANCE
-
-FloatArray = NDArray[np.float64]
 
 _CANDIDATES: Final = 1024
 _FEWER_CANDIDATES: Final = 400  # each costs the eigenvalues of a matrix, at every step

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Region
 from truepose.errors import DataError
 from truepose.planning.collision import Surroundings
 from truepose.planning.region import Listed, WorkRegion
-
-FloatArray = NDArray[np.float64]
 
 
 def work_region(cell: Cell) -> WorkRegion:

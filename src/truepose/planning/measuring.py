@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.files import write_all
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
 from truepose.planning.measurement_space import listed
 from truepose.planning.region import Ground
 from truepose.samples import Poses, samples_text
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
@@ -25,8 +25,6 @@ from truepose.planning.tour import shortest_tour
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
 from truepose.samples import Poses
-
-FloatArray = NDArray[np.float64]
 
 _TARGETS: Final = 512
 _ANCHORS: Final = 120

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
+from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.basis_form import Basis
 from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kriging import KinematicKriging
 from truepose.predictors.kinematic.terms import Terms
 from truepose.robots import Robot
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _STRAIN_WAVE: Final = frozenset({"universal-robots", "universal robots"})
 _JOINT_STD: Final = {True: 3e-4, False: 5e-5}  # rad: strain-wave gears (measured UR10), gears of heavy arms (§7)

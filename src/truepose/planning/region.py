@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
+from truepose._typing import FloatArray
 from truepose.errors import RobotError
 from truepose.geometry import make_transform
 from truepose.planning.collision import Surroundings
 from truepose.robots import nearest_branch
 from truepose.robots.inverse.branches import SINGULAR
 from truepose.robots.inverse.newton import smallest_singular
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

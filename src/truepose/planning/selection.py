@@ -18,10 +18,8 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from truepose._typing import FloatArray, IntArray
 
 _PASSES: Final = 3  # of exchanges
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from truepose._typing import FloatArray, IntArray
 
 
 def shortest_tour(q: ArrayLike, home: ArrayLike) -> IntArray:

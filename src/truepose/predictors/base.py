@@ -17,11 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.numerics.threads import LARGE, blas_threads
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
 
 
 class LeaveOneOut(NamedTuple):

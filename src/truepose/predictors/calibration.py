@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification import (
     Arm,
@@ -28,8 +29,6 @@ from truepose.identification.solve import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.orientation import PosePredictor, at_offset
 from truepose.robots import ErrorModel, Load, Robot
-
-FloatArray = NDArray[np.float64]
 
 Method = Literal["ls", "lm", "ekf", "ukf"]
 Prior = Literal["tolerance", "subset"]
@@ -377,7 +376,7 @@ class KinematicCalibration(PosePredictor):
         return f"add poses that turn all joints, such as q = {listed} deg, where they are free"
 
 
-def _groups(labels: NDArray[Any]) -> list[NDArray[np.intp]]:
+def _groups(labels: NDArray[Any]) -> list[IntArray]:
     """Return the readings of one label together: for each group size m, rows (g, m)."""
     count = np.unique_counts(labels).counts
     order = np.argsort(labels, kind="stable")

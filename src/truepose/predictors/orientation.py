@@ -6,12 +6,11 @@ from abc import abstractmethod
 from typing import Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 
+from truepose._typing import FloatArray
 from truepose.predictors.base import Predictor
-
-FloatArray = NDArray[np.float64]
 
 _UNSEEN = 0.05  # of the largest lever: joints with a shorter one are not what moves the tool point
 

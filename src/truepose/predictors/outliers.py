@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.predictors.base import Predictor
-
-FloatArray = NDArray[np.float64]
 
 _GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
 _FEWEST: Final = 10  # samples; with fewer nothing is left out

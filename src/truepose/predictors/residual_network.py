@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.calibration import KinematicCalibration
 from truepose.predictors.selection.folds import random_folds
 from truepose.robots import Robot
 
-FloatArray = NDArray[np.float64]
 Layers = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 _FOLDS: Final = 5

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.units import parse_share
+from truepose._typing import FloatArray, IntArray
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
 from truepose.programs import record as sidecar
@@ -28,7 +29,7 @@ from truepose.programs.core.outcomes import DONE, Outcomes, digit_step
 from truepose.programs.core.paths import Continuity, Paths
 from truepose.programs.core.proof import proven_hashes
 from truepose.programs.core.source import Source, printable, unified_diff
-from truepose.programs.core.target import FloatArray, Verdict
+from truepose.programs.core.target import Verdict
 from truepose.programs.core.targets import IDENTITY, FrameTable, Program, ReadOptions
 from truepose.programs.coverage import Coverage
 from truepose.programs.reading import read_program
@@ -84,8 +85,8 @@ class Corrector(Protocol):
         poses: FloatArray,
         *,
         tf_flange_tool: FloatArray,
-        status: NDArray[np.int64],
-        turn: NDArray[np.int64],
+        status: IntArray,
+        turn: IntArray,
         on_guard: Policy,
         orientation: bool = False,
     ) -> CorrectionsLike: ...

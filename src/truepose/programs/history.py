@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import FileError, RefusedError
-from truepose.programs.core.target import FloatArray
 
 if TYPE_CHECKING:
     from truepose.programs.core.targets import Program

@@ -15,10 +15,11 @@ import numpy as np
 
 from truepose._io import files
 from truepose._io.delimited import escaped
+from truepose._typing import FloatArray
 from truepose.errors import FileError, RefusedError
 from truepose.programs import history
 from truepose.programs.core.outcomes import DONE
-from truepose.programs.core.target import FloatArray, Target
+from truepose.programs.core.target import Target
 
 if TYPE_CHECKING:
     from truepose.programs.core.targets import Program

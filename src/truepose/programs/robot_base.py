@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.source import Source, parse_number
-from truepose.programs.core.target import FloatArray
 from truepose.programs.core.targets import FrameTable
 from truepose.programs.krl.machine import robot_root
 

@@ -15,6 +15,7 @@ from xml.parsers import expat
 import numpy as np
 
 from truepose._io import files
+from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.points import (
@@ -30,7 +31,7 @@ from truepose.programs.core.points import (
     numbers_at,
 )
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.core.targets import FloatArray, FrameTable, Key, Program, ReadOptions
+from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
 
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")

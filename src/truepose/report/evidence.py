@@ -11,10 +11,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from truepose._io import files
+from truepose._typing import FloatArray
 from truepose._version import __version__
 from truepose.error_map import ErrorMap
 from truepose.report.records import Record, read_record
@@ -23,8 +21,6 @@ from truepose.report.study import SimilarityStudy, similarity_study
 from truepose.samples import Samples
 from truepose.verification import held_out as held_out_figures
 from truepose.verification import usual_groups
-
-FloatArray = NDArray[np.float64]
 
 SEED: Final = 0
 """Of the permutations of the similarity and of the bootstrap."""

@@ -13,8 +13,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.report import fonts
 from truepose.report.plots import similarity as plot
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from truepose.report.region import Plane
     from truepose.report.study import StudyPart
 
-FloatArray = NDArray[np.float64]
 
 INK: Final = "#1c2430"
 WIDTH: Final = 9.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import RobotError
 from truepose.report.locale import Locale
 from truepose.similarity import (
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
     from truepose.report.study import StudyPart
 
-FloatArray = NDArray[np.float64]
 
 TYPICAL_MM: Final = 0.3
 TYPICAL_RAD: Final = 3e-4

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
 from truepose.predictors import KinematicKriging
@@ -20,7 +20,6 @@ from truepose.similarity import VariogramModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
 
 FARTHEST: Final = np.radians(60.0)
 LAGS: Final = 61

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io import files
+from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic import JointCurve
@@ -19,7 +19,6 @@ from truepose.samples import Poses
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 _CANDIDATES: Final = 200
 _FEWEST: Final = 2

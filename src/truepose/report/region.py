@@ -7,15 +7,14 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
 from truepose.error_map.target_joints import Follower
 from truepose.errors import RobotError
 from truepose.geometry import make_transform
 
-FloatArray = NDArray[np.float64]
 _STEPS: Final = 33  # of the grid, along each axis of a plane
 
 

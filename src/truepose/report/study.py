@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io import files
+from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError, FileError
 from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
@@ -38,8 +38,6 @@ from truepose.similarity.words import Words, english
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.geometry.transforms import apply_transform, invert_transform, make_transform
 from truepose.robots.chain import Robot
-
-FloatArray = NDArray[np.float64]
 
 PARALLEL = 1e-9  # rad
 TOUCHING = 1e-6  # mm

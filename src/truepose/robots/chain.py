@@ -11,13 +11,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 from truepose.geometry.transforms import check_transforms, make_transform
-
-FloatArray = NDArray[np.float64]
 
 Convention = Literal["mdh", "dh"]
 CONVENTIONS: tuple[Convention, ...] = ("mdh", "dh")
@@ -301,7 +300,7 @@ class Robot:
         found = error_model(self, "poe", tool).joint_jacobian(q, outputs=outputs)
         return found[0] if np.ndim(q) == 1 else found
 
-    def within_limits(self, q: ArrayLike) -> NDArray[np.bool_]:
+    def within_limits(self, q: ArrayLike) -> BoolArray:
         """Return whether each joint lies within its limits: bool, shape of `q`; False where `q` is NaN."""
         joints = as_floats("joints", q)
         lower, upper = self.limits.T

@@ -28,14 +28,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.robots.chain import Robot
 from truepose.robots.inverse.branches import find_branches
 from truepose.robots.nominal import ortho_parallel
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 StrArray = NDArray[np.str_]
 
 _TURN: Final = 2 * np.pi

@@ -23,15 +23,14 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.errors import RobotError
 from truepose.geometry.transforms import invert_transform
 from truepose.robots.chain import Robot, tool_transform
 from truepose.robots.convert import mdh_of_fixed, to_mdh
 from truepose.robots.error_model import ErrorModel, Motion, Parameter, tilt, turn
-
-FloatArray = NDArray[np.float64]
 
 _NEARLY_PARALLEL: Final = 0.05  # sine of the angle between axes: Hayati and Mirmirani (1985)
 _PARALLEL: Final = 1e-13

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.geometry.transforms import invert_transform, make_transform
 from truepose.robots.chain import Robot
-
-FloatArray = NDArray[np.float64]
 
 _NEARLY_PARALLEL = 0.05  # sine of the angle below which the common normal runs far away: Hayati and Mirmirani (1985)
 _ON_AXIS = 1e-9  # mm

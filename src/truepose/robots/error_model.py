@@ -16,14 +16,13 @@ from functools import cached_property
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import RobotError
 from truepose.geometry.arrays import as_floats
 from truepose.robots.chain import Robot
 from truepose.robots.jacobian import Outputs, columns, joint_columns
-
-FloatArray = NDArray[np.float64]
 
 Kind = Literal["turn", "shift", "tilt", "fixed"]
 GROUPS: Final = ("base", "tool")
@@ -91,7 +90,7 @@ class ErrorModel:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    def index(self, names: Sequence[str] | None) -> NDArray[np.intp]:
+    def index(self, names: Sequence[str] | None) -> IntArray:
         """Return where parameters stand; a group's name ("base", "theta") means all of it, None means all.
 
         Raises

@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.robots.chain import _cos_sin, walk
-
-FloatArray = NDArray[np.float64]
 
 Outputs = Literal["position", "pose"]
 _ROWS: Final = {"position": 3, "pose": 6}

@@ -14,8 +14,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.robots.axes import half_turn
@@ -23,9 +24,6 @@ from truepose.robots.chain import Robot
 from truepose.robots.inverse.branches import find_branches
 from truepose.robots.inverse.solve import inverse
 from truepose.robots.nominal import ortho_parallel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OVERHEAD: Final = 1
 ELBOW: Final = 2

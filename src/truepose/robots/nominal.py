@@ -6,15 +6,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose.errors import RobotError
 from truepose.robots.chain import Robot
 from truepose.robots.convert import to_mdh
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
 from truepose.robots.inverse.universal import ThreeParallel
-
-FloatArray = NDArray[np.float64]
 
 _TILT = 0.05  # rad: axes out of square or parallel by less are an error, by more meant so
 _SHIFT = 0.02  # of the arm's length: the same for axes that should touch

@@ -19,14 +19,13 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats
 from truepose.robots.chain import Robot
 from truepose.robots.error_model import ErrorModel, Parameter
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY: Final = 9.80665  # m/s²
 UNITS: Final = {
@@ -79,7 +78,7 @@ class JointTerms:
 
     robot: Robot
     parameters: tuple[Parameter, ...]
-    joint: NDArray[np.intp]
+    joint: IntArray
     load: Load
     gear_ratio: FloatArray
 

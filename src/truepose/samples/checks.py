@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
 from truepose.samples.table import Poses, Samples
 
 if TYPE_CHECKING:
     from truepose.robots import Robot
 
-FloatArray = NDArray[np.float64]
 
 _METRES_SPREAD: Final = (0.2, 10.0)  # a work region in metres
 _METRES_NORM: Final = 60.0  # no tracker or robot works this near to its own origin, if it is mm

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from truepose._io.delimited import TextTable, unescaped
 from truepose._io.units import MM_PER
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
-
-FloatArray = NDArray[np.float64]
 
 _UNITS: Final[dict[str, dict[str, float]]] = {
     "length": {**MM_PER, "um": 1e-3},
@@ -168,7 +167,7 @@ def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], 
     return scaled[:, 0] if size == 1 and array not in ("q", "approach") else scaled
 
 
-def _whole(table: TextTable, values: FloatArray, column: int) -> NDArray[np.int64]:
+def _whole(table: TextTable, values: FloatArray, column: int) -> IntArray:
     bad = np.flatnonzero(values != np.round(values))
     if len(bad):
         field = table.fields[bad[0], column]

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.strict import LARGEST
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
 _NAMED_ROWS: Final = 6
@@ -58,7 +57,7 @@ class Poses:
     temperature: FloatArray | None = None
     load: FloatArray | None = None
     name: NDArray[np.str_] | None = None
-    row: NDArray[np.int64] | None = None
+    row: IntArray | None = None
     source: str = "samples"
 
     def __post_init__(self) -> None:

@@ -30,12 +30,11 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.delimited import escaped, is_number, parse
 from truepose._io.files import read_text, write_atomic
+from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
 from truepose.samples.columns import QUANTITIES, full_name, gather, require
 from truepose.samples.table import Poses, Samples
-
-FloatArray = NDArray[np.float64]
 
 _COMMANDED: Final = {"row", "name", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
 _MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import check_points
-
-FloatArray = NDArray[np.float64]
 
 MOST_PAIRS: Final = 4_000_000
 

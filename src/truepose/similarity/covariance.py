@@ -10,13 +10,12 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.numerics import kernels
 from truepose.numerics.compiled import pack
 from truepose.numerics.kernels import DISTANCE, MATERN
-
-FloatArray = NDArray[np.float64]
 
 ROWS: Final = 2**20
 """Bessel functions in memory at once: 8 MB."""

@@ -22,10 +22,9 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import blas, lapack, solve_triangular
 
-FloatArray = NDArray[np.float64]
+from truepose._typing import FloatArray
 
 METHODS: Final = ("reml", "ml", "loo")
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.similarity import covariance as kernels
 from truepose.similarity.model import VariogramModel
-
-FloatArray = NDArray[np.float64]
 
 
 def structure_derivatives(part: VariogramModel, h: FloatArray, direction: ArrayLike | None) -> dict[str, FloatArray]:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError
 from truepose.similarity.experimental import (
     Direction,
@@ -22,8 +23,6 @@ from truepose.similarity.experimental import (
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.sampled import sampled
 from truepose.similarity.words import Words, english
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +55,15 @@ class Envelope:
     permutations: int
 
     @property
-    def structured(self) -> NDArray[np.bool_]:
+    def structured(self) -> BoolArray:
         """Lags at which the vector semivariance is below the band, (k,)."""
-        below: NDArray[np.bool_] = self.variogram.vector < self.vector_lower
+        below: BoolArray = self.variogram.vector < self.vector_lower
         return below
 
     @property
-    def structured_components(self) -> NDArray[np.bool_]:
+    def structured_components(self) -> BoolArray:
         """The same for each component, (k, c)."""
-        below: NDArray[np.bool_] = self.variogram.semivariance < self.lower
+        below: BoolArray = self.variogram.semivariance < self.lower
         return below
 
 

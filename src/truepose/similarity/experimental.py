@@ -7,11 +7,10 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
-
-FloatArray = NDArray[np.float64]
 
 WEAK_PAIRS: Final = 30
 """A bin with fewer pairs than this is reported as weak (Journel & Huijbregts 1978)."""
@@ -68,7 +67,7 @@ class ExperimentalVariogram:
     lag: FloatArray
     semivariance: FloatArray
     vector: FloatArray
-    pairs: NDArray[np.int64]
+    pairs: IntArray
     edges: FloatArray
     repeats: int
     repeat_semivariance: FloatArray
@@ -78,7 +77,7 @@ class ExperimentalVariogram:
     axis: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
-    def weak(self) -> NDArray[np.bool_]:
+    def weak(self) -> BoolArray:
         """Bins with fewer than 30 pairs, (k,)."""
         return self.pairs < WEAK_PAIRS
 
@@ -169,8 +168,8 @@ class VariogramCloud(NamedTuple):
         Half the squared difference of each component.
     """
 
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
+    first: IntArray
+    second: IntArray
     distance: FloatArray
     semivariance: FloatArray
 

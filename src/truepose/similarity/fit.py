@@ -14,17 +14,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.model import FAMILIES, VariogramModel
 from truepose.similarity.nested_fit import Bins, at_bounds, fit_structures
 from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
 from truepose.similarity.structures import Structures
-
-FloatArray = NDArray[np.float64]
 
 USUAL: Final = ("spherical", "exponential", "gaussian", "matern32", "matern52")
 """Families that "best" tries: monotonic, with nugget, sill and range."""

@@ -14,9 +14,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 from truepose.numerics.threads import blas_threads, kernel_threads
 from truepose.similarity.criteria import METHODS, Judged, judge
@@ -25,8 +26,6 @@ from truepose.similarity.model import VariogramModel
 from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
 from truepose.similarity.structures import Structures, by_parameters
 from truepose.similarity.trend import polynomial
-
-FloatArray = NDArray[np.float64]
 
 ROUGH_TO_SMOOTH: Final = ("exponential", "matern32", "matern52")
 """Families tried by default: valid in any number of coordinates, and never as ill-conditioned as the gaussian."""
@@ -262,7 +261,7 @@ class _Problem:
         K.flat[:: n + 1] = sum(part.sill for part in parts) + math.exp(theta[-1])
         return judge(self.method, K, self.drift, self.e, self.common)
 
-    def curvature(self, theta: FloatArray, judged: Judged, free: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    def curvature(self, theta: FloatArray, judged: Judged, free: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the second derivative of the criterion by the free parameters, and the first of log Σ s."""
         H, slope, gradient = np.empty((len(free), len(free))), np.empty(len(free)), self.gradient(theta, judged)
         for row, k in enumerate(free):

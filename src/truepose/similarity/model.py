@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.families import FAMILIES, Family, check_shape, family_named
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FAMILIES", "Family", "VariogramModel"]
 
-FloatArray = NDArray[np.float64]
 
 UNROTATED: Final = (0.0, 0.0, 0.0)
 

@@ -13,13 +13,11 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 
+from truepose._typing import FloatArray
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.structures import Structures
-
-FloatArray = NDArray[np.float64]
 
 ROUNDS: Final = 30
 GRID: Final = 7

@@ -20,14 +20,11 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.numerics.compiled import compiled
 from truepose.numerics.pairs import pair_sums
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ESTIMATORS: Final = ("matheron", "cressie", "dowd", "genton")
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.families import FAMILIES, check_shape, family_named
 from truepose.similarity.model import VariogramModel
-
-FloatArray = NDArray[np.float64]
 
 RANGES: Final = ("one", "each", "rotated")
 SHAPES: Final = (0.1, 20.0)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truepose.errors import DataError
 from truepose.similarity.experimental import Direction, ExperimentalVariogram, experimental_variogram
-
-FloatArray = NDArray[np.float64]
 
 
 def model_based_variogram(

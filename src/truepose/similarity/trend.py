@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.similarity.experimental import check_points
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.errors import RobotError
 from truepose.geometry import euler, make_transform
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.simulation.presets import Preset
-
-FloatArray = NDArray[np.float64]
 
 _MASS_EXPONENT: Final = 2.7  # as of `truepose.robots.nongeometric.rough_masses`
 _SHRINK: Final = 0.8

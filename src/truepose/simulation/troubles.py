@@ -6,12 +6,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.simulation.presets import Preset
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

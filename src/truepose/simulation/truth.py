@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.robots import Robot
 from truepose.robots.nongeometric import Load, gravity_torque, rough_masses
 from truepose.simulation.presets import EFFECTS, Preset
 from truepose.simulation.troubles import Troubles
 
-FloatArray = NDArray[np.float64]
 _ORDERS: Final = 48
 _PAYLOAD_CENTRE_STD: Final = 5.0  # mm
 COLD: Final = 20.0

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.cell import ANGLE_KEYS, Cell
 from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform, register
@@ -24,7 +25,6 @@ from truepose.simulation.truth import Conditions, Truth, draw_joints
 from truepose.trackers.reflectors import fit_rigid
 from truepose.verification import RP_PER_STD, mean_noise
 
-FloatArray = NDArray[np.float64]
 _REFERENCE_POSES: Final = 512
 
 
@@ -180,7 +180,7 @@ class VirtualCell:
         """
         return self.true_position(q, payload_kg=self.preset.work_payload_kg, time=self.preset.work_s)
 
-    def visible(self, q: FloatArray) -> NDArray[np.bool_]:
+    def visible(self, q: FloatArray) -> BoolArray:
         """Return whether the tracker sees the reflector's front at configurations (n, dof) [rad]: (n,)."""
         tf = self.robot.forward(q, tool=self.tf_flange_tool)
         beam = self.truth.tf_base_tracker[:3, 3] - tf[:, :3, 3]

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.files import write_atomic
+from truepose._typing import FloatArray
 from truepose.cell import load_cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.fit import fit_cell
@@ -27,8 +27,6 @@ from truepose.samples import Poses, Samples, read_poses, read_samples, write_sam
 from truepose.simulation import VirtualCell
 from truepose.trackers import import_readings, write_readings
 from truepose.verification import accuracy
-
-FloatArray = NDArray[np.float64]
 
 N_SAMPLES: Final = 160
 N_HELD_OUT: Final = 100

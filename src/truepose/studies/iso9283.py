@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.registration import register_samples
 from truepose.errors import RobotError
@@ -18,8 +19,6 @@ from truepose.geometry import apply_transform, make_transform, register
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples
 from truepose.verification import iso9283 as standard
-
-FloatArray = NDArray[np.float64]
 
 EDGES_MM: Final = (1600.0, 1000.0, 630.0, 400.0, 250.0)
 """Edges of the standard's test cube."""
@@ -214,7 +213,7 @@ def _turns(measurements: Samples, rotation_cmd: Rotation | None, tf_base_tracker
     return np.asarray(turn.as_rotvec())
 
 
-def _directions(measurements: Samples) -> NDArray[np.int64] | None:
+def _directions(measurements: Samples) -> IntArray | None:
     if measurements.approach is None:
         return None
     return np.asarray(np.unique(measurements.approach, axis=0, return_inverse=True)[1].reshape(-1), dtype=np.int64)

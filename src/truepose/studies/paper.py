@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.delimited import escaped
 from truepose._io.files import write_all
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.fit import fit_cell
@@ -32,7 +32,6 @@ from truepose.verification import summary
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 STUDY_FILES: Final = ("results.csv", "table.md", "reductions.svg")
 PUBLISHED_REDUCTION: Final = 75.36

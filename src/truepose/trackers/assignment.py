@@ -11,17 +11,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.registration import register
 from truepose.geometry.transforms import apply_transform
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _GATE: Final = 6.0
 _SMALLEST_GATE_MM: Final = 1.0
@@ -54,7 +51,7 @@ class Assignment:
     reading: IntArray
     owner: IntArray
     residual: FloatArray
-    outlier: NDArray[np.bool_]
+    outlier: BoolArray
     gate: float
     tf_base_tracker: FloatArray
 
@@ -93,7 +90,7 @@ def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignme
     return Assignment(reading, owner, residual, outlier, gate, tf)
 
 
-def _start(p_plan: FloatArray, p_read: FloatArray, repeated: NDArray[np.bool_]) -> tuple[FloatArray, bool]:
+def _start(p_plan: FloatArray, p_read: FloatArray, repeated: BoolArray) -> tuple[FloatArray, bool]:
     """Return a first registration, and whether it took the order as given."""
     candidates: list[FloatArray] = []
     if len(p_plan) == len(p_read) and (registration := _register(p_plan, p_read, robust=True)) is not None:
@@ -120,7 +117,7 @@ def _register(p_plan: FloatArray, p_read: FloatArray, *, robust: bool) -> tuple[
     return registration.tf_base_tracker, np.asarray(np.linalg.norm(registration.residuals, axis=1))
 
 
-def _repeats_the_one_before(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> NDArray[np.bool_]:
+def _repeats_the_one_before(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> BoolArray:
     """Return which readings repeat the one before; none where the plan itself repeats its rows."""
     repeated = np.zeros(len(p_read), dtype=np.bool_)
     if np.linalg.norm(np.diff(p_plan, axis=0), axis=1).min() > 2 * repeat_mm:
@@ -135,7 +132,7 @@ def _nearest(tf_base_tracker: FloatArray, p_plan: FloatArray, p_read: FloatArray
     return np.asarray(distance, dtype=np.float64)
 
 
-def _is_there(p_read: FloatArray) -> NDArray[np.bool_]:
+def _is_there(p_read: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(p_read).all(axis=1))
 
 
@@ -222,7 +219,7 @@ def _find_repeats(reading: IntArray, p_read: FloatArray, repeat_mm: float) -> In
     return owner
 
 
-def _pair_by_order(reading: IntArray, owner: IntArray, p_plan: FloatArray, p_base: FloatArray) -> NDArray[np.bool_]:
+def _pair_by_order(reading: IntArray, owner: IntArray, p_plan: FloatArray, p_base: FloatArray) -> BoolArray:
     """Give rows without a reading, in place, the nearest free one near their place in the order; return which."""
     outlier = np.zeros(len(reading), dtype=np.bool_)
     empty, paired = np.flatnonzero(reading < 0), np.flatnonzero(reading >= 0)

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.delimited import TextTable, check_lines, text_array
 from truepose._io.files import LARGEST_CONFIG, read_text, write_atomic
 from truepose._io.strict import is_whole, parse_toml, to_float
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, FileError
 from truepose.trackers.readings import Readings, check_metres, decode, millimetres_per
 from truepose.trackers.times import column_seconds
 
-FloatArray = NDArray[np.float64]
 Column = int | str
 _DELIMITERS: Final = (";", ",", "\t", " ")
 _ANGLE: Final = {"deg": float(np.pi / 180.0), "rad": 1.0, "mrad": 1e-3}
@@ -260,7 +259,7 @@ def _filled(table: TextTable, columns: tuple[Column, ...]) -> FloatArray:
     return _blank_as_nan(table, place).numbers(place)
 
 
-def _rotation(table: TextTable, columns: Columns, missing: NDArray[np.bool_]) -> Rotation:
+def _rotation(table: TextTable, columns: Columns, missing: BoolArray) -> Rotation:
     """Return the orientations; rows without a reading get the identity."""
     values = _filled(table, columns.rotation)
     quaternion = len(columns.rotation) == 4

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.delimited import escaped
+from truepose._typing import FloatArray
 from truepose.samples import Samples
 
-FloatArray = NDArray[np.float64]
 _SECONDS_PER_ROW = 15.0
 
 

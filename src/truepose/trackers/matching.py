@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import apply_transform
 from truepose.samples import Poses, Samples, check
@@ -17,9 +17,6 @@ from truepose.trackers.assignment import Assignment, assign
 from truepose.trackers.orientations import check_turns
 from truepose.trackers.readings import Readings
 from truepose.trackers.station import describe_move
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _REPEAT_MM: Final = 1.0
 _FEWEST_REPEATS: Final = 5  # for a standard deviation that may be called one
@@ -213,7 +210,7 @@ def _stranger(readings: Readings, plan: Poses, why: str) -> DataError:
     return DataError(f"{readings.source}: {count} readings for {len(plan)} rows of the plan: {why}")
 
 
-def _moved(found: Assignment) -> NDArray[np.bool_]:
+def _moved(found: Assignment) -> BoolArray:
     """Return the rows read out of order: the fewest without which the rest is in order, and those swapped with them."""
     moved = np.zeros(len(found.reading), dtype=np.bool_)
     rows = np.flatnonzero((found.reading >= 0) & ~found.outlier)
@@ -240,7 +237,7 @@ def _longest_increasing(rank: IntArray) -> list[int]:
     return chain[::-1]
 
 
-def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: NDArray[np.bool_]) -> str:
+def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: BoolArray) -> str:
     """Say which rows were read out of order, on which lines; for two swapped, the residuals as read and exchanged."""
     assert plan.p_cmd is not None
     rows = np.flatnonzero(moved)

@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.delimited import check_lines
 from truepose._io.units import MM_PER
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import FileError
 from truepose.samples import Samples, looks_like_metres
-
-FloatArray = NDArray[np.float64]
 
 _NAMED_LINES: Final = 6
 _UNIT_NAMES: Final = {
@@ -62,7 +61,7 @@ class Readings:
     """
 
     p: FloatArray
-    line: NDArray[np.int64]
+    line: IntArray
     layout: str
     source: str
     p_std: FloatArray | None = None
@@ -83,9 +82,9 @@ class Readings:
         return replace(self, **{name: value[index] for name in names if (value := getattr(self, name)) is not None})
 
     @property
-    def missing(self) -> NDArray[np.bool_]:
+    def missing(self) -> BoolArray:
         """Where the tracker had no reading: not finite, or all zero."""
-        missing: NDArray[np.bool_] = ~np.isfinite(self.p).all(axis=1) | (self.p == 0.0).all(axis=1)
+        missing: BoolArray = ~np.isfinite(self.p).all(axis=1) | (self.p == 0.0).all(axis=1)
         return missing
 
     def lines(self, which: NDArray[Any]) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.trackers.readings import Readings
 
-FloatArray = NDArray[np.float64]
 _SAME_MM: Final = 0.5  # distances between reflectors of a rigid tool
 
 
@@ -62,7 +62,7 @@ def combine_reflectors(readings: Readings, reflectors: ArrayLike | int, *, keep:
     return replace(first, p=origin, p_std=None, rotation=Rotation.from_quat(turn), notes=(*readings.notes, note))
 
 
-def _places(readings: Readings, count: int) -> NDArray[np.int64]:
+def _places(readings: Readings, count: int) -> IntArray:
     """Return the places of the readings of each pose, (poses, count); -1 where one is missing."""
     cycle = _cycle(readings.name, count)
     if cycle is None:
@@ -76,7 +76,7 @@ def _places(readings: Readings, count: int) -> NDArray[np.int64]:
     return places
 
 
-def _cycle(names: NDArray[np.str_] | None, count: int) -> NDArray[np.int64] | None:
+def _cycle(names: NDArray[np.str_] | None, count: int) -> IntArray | None:
     """Return which reflector each reading is of, by names that are no more than there are reflectors."""
     if names is None:
         return None
@@ -87,13 +87,13 @@ def _cycle(names: NDArray[np.str_] | None, count: int) -> NDArray[np.int64] | No
     return np.asarray(np.argsort(order)[which.reshape(-1)])
 
 
-def _pick(readings: Readings, place: NDArray[np.int64]) -> Readings:
+def _pick(readings: Readings, place: IntArray) -> Readings:
     """Return readings by their places, those at -1 as missing."""
     picked = readings[np.maximum(place, 0)]
     return replace(picked, p=np.where(place[:, None] < 0, np.nan, picked.p))
 
 
-def _check_distances(readings: Readings, places: NDArray[np.int64], p: FloatArray, on_tool: FloatArray) -> None:
+def _check_distances(readings: Readings, places: IntArray, p: FloatArray, on_tool: FloatArray) -> None:
     """Refuse readings whose distances are not those on the tool: another order, another tool, a gross reading."""
     pairs = np.triu_indices(len(on_tool), k=1)
     stated = np.linalg.norm(on_tool[pairs[0]] - on_tool[pairs[1]], axis=1)

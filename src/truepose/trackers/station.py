@@ -6,17 +6,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.registration import register
 from truepose.geometry.transforms import apply_transform
 from truepose.samples import Poses
 from truepose.trackers.assignment import Assignment, assign
 from truepose.trackers.readings import Readings
-
-FloatArray = NDArray[np.float64]
 
 _FEWEST: Final = 8  # readings on either side
 _BETTER: Final = 0.8  # of the RMS residual of one registration, per degree of freedom
@@ -119,7 +117,7 @@ def describe_move(readings: Readings, plan: Poses, found: Assignment | None, rep
     return f"the tracker was moved before line {readings.line[places[move.at]]}, {by}: {why}"
 
 
-def _load_changes(plan: Poses, rows: NDArray[np.intp], at: int) -> bool:
+def _load_changes(plan: Poses, rows: IntArray, at: int) -> bool:
     return plan.load is not None and bool(np.median(plan.load[rows[:at]]) != np.median(plan.load[rows[at:]]))
 
 
@@ -159,7 +157,7 @@ def _squares_by_cut(p: FloatArray, r: FloatArray) -> FloatArray:
     return total
 
 
-def _squares(sums: FloatArray, count: NDArray[np.int64]) -> FloatArray:
+def _squares(sums: FloatArray, count: IntArray) -> FloatArray:
     """Return Σ‖p − R r − t‖² at the best R and t: Σ‖p‖² + Σ‖r‖² − 2 Σ s_k, centred (Umeyama 1991, (33)).
 
     From sums (k, 16) of p, r, ‖p‖² + ‖r‖² and r pᵀ over `count` points.

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.strict import to_float
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
-
-FloatArray = NDArray[np.float64]
 
 EPOCH: Final = datetime(2025, 3, 7, 9, 15, 2, tzinfo=UTC).timestamp()
 """Where exported files put the time 0 of a virtual cell."""
@@ -59,7 +57,7 @@ def seconds(text: str, path: str | Path, line: int) -> float:
         raise FileError(path, f"the date {text.strip()!r} is not {known}", line=line) from None
 
 
-def column_seconds(texts: Sequence[str], lines: NDArray[np.int64], path: str | Path) -> FloatArray | None:
+def column_seconds(texts: Sequence[str], lines: IntArray, path: str | Path) -> FloatArray | None:
     """Return a column of time stamps (n,) [s]; None when a spreadsheet rounded them to a few digits (``2,02E+13``)."""
     if any(_ROUNDED.fullmatch(text.strip()) for text in texts):
         return None

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import elliprg
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 
-FloatArray = NDArray[np.float64]
 _BOOTSTRAPS: Final = 2000
 _ROUNDING: Final = 1e-12
 

@@ -21,15 +21,13 @@ from itertools import product
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.geometry.station import cross_matrix
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Kind = Literal["moved", "drift", "scale", "reference"]
 
 SIGNIFICANT: Final = 1e-6
@@ -393,7 +391,7 @@ def _explained(squares: FloatArray, right: FloatArray) -> float:
     return float(right @ np.linalg.lstsq(squares, right, rcond=1e-10)[0])
 
 
-def _sound(campaign: Campaign) -> NDArray[np.bool_]:
+def _sound(campaign: Campaign) -> BoolArray:
     """Return the samples that are not gross (n,): single readings far off hide all else.
 
     What is far off as long as nothing moved is judged again beside the best motion.
@@ -412,7 +410,7 @@ def _sound(campaign: Campaign) -> NDArray[np.bool_]:
     return keep
 
 
-def _gross(model: _Model) -> NDArray[np.bool_]:
+def _gross(model: _Model) -> BoolArray:
     distance = _left_out(model)
     return np.asarray(distance > _GROSS * max(float(np.median(distance)) / stats.chi2.median(3), 1e-12))
 

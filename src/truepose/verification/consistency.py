@@ -12,13 +12,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import solve_triangular
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 
-FloatArray = NDArray[np.float64]
 Verdict = Literal["holds", "doubtful", "does not hold"]
 
 _DOUBTFUL: Final = 0.01

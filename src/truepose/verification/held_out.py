@@ -14,12 +14,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, TrueposeError
 from truepose.predictors.selection.folds import block_folds, branch_folds
 from truepose.robots import Robot
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
-
-FloatArray = NDArray[np.float64]
 
 RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi)
 """RP of ISO 9283 of normal scatter with one standard deviation in each direction: mean and 3 std of its length."""

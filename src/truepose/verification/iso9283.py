@@ -16,9 +16,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 CYCLES: Final = 30
 PATH_CYCLES: Final = 10
@@ -50,10 +49,10 @@ class Attained:
     p_cmd: FloatArray
     p: FloatArray
     turn: FloatArray | None = None
-    direction: NDArray[np.int64] | None = None
+    direction: IntArray | None = None
     time: FloatArray | None = None
 
-    def of(self, name: str) -> NDArray[np.bool_]:
+    def of(self, name: str) -> BoolArray:
         """Return which rows belong to a pose."""
         return np.asarray(self.pose == name)
 

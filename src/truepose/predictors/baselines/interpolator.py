@@ -5,11 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.predictors.base import LeaveOneOut, Predictor
-
-FloatArray = NDArray[np.float64]
 
 
 class Interpolator(Predictor):

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.baselines.interpolator import Interpolator
-
-FloatArray = NDArray[np.float64]
 
 CHUNK = 2**22  # distances in memory at once
 

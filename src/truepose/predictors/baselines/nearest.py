@@ -6,15 +6,13 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.baselines.interpolator import Interpolator
 from truepose.predictors.baselines.inverse_distance import inverse_power
 from truepose.predictors.kriging.repeats import Points
-
-FloatArray = NDArray[np.float64]
 
 CHUNK: Final = 2**20
 """Distances in memory at once."""

@@ -7,15 +7,13 @@ from itertools import combinations_with_replacement
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.baselines.interpolator import Interpolator
 from truepose.predictors.kriging.repeats import Points
-
-FloatArray = NDArray[np.float64]
 
 KERNELS: Final[dict[str, tuple[Callable[[FloatArray], FloatArray], int]]] = {
     "linear": (lambda r: -r, 0),

@@ -14,18 +14,15 @@ from itertools import pairwise
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import blas, block_diag, cho_factor, lapack, solve_triangular
 from scipy.spatial.distance import cdist
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.covariance_form import same_size, tolerances
 from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _KNOTS: Final = 8.0  # on a joint's length l: what they leave out of a joint error is below 0.1 % of its variance
 _MOST_KNOTS: Final = 150

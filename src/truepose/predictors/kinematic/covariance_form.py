@@ -10,18 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import blas, lapack, solve_triangular
 from scipy.spatial.distance import cdist
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.kinematic import add_joints_and_rest, slopes
 from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _CHUNK: Final = 256  # configurations whose covariances with all samples are in memory at once
 

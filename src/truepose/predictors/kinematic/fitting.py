@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.basis_form import Basis, Sums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyper
-
-FloatArray = NDArray[np.float64]
 
 _STARTS: Final = (1.0, 0.3)  # factors of the joint lengths that a search starts from
 _SHORT: Final = 25  # iterations after which the better start goes on alone

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from truepose._typing import FloatArray
 
 # centre and standard deviation of the weak normal priors of the logarithms, and bounds in standard units
 _JOINT_STD: Final = (3e-4, 1.5)  # s_j [rad]

@@ -9,16 +9,13 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import search
 from truepose.predictors.kinematic.hyperparameters import Hyper
 from truepose.predictors.kinematic.terms import Design, Terms, take
 from truepose.predictors.selection.folds import random_folds
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FOLDS: Final = 5
 MOST: Final = 250

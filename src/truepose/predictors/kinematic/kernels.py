@@ -7,9 +7,8 @@ The rest Z: Matérn 5/2 of r² = Σ_g d_g² / l_g², one range per joint (chord)
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from truepose._typing import FloatArray
 
 
 def joint_chord(q: FloatArray, other: FloatArray) -> FloatArray:

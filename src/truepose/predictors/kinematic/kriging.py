@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
@@ -21,9 +22,6 @@ from truepose.predictors.kinematic.inflation import MOST, factor, held_out
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
 from truepose.robots import Robot
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 EXACT_UP_TO: Final = 500
 """Samples up to which ``solver="auto"`` takes the covariance form."""

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray, IntArray
 from truepose.robots import Robot, error_model
 from truepose.robots.jacobian import Outputs
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Residual = Literal["joint", "cartesian", "both", "none"]
 
 REGISTRATION, GEOMETRY, COMPLIANCE = 0, 1, 2

@@ -13,6 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import KDTree
 from sklearn.utils.validation import check_is_fitted
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.kriging.correlation import (
@@ -29,9 +30,6 @@ from truepose.predictors.kriging.support import POINT, Support
 from truepose.predictors.kriging.system import WORST, System
 from truepose.predictors.kriging.variogram_estimation import estimate_model, own_scales
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CHUNK: Final = 2**22
 """Covariances of targets and samples in memory at once: 32 MB."""
@@ -367,7 +365,7 @@ class GlobalKriging(Predictor):
     def _coordinates(self, X: FloatArray) -> FloatArray:
         return X if self._drift is None else self._drift.coordinates(X)
 
-    def _is_coordinate(self, d: int) -> NDArray[np.bool_]:
+    def _is_coordinate(self, d: int) -> BoolArray:
         return np.ones(d, bool) if self._drift is None else ~np.isin(np.arange(d), self._drift.columns)
 
     def _basis(self, X: FloatArray) -> FloatArray:

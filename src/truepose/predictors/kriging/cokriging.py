@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import KDTree
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.kriging.correlation import Correlation
 from truepose.predictors.kriging.drift import Drift
 from truepose.predictors.kriging.system import System
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CHUNK: Final = 2**22
 """Covariances of targets and samples in memory at once: 32 MB."""
@@ -84,7 +81,7 @@ class Cokriging:
         self.beta = np.tile(beta, k) if shared else beta.reshape(k, -1).T
         self._weights = [pack(self._alpha @ matrix) for matrix in self._matrices]
         silent = np.asarray(measured.all(axis=1) & ~self._noise.any(axis=(1, 2)))
-        self._silent: NDArray[np.bool_] = silent if exact or not self._nugget.any() else np.zeros(n, dtype=np.bool_)
+        self._silent: BoolArray = silent if exact or not self._nugget.any() else np.zeros(n, dtype=np.bool_)
 
     def mean(self, X: FloatArray) -> FloatArray:
         """Return the prediction (m, k)."""

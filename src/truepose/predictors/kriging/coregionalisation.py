@@ -7,13 +7,11 @@ from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.kriging.variogram_estimation import SMALLEST_SCALE
 from truepose.similarity import VariogramModel, experimental_variogram
-
-FloatArray = NDArray[np.float64]
 
 ITERATIONS: Final = 500
 SETTLED: Final = 1e-10

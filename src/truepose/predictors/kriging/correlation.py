@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.similarity import VariogramModel, as_variogram
 from truepose.similarity.gstools_models import is_covmodel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

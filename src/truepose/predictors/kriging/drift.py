@@ -8,11 +8,10 @@ from itertools import combinations_with_replacement
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 
-FloatArray = NDArray[np.float64]
 DriftLike = str | int | Sequence[int] | Callable[[FloatArray], FloatArray]
 
 DEGREES: Final = {"constant": 0, "linear": 1, "quadratic": 2, "cubic": 3}
@@ -39,7 +38,7 @@ class Drift:
     centre: FloatArray
     spread: FloatArray
     monomials: tuple[tuple[int, ...], ...]
-    columns: NDArray[np.int64]
+    columns: IntArray
     function: Callable[[FloatArray], FloatArray] | None = None
 
     @classmethod

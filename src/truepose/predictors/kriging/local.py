@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.kriging.neighbours import SCALING, Group, NeighbourKriging
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class LocalKriging(NeighbourKriging):

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from sklearn.utils.validation import check_is_fitted
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.threads import threads
 from truepose.predictors.base import LeaveOneOut, Predictor
@@ -21,9 +22,6 @@ from truepose.predictors.kriging.ordinary import VariogramLike
 from truepose.predictors.kriging.repeats import Points
 from truepose.predictors.kriging.variogram_estimation import estimate_model, own_scales
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CHUNK: Final = 2**21
 """Correlations worked on at once: 16 MB."""
@@ -204,7 +202,7 @@ class NeighbourKriging(Predictor):
     def _nugget_variance(self) -> FloatArray:
         return self._nugget
 
-    def _moments(self, X: FloatArray, near: IntArray, here: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    def _moments(self, X: FloatArray, near: IntArray, here: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance at targets, (m, k); `here` where the first neighbour is at the target."""
         e, variance = np.empty((2, len(X), len(self._total)))
         targets = [s.scaled(self._drift.coordinates(X)) for s in self._correlation.structures]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.kriging.base import GlobalKriging
 from truepose.predictors.kriging.drift import DriftLike
 from truepose.similarity import VariogramModel
 
-FloatArray = NDArray[np.float64]
 VariogramLike = VariogramModel | Sequence[VariogramModel] | str | Sequence[str] | None
 
 

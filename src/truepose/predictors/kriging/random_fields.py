@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
-
-FloatArray = NDArray[np.float64]
 
 
 def draw(covariance: FloatArray, size: int, rng: np.random.Generator | int) -> FloatArray:

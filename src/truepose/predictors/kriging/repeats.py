@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
 
 AGREE: Final = 1e-9
 """Repeats agree when they differ by less than this share of the largest error."""
@@ -48,8 +46,8 @@ class Points:
     """
 
     x: FloatArray
-    inverse: NDArray[np.int64]
-    count: NDArray[np.int64]
+    inverse: IntArray
+    count: IntArray
 
     @classmethod
     def of(cls, x: FloatArray) -> Self:
@@ -138,7 +136,7 @@ class Points:
         return total
 
 
-def _alike(points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _alike(points: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the first of each group of points that differ in their last digits only, and the group of each point."""
     alone = np.arange(len(points))
     reach = SAME * float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -8,12 +8,11 @@ from itertools import product
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.kriging.correlation import Correlation
-
-FloatArray = NDArray[np.float64]
 
 MOST_NODES: Final = 4096
 

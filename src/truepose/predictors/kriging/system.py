@@ -15,13 +15,11 @@ from threading import Lock
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import blas, lapack, solve_triangular
 from scipy.spatial import KDTree
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import IllConditionedWarning, KrigingError
-
-FloatArray = NDArray[np.float64]
 
 WORST: Final = 1e-14
 """Smallest reciprocal condition number with which a solution still has digits."""
@@ -164,7 +162,7 @@ class System:
         precision: FloatArray = np.einsum("ij,ij->j", w, w) - np.einsum("ij,ij->i", influence, influence)
         return 1 / precision
 
-    def left_out_precision(self, rows: NDArray[np.intp]) -> FloatArray:
+    def left_out_precision(self, rows: IntArray) -> FloatArray:
         """Return P_II: the inverse of the unit covariance of the points I given all others."""
         columns = self.inverse[rows.min() :, rows]  # W is zero above its diagonal
         influence = self.q[rows.min() :].T @ columns

@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.predictors.kriging.repeats import Points
 from truepose.similarity import VariogramModel, experimental_variogram, fit_likelihood, fit_variogram
 from truepose.similarity.remarks import without_warning
-
-FloatArray = NDArray[np.float64]
 
 SMALLEST_SCALE: Final = 1e-12
 """Variance of a component that does not vary, in units of the fitted model's."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.threads import threads
 from truepose.predictors.kriging.drift import DriftLike
@@ -24,9 +24,6 @@ from truepose.predictors.kriging.neighbours import CHUNK, Group, NeighbourKrigin
 from truepose.predictors.kriging.ordinary import VariogramLike
 from truepose.predictors.kriging.system import System, dependent
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FARTHEST: Final = 6.0
 """Logarithm of the largest change of a parameter in a refinement."""
@@ -188,7 +185,7 @@ class VecchiaKriging(NeighbourKriging):
         return np.broadcast_to(self._found(group).beta, (len(near), *self._found(group).beta.shape))
 
 
-def _spread(step: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+def _spread(step: FloatArray, free: BoolArray) -> FloatArray:
     full = np.zeros(len(free))
     full[free] = step
     return full

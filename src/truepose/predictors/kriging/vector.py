@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.kriging.cokriging import Cokriging
@@ -21,8 +22,6 @@ from truepose.predictors.kriging.random_fields import root
 from truepose.predictors.kriging.repeats import Points
 from truepose.predictors.kriging.variogram_estimation import estimate_model
 from truepose.similarity import VariogramModel
-
-FloatArray = NDArray[np.float64]
 
 
 class VectorKriging(Predictor):

@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.registry import PREDICTORS, check_name
 from truepose.predictors.selection.cross_validation import Errors, Job, Outcome, Registrable, cross_validate
 from truepose.predictors.selection.folds import split_samples
 from truepose.predictors.selection.ranking import HeldOut, difference_intervals, figures, score, take
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 QUICK: Final = (
     "registration",

@@ -12,16 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, TrueposeError
 from truepose.numerics.threads import become_worker, blas_threads, cores
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
 from truepose.predictors.registry import PREDICTORS, Arm, make_predictor
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 

@@ -6,16 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.robots import Robot
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SPLITS: Final = ("points", "blocks", "branches")
 """Names of the ways to divide samples into folds."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from truepose._typing import BoolArray, FloatArray
 
 _BOOTSTRAPS: Final = 1000
 _GROSS: Final = 10.0  # times the median of the best candidate: no candidate predicts it

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.geometry import make_transform
 from truepose.programs.core import orientations
-from truepose.programs.core.target import FloatArray, Target
+from truepose.programs.core.target import Target
 
-IntArray = NDArray[np.int64]
 CHUNK: Final = 2048
 """Targets that are worked on at a time."""
 VERDICTS: Final = ("correct", "skip", "refuse")
@@ -125,7 +125,7 @@ class Columns:
         kinds, which = np.unique(self.kind, return_inverse=True)
         return [self.alike[kind] for kind in kinds], which
 
-    def take(self, rows: NDArray[np.intp]) -> Columns:
+    def take(self, rows: IntArray) -> Columns:
         """Return some of them."""
         return Columns(
             self.alike,
@@ -190,7 +190,7 @@ class Motions(NamedTuple):
     """
 
     target: IntArray
-    on_path: NDArray[np.bool_]
+    on_path: BoolArray
 
 
 NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))

@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
 from truepose.programs.core.columns import Columns
-from truepose.programs.core.target import FloatArray
 from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
 
 StrArray = NDArray[np.str_]
@@ -115,7 +115,7 @@ def _joints_of(controller: str, robot: Robot, flange: FloatArray, words: StrArra
 
 def _on_border(
     controller: str, robot: Robot, poses: FloatArray, tf_tool_flange: FloatArray, words: StrArray
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which poses that have not their word have it a hair's breadth away: their digits are rounded."""
     border = np.zeros(len(poses), dtype=bool)
     for step in _HAIR * np.concatenate([np.eye(3), -np.eye(3)]) if len(poses) else ():

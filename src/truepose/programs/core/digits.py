@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.programs.core.source import decimals_of, format_number
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 _WIDEST: Final = 17  # characters of a plain number: sign, point and 15 digits, which a double holds
 _WHOLE: Final = 10 ** np.arange(16)
 _POWERS: Final = np.array([float(f"1e{k}") for k in range(16)])
@@ -35,7 +33,7 @@ class Digits(NamedTuple):
 
     mantissa: IntArray
     decimals: IntArray
-    plain: NDArray[np.bool_]
+    plain: BoolArray
 
 
 def read_digits(data: bytes, spans: IntArray) -> Digits:

@@ -9,12 +9,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.geometry import ANGLES, euler
 
-FloatArray = NDArray[np.float64]
 AXES: Final = {"apt z": 1.0, "apt -z": -1.0}
 """A tool axis i, j, k in place of angles: the tool's z lies along it, or against it."""
 STEPS: Final = {"abb": 1e-7, "ur": 1e-6, "fanuc": 1e-3, **dict.fromkeys(AXES, 1e-7)}

@@ -11,11 +11,12 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose.programs.core.columns import Columns, IntArray
+from truepose._typing import BoolArray, FloatArray, IntArray
+from truepose.programs.core.columns import Columns
 from truepose.programs.core.digits import written
 from truepose.programs.core.orientations import DEGREES, STEPS, count
 from truepose.programs.core.source import Source, Span, apply_patches
-from truepose.programs.core.target import FloatArray, Target
+from truepose.programs.core.target import Target
 from truepose.programs.core.targets import Program, linked
 
 DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
@@ -127,7 +128,7 @@ class Outcomes(Sequence[Outcome]):
         return Outcome(target, DONE[self.code[i]], reason, after[:3], after[3:], self.e[i], self.std[i])
 
     @property
-    def corrected(self) -> NDArray[np.bool_]:
+    def corrected(self) -> BoolArray:
         """Which targets are corrected, (n,)."""
         return np.isin(self.code, _CORRECTED)
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
-from truepose.programs.core.columns import IntArray
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.source import printable
-from truepose.programs.core.target import FloatArray
 from truepose.programs.core.targets import Program
 
 SMALLEST_LIMIT: Final = 0.1
@@ -144,7 +142,7 @@ class Paths:
             "[correction]"
         )
 
-    def judge(self, corrected: NDArray[np.bool_]) -> tuple[Continuity, list[Kink]]:
+    def judge(self, corrected: BoolArray) -> tuple[Continuity, list[Kink]]:
         """Return what the corrections of some targets do to the paths, and the worst bend of each path if too large.
 
         Parameters
@@ -170,7 +168,7 @@ class Paths:
         kinks = [Kink(target, size, np.unique(row[path == of])) for of, (size, target) in sorted(worst.items())]
         return Continuity(bend, direction, spacing, self.limit, self._slope), kinks
 
-    def _rows(self, corrected: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    def _rows(self, corrected: BoolArray) -> tuple[IntArray, IntArray]:
         """Return the targets along all paths, and for each the number of its path; standing still counts once."""
         row, on_path = self._motions
         known = np.isfinite(self._p[row, 0]) if len(row) else np.empty(0, bool)

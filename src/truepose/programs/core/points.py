@@ -13,10 +13,11 @@ from functools import lru_cache
 from itertools import accumulate
 from typing import Final, NamedTuple
 
+from truepose._typing import FloatArray
 from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, Stretch, Targets
 from truepose.programs.core.source import Source, Span, parse_number
-from truepose.programs.core.target import FloatArray, Target, Verdict
+from truepose.programs.core.target import Target, Verdict
 from truepose.programs.core.targets import FrameTable, Key, ReadOptions, frame_key, linked
 
 AS_MEASURED: Final = "as measured"

@@ -16,11 +16,12 @@ from typing import Final, NoReturn
 
 import numpy as np
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs.core.columns import Columns, Targets
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.source import Source, printable, prove, replaced
-from truepose.programs.core.target import FloatArray, Target
+from truepose.programs.core.target import Target
 
 _OF_ONE: Final = ("name", "line", "xyz", "angles", "status", "turn", "spans", "reason")
 """What targets of one kind do not share."""

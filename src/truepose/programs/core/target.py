@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.programs.core import orientations
 from truepose.programs.core.source import Span
 
-FloatArray = NDArray[np.float64]
 Verdict = Literal["correct", "skip", "refuse"]
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import check_transforms, invert_transform
 from truepose.programs.core.columns import Columns, Targets
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import FloatArray, Target, Verdict
+from truepose.programs.core.target import Target, Verdict
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
@@ -232,7 +232,7 @@ class Program:
         """Return its files as seen from `folder`."""
         return [source.path.relative_to(self.folder) for source in self.sources]
 
-    def correctable(self) -> NDArray[np.intp]:
+    def correctable(self) -> IntArray:
         """Return the indices of the targets whose verdict is ``correct``."""
         return np.flatnonzero(self.targets.verdicts() == 0)
 
@@ -247,7 +247,7 @@ class Program:
         correct, skip, refuse = (int(np.count_nonzero(verdicts == k)) for k in range(3))
         return {"correct": correct, "skip": skip, "refuse": refuse}
 
-    def correctable_columns(self) -> Iterator[tuple[NDArray[np.intp], Columns]]:
+    def correctable_columns(self) -> Iterator[tuple[IntArray, Columns]]:
         """Yield the correctable targets some thousand at a time, with their indices."""
         for first, columns in self.targets.chunks():
             rows = np.flatnonzero(columns.verdict == "correct")

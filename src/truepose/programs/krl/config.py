@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import FloatArray, Key
+from truepose.programs.core.targets import Key
 from truepose.programs.krl.lexer import CARTESIAN, closing_brace, parse_aggregate, statements, strip
 
 _ENTRY = re.compile(rb"\s*\[\s*(\d{1,4})\s*\]\s*=\s*(?=\{)")

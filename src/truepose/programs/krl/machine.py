@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import FloatArray
 from truepose.programs.krl.lexer import CARTESIAN, closing_brace, parse_aggregate, statements
 
 _KRL: Final = re.compile(rb"(?:DECL\s+)?(?:GLOBAL\s+)?(?:FRAME\s+)?\$(ROBROOT|WORLD)\s*(\.\s*\w+\s*)?=(?!=)\s*", re.I)

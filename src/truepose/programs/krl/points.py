@@ -10,12 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeVar
 
+from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import Frames, InForce, State
 from truepose.programs.core.points import Visit
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import FloatArray, FrameTable, ReadOptions, Target, Verdict
+from truepose.programs.core.targets import FrameTable, ReadOptions, Target, Verdict
 from truepose.programs.krl.lexer import CARTESIAN, Aggregate
 
 Index = tuple[int, ...] | None

@@ -13,8 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from truepose._typing import IntArray
 from truepose.programs.core.columns import CHUNK, Columns
-from truepose.programs.core.digits import IntArray, values_at
+from truepose.programs.core.digits import values_at
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.similarity.envelope import Envelope
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.gstools_models import as_variogram
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 
 POINT: Final = "#1f4e79"
 WEAK: Final = "#9db4c9"

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from truepose._typing import BoolArray, FloatArray
 from truepose.errors import RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.geometry.transforms import check_transforms, invert_transform
@@ -22,9 +23,6 @@ from truepose.robots.inverse.newton import smallest_direction, smallest_singular
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
 from truepose.robots.inverse.universal import ThreeParallel
 from truepose.robots.nominal import closed_form, differ_by, nominal_of
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SINGULAR = 0.01  # m/rad: below this smallest singular value small errors move joints by degrees
 _ONE = 1e-6  # rad: solutions nearer than this are one

@@ -15,13 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.units import MM_PER
+from truepose._typing import BoolArray, FloatArray
 from truepose.robots.chain import Robot, walk
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 REACHED_MM = 1e-9
 _REACHED_RAD = 1e-11

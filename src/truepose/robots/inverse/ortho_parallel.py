@@ -15,13 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray, IntArray
 from truepose.geometry.transforms import invert_transform, make_transform
 from truepose.robots.axes import SINGULAR, TOUCHING, Axes, half_turn, shoulder_angle, triangle_angles, turn_y, turn_z
 from truepose.robots.chain import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class OrthoParallel:
         """Length of the forearm with its offset, k [mm]."""
         return float(np.hypot(self.a2, self.c3))
 
-    def slot(self, q: FloatArray) -> NDArray[np.int64]:
+    def slot(self, q: FloatArray) -> IntArray:
         """Return the slot of `branches` that joints (…, 6) [rad] belong to: (…)."""
         _, t2, t3, _, t5, _ = np.moveaxis(self.sign * q + self.offset, -1, 0)
         elbow = t3 - self.elbow_angle

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats
 from truepose.geometry.transforms import check_transforms, invert_transform
@@ -12,8 +13,6 @@ from truepose.robots.axes import half_turn
 from truepose.robots.chain import Robot, tool_transform
 from truepose.robots.inverse.branches import find_branches, wrap_into_limits
 from truepose.robots.nominal import closed_form
-
-FloatArray = NDArray[np.float64]
 
 
 def inverse(

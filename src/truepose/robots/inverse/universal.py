@@ -14,13 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truepose._typing import FloatArray
 from truepose.geometry.transforms import invert_transform, make_transform
 from truepose.robots.axes import SINGULAR, TOUCHING, Axes, shoulder_angle, triangle_angles, turn_y, turn_z
 from truepose.robots.chain import Robot
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

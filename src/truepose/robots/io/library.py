@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import LARGEST, parse_toml
+from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
 from truepose.robots.chain import Robot
-
-FloatArray = NDArray[np.float64]
 
 _FOLDER = files("truepose.robots") / "library"
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "quaternion_wxyz")

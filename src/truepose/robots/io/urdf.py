@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.files import read_text
 from truepose._io.strict import LARGEST, to_float
 from truepose._io.units import MM_PER
+from truepose._typing import FloatArray
 from truepose.errors import FileError, RobotError
 from truepose.geometry.transforms import invert_transform, make_transform
 from truepose.robots.chain import Robot
 from truepose.robots.convert import mdh_of_fixed
-
-FloatArray = NDArray[np.float64]
 
 _TURNING: Final = ("revolute", "continuous")
 _TIPS: Final = ("tool0", "flange")  # names of the last frame in ROS (REP 199), in the order we prefer them

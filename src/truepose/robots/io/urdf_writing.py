@@ -5,13 +5,11 @@ from __future__ import annotations
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.units import MM_PER
+from truepose._typing import FloatArray
 from truepose.robots.chain import Robot
 from truepose.robots.error_model import turn
-
-FloatArray = NDArray[np.float64]
 
 
 def robot_to_urdf(robot: Robot) -> str:

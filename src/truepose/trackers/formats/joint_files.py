@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._io.files import read_bytes
 from truepose.errors import FileError
 from truepose.samples import Poses, check, read_poses
 from truepose.trackers.columns import split
 from truepose.trackers.readings import decode, first_line
-
-FloatArray = NDArray[np.float64]
 
 _N: Final = r"\s*+([+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+)\s*+"
 _RAPID: Final = re.compile(rf"jointtarget\s+(?P<name>\w+)\s*:=\s*\[\s*\[{','.join([_N] * 6)}\]", re.IGNORECASE)
