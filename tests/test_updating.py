@@ -123,7 +123,7 @@ def test_samples_join_a_map_without_arm(virtual, held_out):
     cartesian = tp.fit_cell(virtual.cell, new_readings(virtual, 60, 1), "ordinary-kriging")
     joined = cartesian.update(new_readings(virtual, 60, 2))
     assert len(joined.samples) == 120
-    assert joined.predictor.variogram == cartesian.predictor.pinned().variogram
+    assert joined.predictor.variogram == cartesian.predictor.with_fitted_parameters().variogram
     assert joined.predict_errors(held_out)[1].mean() < cartesian.predict_errors(held_out)[1].mean()
     assert cartesian.recheck(new_readings(virtual, 8)).holding.n == 8
 

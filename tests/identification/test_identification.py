@@ -15,7 +15,7 @@ from truepose.identification import (
     Arm,
     Distances,
     KalmanFilter,
-    Poses,
+    PoseObservations,
     Positions,
     filtered,
     least_squares,
@@ -187,7 +187,7 @@ def test_full_poses(rng):
     tf = arm.pose(q, x)
     tf[:, :3, :3] = Rotation.from_rotvec(1e-5 * rng.normal(size=(60, 3))).as_matrix() @ tf[:, :3, :3]
     tf[:, :3, 3] += NOISE * rng.normal(size=(60, 3))
-    data = Poses(q, tf, np.zeros((60, 6, 6)))
+    data = PoseObservations(q, tf, np.zeros((60, 6, 6)))
     assert observability(data.jacobian(arm, 0 * x), arm.names).rank == 30
     found = least_squares(arm, data, arm.tolerance)
     np.testing.assert_allclose(found.misfit, [NOISE, 1e-5], rtol=0.15)

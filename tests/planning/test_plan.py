@@ -187,7 +187,7 @@ def test_a_box_is_kept_clear_of():
     cell = cell_of(table)
     found = plan(cell, 20, "sobol")
     assert "in the box table" in found.reach.left_out
-    around = found.ground.surroundings
+    around = found.ground.collision
     assert (around.touched(found.q) == "").all()
     for row, (q, box) in enumerate(zip(found.q, found.way, strict=True)):
         start = found.ground.home if row == 0 or box else found.q[row - 1]
@@ -243,7 +243,7 @@ def test_a_region_out_of_reach_says_how_much_and_why():
     with pytest.raises(RobotError, match=r"0 % of the poses offered can be measured \(100 % out of reach\); check"):
         plan(cell_of(x_mm=9000.0), 10)
     far = cell_of(size_mm=(4000.0, 1600.0, 900.0))
-    assert "out of reach" in plan(far, 10, "sobol").reach.told()
+    assert "out of reach" in plan(far, 10, "sobol").reach.describe()
 
 
 def test_bad_wishes():

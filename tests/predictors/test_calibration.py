@@ -113,10 +113,10 @@ def test_leave_one_out_is_refitting(options, samples):
 )
 def test_pinned_copy_answers_the_same_bit_by_bit(model, samples, targets):
     model = clone(model).fit(*samples)
-    plain = json.loads(json.dumps(model.to_json()))
+    plain = json.loads(json.dumps(model.to_dict()))
     assert "robot" not in plain
-    again = type(model).from_json({**plain, **{name: getattr(model, name) for name in model.of_arm}})
-    for copy in (model.pinned(), again):
+    again = type(model).from_dict({**plain, **{name: getattr(model, name) for name in model.arm_parameters}})
+    for copy in (model.with_fitted_parameters(), again):
         answer = copy.fit(*samples).predict(targets, return_std=True)
         np.testing.assert_array_equal(answer, model.predict(targets, return_std=True))
         np.testing.assert_array_equal(copy.leave_one_out(), model.leave_one_out())

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import truepose as tp
 from truepose.errors import DataError
 from truepose.numerics.threads import threads
-from truepose.predictors import Arm, Errors, InverseDistance, KinematicKriging, OrdinaryKriging, choose
+from truepose.predictors import ArmContext, InverseDistance, KinematicKriging, OrdinaryKriging, PositionalErrors, choose
 from truepose.predictors.selection import cross_validation
 from truepose.predictors.selection.ranking import HeldOut, difference_intervals, figures, take
 
@@ -45,7 +45,7 @@ def samples(virtual):
 def errors(rng):
     """A smooth field, and noise."""
     x = rng.uniform(0, 1000, (80, 3))
-    return Errors({"cartesian": x}, np.sin(x / 400) + rng.normal(scale=0.02, size=x.shape))
+    return PositionalErrors({"cartesian": x}, np.sin(x / 400) + rng.normal(scale=0.02, size=x.shape))
 
 
 def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
@@ -65,7 +65,7 @@ def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
 def test_outer_loop_pays_for_choosing(rng):
     """Many candidates that are all alike on noise: the best of them looks better than what choosing leaves."""
     x = rng.uniform(0, 1000, (40, 3))
-    noise = Errors({"cartesian": x}, rng.normal(size=x.shape))
+    noise = PositionalErrors({"cartesian": x}, rng.normal(size=x.shape))
     choice = choose(noise, ["registration", "idw", "nearest", "grid-cell", "radial-basis", "ordinary-kriging"])
     assert choice.expected["mean_mm"] >= min(row["mean_mm"] for row in choice.ranking)
     assert choice.ranking[0]["predictor"] in ("registration", "ordinary-kriging")  # a constant; nothing to learn
@@ -86,10 +86,12 @@ def test_workers_change_nothing(virtual, samples):
 
 
 def test_a_candidate_that_fails_says_why(errors):
-    joints = Errors({**errors.coordinates, "joint": np.zeros((80, 6))}, errors.e)
+    joints = PositionalErrors({**errors.coordinates, "joint": np.zeros((80, 6))}, errors.e)
     choice = choose(joints, ["idw", "calibration-network"], splits=["points"])  # passed over: no arm is known
     assert [row["predictor"] for row in choice.ranking] == ["idw"]
-    few = Errors({"cartesian": errors.coordinates["cartesian"][:6], "joint": np.zeros((6, 6))}, errors.e[:6], arm=ARM)
+    few = PositionalErrors(
+        {"cartesian": errors.coordinates["cartesian"][:6], "joint": np.zeros((6, 6))}, errors.e[:6], arm=ARM
+    )
     choice = choose(few, ["registration", "kinematic-kriging"], folds=2)
     assert choice.ranking[-1]["predictor"] == "kinematic-kriging"
     assert "3 samples are too few for kinematic Kriging" in choice.ranking[-1]["note"]
@@ -97,7 +99,7 @@ def test_a_candidate_that_fails_says_why(errors):
         choose(few, ["kinematic-kriging"], folds=2)
 
 
-ARM = Arm(tp.load_robot("kuka-kr150-2"), np.eye(4))
+ARM = ArmContext(tp.load_robot("kuka-kr150-2"), np.eye(4))
 
 
 def test_a_child_that_dies_is_an_error(errors):
@@ -105,7 +107,7 @@ def test_a_child_that_dies_is_an_error(errors):
         choose(Deadly({"cartesian": errors.coordinates["cartesian"]}, errors.e), ["idw"], workers=2)
 
 
-class Deadly(Errors):
+class Deadly(PositionalErrors):
     def registered_by(self, rows):
         import os
         from multiprocessing import parent_process
@@ -118,7 +120,7 @@ class Deadly(Errors):
 def test_gross_readings_do_not_decide(errors):
     e = errors.e.copy()
     e[[5, 40]] += 30.0
-    choice = choose(Errors(errors.coordinates, e), PLAIN)
+    choice = choose(PositionalErrors(errors.coordinates, e), PLAIN)
     clean = choose(errors, PLAIN)
     assert choice.predictor_name == clean.predictor_name == "ordinary-kriging"
     assert np.flatnonzero(choice.gross).tolist() == [5, 40]
@@ -208,7 +210,7 @@ def test_workers_end_with_a_killed_parent(tmp_path):
 _KILLED = """
 import multiprocessing, os, signal
 import numpy as np
-from truepose.predictors import Errors, choose
+from truepose.predictors import PositionalErrors, choose
 from truepose.predictors.selection import cross_validation
 
 def kill(line):
@@ -218,7 +220,7 @@ def kill(line):
 if __name__ == "__main__":
     cross_validation.cores = lambda: 2
     x = np.random.default_rng(0).uniform(0, 1000, (80, 3))
-    choose(Errors({"cartesian": x}, np.sin(x / 400)), ["registration"], workers=2, progress=kill)
+    choose(PositionalErrors({"cartesian": x}, np.sin(x / 400)), ["registration"], workers=2, progress=kill)
 """
 
 
@@ -233,7 +235,7 @@ def test_threads_times_workers(errors, monkeypatch, tmp_path, usable):
 
 
 @dataclass(frozen=True, eq=False)
-class Noting(Errors):
+class Noting(PositionalErrors):
     """Samples that note how many threads the worker processes have that register them."""
 
     folder: Path | None = None

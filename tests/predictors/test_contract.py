@@ -99,8 +99,8 @@ def test_pinned_copy_answers_the_same_bit_by_bit(model, samples, rng):
     noise, targets = rng.uniform(0, 0.05, (60, 3)), rng.random((50, 3)) * 1000
     for noise_std in (None, noise):
         model.fit(x, e, noise_std)
-        plain = json.loads(json.dumps(model.to_json()))
-        for copy in (model.pinned(), type(model).from_json(plain)):
+        plain = json.loads(json.dumps(model.to_dict()))
+        for copy in (model.with_fitted_parameters(), type(model).from_dict(plain)):
             again = copy.fit(x, e, noise_std).predict(targets, return_std=True)
             np.testing.assert_array_equal(again, model.predict(targets, return_std=True))
 

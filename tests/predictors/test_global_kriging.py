@@ -71,7 +71,7 @@ def test_columns_and_functions_are_drifts_alike(rng):
         strict=True,
     ):
         np.testing.assert_allclose(mine, other, atol=1e-10)
-    assert column.to_json()["drift"] == [3]
+    assert column.to_dict()["drift"] == [3]
     assert column.gradient(np.hstack([targets, wave(targets)])).shape == (9, 2, 4)
     with pytest.raises(KrigingError, match="not known inside a box"):
         column.predict_block(np.hstack([targets, wave(targets)]), 0.1)

@@ -33,7 +33,7 @@ def part() -> StudyPart:
 
 def told(part: StudyPart, question: str, language: str = "en") -> str:
     say = load_locale(language)
-    return dict(part.told(say))[say(f"finding.{question}")]
+    return dict(part.describe(say))[say(f"finding.{question}")]
 
 
 @pytest.mark.promise("the report says in each language that there is no sill within the samples")

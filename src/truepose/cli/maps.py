@@ -69,7 +69,7 @@ def fit(
     registered, left_out = summary(error_map.e), summary(error_map.leave_one_out()[0])
     tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
     parameters = {
-        key: value for key, value in error_map.predictor.to_json().items() if key not in ("weight", "weights")
+        key: value for key, value in error_map.predictor.to_dict().items() if key not in ("weight", "weights")
     }
     data: dict[str, Any] = {
         "map": out,

@@ -49,9 +49,9 @@ def plan(
         found = make_plan(cell, n, method, candidates=offered, after=known, seed=seed, progress=progress)
     written = found.write(out)
     if as_json:
-        emit_json({**found.to_json(), "files": written})
+        emit_json({**found.to_dict(), "files": written})
         return
-    say(f"{found.reach.told()}.")
+    say(f"{found.reach.describe()}.")
     say(
         table(
             "Accuracy to expect in the work region, noise included",
@@ -59,7 +59,7 @@ def plan(
             [(f"{row['n']:.0f}{' (this plan)' if row['n'] == n else ''}", row["mean_mm"]) for row in found.expected],
         )
     )
-    if told := found.observability.told():
+    if told := found.observability.describe():
         say(f"Such poses cannot tell apart, which predictions do not mind: {told}.")
     if by_home := sum(box != "" for box in found.way):
         say(f"[yellow]{by_home} motions go by home[/]: the straight way would touch a box.")

@@ -58,7 +58,7 @@ def _content(error_map: ErrorMap) -> dict[str, Any]:
     samples, registration = error_map.samples, error_map.registration
     return {
         "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # what was stated stays told from defaults
-        "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_json()},
+        "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_dict()},
         "samples": {"source": samples.source, "columns": samples.columns()},
         "registration": {
             "noise_std": registration.noise_std,

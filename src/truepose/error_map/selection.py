@@ -12,7 +12,7 @@ from truepose.cell import Cell
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.geometry import Registration, register
-from truepose.predictors import Arm, Choice, Errors
+from truepose.predictors import ArmContext, Choice, PositionalErrors
 from truepose.predictors import choose as choose_among
 from truepose.robots import Robot
 from truepose.samples import Samples
@@ -51,7 +51,7 @@ class CellSamples:
         check_samples(self.cell, self.robot, self.samples)
         return True
 
-    def registered_by(self, rows: Rows = slice(None)) -> Errors:
+    def registered_by(self, rows: Rows = slice(None)) -> PositionalErrors:
         """Return the errors of all samples after a registration with some rows.
 
         Where these alone cannot tell the tool, that of all samples is taken.
@@ -61,7 +61,7 @@ class CellSamples:
         except IdentifiabilityError:
             return self.errors(*self.register())
 
-    def errors(self, registration: Registration, tf_flange_tool: FloatArray) -> Errors:
+    def errors(self, registration: Registration, tf_flange_tool: FloatArray) -> PositionalErrors:
         """Return the errors of all samples after a registration."""
         samples = self.samples
         if samples.q is None:
@@ -70,7 +70,7 @@ class CellSamples:
         else:
             p_cmd = self.robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3]
             coordinates = {"cartesian": p_cmd, "joint": samples.q}
-        return Errors(
+        return PositionalErrors(
             coordinates,
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
@@ -84,14 +84,16 @@ class BareSamples:
 
     samples: Samples
 
-    def registered_by(self, rows: Rows = slice(None)) -> Errors:
+    def registered_by(self, rows: Rows = slice(None)) -> PositionalErrors:
         """Return the errors of all samples after a registration with some rows."""
         samples = self.samples
         if samples.p_cmd is None:
             raise DataError(f"{samples.source}: joints alone are no positions without the arm; give cell=load_cell(…)")
         registration = register(samples.p_cmd[rows], samples.p_meas[rows], robust=True)
         known = {} if samples.q is None else {"joint": samples.q}
-        return Errors({"cartesian": samples.p_cmd, **known}, registration.apply(samples.p_meas) - samples.p_cmd)
+        return PositionalErrors(
+            {"cartesian": samples.p_cmd, **known}, registration.apply(samples.p_meas) - samples.p_cmd
+        )
 
 
 def choose(
@@ -142,7 +144,7 @@ def choose(
     )
 
 
-def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> Arm:
+def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:
     """Return what predictors may need to know of a cell's arm."""
     load = cell.payload
-    return Arm(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)
+    return ArmContext(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)

@@ -19,7 +19,7 @@ from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
 from truepose.predictors import Predictor
 from truepose.samples import Samples
-from truepose.verification.consistency import Drift, Explanation, Holding, drift, explanations, holding
+from truepose.verification.consistency import ConsistencyTest, Drift, Explanation, drift, explanations, holding
 
 if TYPE_CHECKING:
     from truepose.error_map.map import ErrorMap
@@ -40,7 +40,7 @@ class Recheck:
 
     Attributes
     ----------
-    holding : Holding
+    holding : ConsistencyTest
         Its ``far`` are rows of the samples.
     causes : list of Explanation
         That the samples speak for, the likeliest first; empty where the map holds.
@@ -48,7 +48,7 @@ class Recheck:
         Of the errors that the map does not explain [mm/h], [mm/K]; None where the samples do not tell.
     """
 
-    holding: Holding
+    holding: ConsistencyTest
     causes: list[Explanation]
     time: Drift | None
     temperature: Drift | None
@@ -159,7 +159,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     old = joined.predictor.noise_std_
     noise = None if old is None or new is None else np.concatenate([old, new])
     x = joined.coordinates(joined.samples)
-    return replace(joined, predictor=joined.predictor.pinned().fit(x, joined.e, noise))
+    return replace(joined, predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
 
 
 def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:

@@ -3,7 +3,7 @@
 from truepose.identification.arm import Arm, tolerance
 from truepose.identification.kalman import KalmanFilter, filtered
 from truepose.identification.observability import Observability, observability, poses_to_add
-from truepose.identification.observations import Distances, Observations, Poses, Positions
+from truepose.identification.observations import Distances, Observations, PoseObservations, Positions
 from truepose.identification.solve import Solution, finish, least_squares, levenberg_marquardt, minimal_subset
 from truepose.identification.table import parameter_table
 
@@ -13,7 +13,7 @@ __all__ = [
     "KalmanFilter",
     "Observability",
     "Observations",
-    "Poses",
+    "PoseObservations",
     "Positions",
     "Solution",
     "filtered",

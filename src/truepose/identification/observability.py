@@ -46,7 +46,7 @@ class Observability:
     indices: dict[str, float]
     apart: dict[str, tuple[str, ...]]
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return the parameters that cannot be told apart, for a message: "d2 with d3; theta1 with base rz"."""
         lines = [f"{name} with {', '.join(others)}" if others else name for name, others in self.apart.items()]
         more = f" and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""

@@ -83,7 +83,7 @@ class Positions:
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class PoseObservations:
     """Full poses: position, and the rotation vector between measured and predicted orientation, base frame.
 
     Attributes

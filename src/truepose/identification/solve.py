@@ -273,7 +273,7 @@ def _cannot_tell(arm: Arm, free: BoolArray, rows: FloatArray) -> Identifiability
     names = [name for name, taken in zip(arm.names, free, strict=True) if taken]
     seen = observability(rows[:, None, :], names)
     return IdentifiabilityError(
-        f"identification: rank {seen.rank} of {len(names)} parameters; the data cannot tell {seen.told()}; "
+        f"identification: rank {seen.rank} of {len(names)} parameters; the data cannot tell {seen.describe()}; "
         'use tolerances (prior="tolerance"), a minimal subset (prior="subset"), or measure other poses'
     )
 

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.planning.prior import Prior
-from truepose.planning.region import Ground, WorkRegion
+from truepose.planning.region import MeasurementSpace, WorkRegion
 from truepose.planning.selection import Progress, lowest_largest, lowest_mean, most_observable
 from truepose.predictors.kinematic.terms import COMPLIANCE
 
@@ -29,7 +29,7 @@ class Task:
 
     Attributes
     ----------
-    ground : Ground
+    ground : MeasurementSpace
     prior : Prior
     targets : (m, dof) array [rad]
         Configurations over the region that are to be known well.
@@ -39,7 +39,7 @@ class Task:
         Takes steps done and steps in all.
     """
 
-    ground: Ground
+    ground: MeasurementSpace
     prior: Prior
     targets: FloatArray
     n: int

@@ -51,9 +51,9 @@ def listed(cell: Cell, candidates: FloatArray) -> Listed:
 
 
 def _ways(cell: Cell) -> dict[str, Any]:
-    """Return what `Ground` needs besides home."""
+    """Return what `MeasurementSpace` needs besides home."""
     how, station = cell.measuring, cell.tf_base_tracker[:3, 3]
-    surroundings = Surroundings(
+    collision = Surroundings(
         robot=cell.load_robot(),
         tf_flange_tool=cell.tf_flange_tool,
         boxes={name: np.array([box.x_mm, box.y_mm, box.z_mm]).T for name, box in cell.obstacles.items()},
@@ -63,7 +63,7 @@ def _ways(cell: Cell) -> dict[str, Any]:
         acceptance=np.deg2rad(how.acceptance_deg),
     )
     return {
-        "surroundings": surroundings,
+        "collision": collision,
         "margin": np.deg2rad(how.limit_margin_deg),
         "approach": np.deg2rad(how.approach_deg),
     }

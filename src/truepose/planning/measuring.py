@@ -19,7 +19,7 @@ from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
 from truepose.planning.measurement_space import listed
-from truepose.planning.region import Ground
+from truepose.planning.region import MeasurementSpace
 from truepose.samples import Poses, samples_text
 
 
@@ -164,7 +164,7 @@ LANGUAGES: Final[dict[str, Language]] = {
 
 
 def measuring_program(
-    cell: Cell, poses: Poses, *, ground: Ground | None = None, name: str = "measure"
+    cell: Cell, poses: Poses, *, ground: MeasurementSpace | None = None, name: str = "measure"
 ) -> tuple[str, str]:
     """Return the ending and the text of a program that goes to poses in their order, with dwell and signal at each.
 
@@ -176,7 +176,7 @@ def measuring_program(
         Its ``[measuring]`` says how to go; its ``[obstacles]`` are kept clear of.
     poses : Poses
         With joints.
-    ground : Ground, optional
+    ground : MeasurementSpace, optional
         Where they were chosen; otherwise home is that of the cell's ``[region]``, or the first pose.
     name : str
         Of the program.
@@ -210,7 +210,7 @@ def measuring_program(
     return language.ending, language.text(name, about, list(_stops(poses, ground)), cell.measuring)
 
 
-def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: Ground | None = None) -> list[Path]:
+def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: MeasurementSpace | None = None) -> list[Path]:
     """Write poses as a table and, where the maker's language is known, ``measure.*`` beside it; return the paths."""
     contents = {table: samples_text(poses, table)}
     if cell.load_robot().maker.lower() in LANGUAGES:
@@ -220,13 +220,13 @@ def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: Ground |
     return list(contents)
 
 
-def _stops(poses: Poses, ground: Ground) -> Iterator[Stop]:
+def _stops(poses: Poses, ground: MeasurementSpace) -> Iterator[Stop]:
     home, q = Stop(ground.home), poses.q
     assert q is not None
     came_from = np.concatenate([ground.home[None], q[:-1]])
     names = [f"P{number}" for number in range(1, len(q) + 1)] if poses.name is None else poses.name
     before = ground.before(q)
-    way = ground.surroundings.way_touches(came_from, before)
+    way = ground.collision.way_touches(came_from, before)
     yield home
     for joints, start, box, name in zip(q, before, way, names, strict=True):
         if box:

@@ -19,7 +19,7 @@ from truepose.planning.designs import METHODS, Task
 from truepose.planning.measurement_space import listed, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
-from truepose.planning.region import Ground, Reach
+from truepose.planning.region import MeasurementSpace, Reach
 from truepose.planning.selection import Progress, lowest_mean
 from truepose.planning.tour import shortest_tour
 from truepose.predictors import KinematicKriging
@@ -42,7 +42,7 @@ class Plan:
     cell : Cell
     method : str
         Of `truepose.planning.METHODS`.
-    ground : Ground
+    ground : MeasurementSpace
     q : (n, dof) array [rad]
     way : list of str
         For each pose, the box that the straight way from the one before would touch, or ""; where there is one the
@@ -58,7 +58,7 @@ class Plan:
 
     cell: Cell
     method: str
-    ground: Ground
+    ground: MeasurementSpace
     q: FloatArray
     way: list[str]
     reach: Reach
@@ -91,7 +91,7 @@ class Plan:
         """Write plan.csv and, where the maker's language is known, the measuring program; return their paths."""
         return write_measurement(Path(directory) / "plan.csv", self.cell, self.poses, ground=self.ground)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain values, for a screen or a file."""
         return {
             "method": self.method,
@@ -101,7 +101,7 @@ class Plan:
             "expected": self.expected,
             "by_home": sum(box != "" for box in self.way),
             "observability": self.observability.indices,
-            "not_told": self.observability.told(),
+            "not_told": self.observability.describe(),
         }
 
 
@@ -167,18 +167,18 @@ def plan(
         method=method,
         ground=ground,
         q=q,
-        way=ground.surroundings.way_touches(came_from, ground.before(q)).tolist(),
+        way=ground.collision.way_touches(came_from, ground.before(q)).tolist(),
         reach=reach,
         expected=_expected(prior, q, targets, ground, seed),
         observability=observability(columns, names.tolist(), np.ones(len(names))),
     )
 
 
-def _prior(cell: Cell, ground: Ground, targets: FloatArray, seed: int, after: ErrorMap | None) -> Prior:
+def _prior(cell: Cell, ground: MeasurementSpace, targets: FloatArray, seed: int, after: ErrorMap | None) -> Prior:
     anchors = np.random.default_rng(seed).permutation(targets)[:_ANCHORS]
     if after is None:
         noise = float(np.hypot(cell.measuring.repeatability_mm, _reading_std(cell, targets)))
-        return Prior.of(ground.surroundings.robot, cell.tf_flange_tool, anchors, noise)
+        return Prior.of(ground.collision.robot, cell.tf_flange_tool, anchors, noise)
     if after.samples.q is None:
         raise DataError("the map's samples have no joints; what to measure next is told of joints (q1_deg …)")
     model = after.predictor
@@ -196,7 +196,9 @@ def _reading_std(cell: Cell, targets: FloatArray) -> float:
     return _READING_MM if std is None else float(np.sqrt(np.mean(std**2)))
 
 
-def _expected(prior: Prior, q: FloatArray, targets: FloatArray, ground: Ground, seed: int) -> list[dict[str, float]]:
+def _expected(
+    prior: Prior, q: FloatArray, targets: FloatArray, ground: MeasurementSpace, seed: int
+) -> list[dict[str, float]]:
     """Accuracy of the plan, and of fewer and more poses chosen one after the other for the lowest mean variance."""
     counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)})
     offered = ground.spread(max(_TARGETS, 2 * counts[-1]), seed).q

@@ -11,7 +11,7 @@ from scipy.stats import norm, qmc
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.basis_form import Basis
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kriging import KinematicKriging
 from truepose.predictors.kinematic.terms import Terms
 from truepose.robots import Robot
@@ -30,13 +30,13 @@ class Prior:
     Attributes
     ----------
     basis : Basis
-    hyper : Hyper
+    hyper : Hyperparameters
     root : (p, s) array
         Of the weights' covariance: Λ½ before any sample.
     """
 
     basis: Basis
-    hyper: Hyper
+    hyper: Hyperparameters
     root: FloatArray
 
     @classmethod
@@ -55,8 +55,8 @@ class Prior:
         terms = Terms(robot, tf_flange_tool)
         joints = terms.seen(terms.at(anchors))
         elastic = robot.maker.lower() in _STRAIN_WAVE
-        start = Hyper.start(len(joints), len(terms.range_names))
-        hyper = Hyper(
+        start = Hyperparameters.start(len(joints), len(terms.range_names))
+        hyper = Hyperparameters(
             np.full(len(joints), _JOINT_STD[elastic]),
             start.joint_length,
             start.tolerance,
@@ -82,7 +82,7 @@ class Prior:
         return before.given(np.asarray(q, float))
 
     @classmethod
-    def _before(cls, terms: Terms, joints: IntArray, hyper: Hyper, anchors: FloatArray) -> Self:
+    def _before(cls, terms: Terms, joints: IntArray, hyper: Hyperparameters, anchors: FloatArray) -> Self:
         basis = Basis.of(terms, joints, hyper, terms.at(anchors) if terms.range_names else None)
         return cls(basis, hyper, np.diag(np.sqrt(basis.prior(hyper))))
 

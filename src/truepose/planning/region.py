@@ -39,7 +39,7 @@ class Reach:
     left_out: dict[str, int]
     asked: int
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return a sentence: how much of the region can be measured, and what is in the way."""
         share = 100.0 * len(self.q) / self.asked
         why = ", ".join(f"{100.0 * n / self.asked:.0f} % {reason}" for reason, n in self.left_out.items())
@@ -47,12 +47,12 @@ class Reach:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ground(ABC):
+class MeasurementSpace(ABC):
     """Where poses are offered, and how the arm goes to them.
 
     Attributes
     ----------
-    surroundings : Surroundings
+    collision : Surroundings
         With the arm and its tool.
     home : (dof,) array [rad]
         Joints on the branch of the work, and where the measuring program starts.
@@ -62,7 +62,7 @@ class Ground(ABC):
         Every joint comes to its pose from that far below, or from above where a limit is too near.
     """
 
-    surroundings: Surroundings
+    collision: Surroundings
     home: FloatArray
     margin: float = np.deg2rad(5.0)
     approach: float = 0.0
@@ -79,7 +79,7 @@ class Ground(ABC):
 
     def approach_signs(self, q: FloatArray) -> FloatArray:
         """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1."""
-        return np.where(q - self.approach < self.surroundings.robot.limits[:, 0], -1.0, 1.0)
+        return np.where(q - self.approach < self.collision.robot.limits[:, 0], -1.0, 1.0)
 
     def before(self, q: FloatArray) -> FloatArray:
         """Return the joints that the last motion to joints (n, dof) [rad] comes from."""
@@ -87,7 +87,7 @@ class Ground(ABC):
 
     def measurable(self, q: FloatArray) -> Reach:
         """Return which of joints (n, dof) [rad] can be measured, and why the others cannot; NaN is out of reach."""
-        around = self.surroundings
+        around = self.collision
         low, high = around.robot.limits.T
         reason = _first_reason(
             q,
@@ -109,7 +109,7 @@ class Ground(ABC):
         """
         return _first_reason(
             q,
-            lambda q: _named("in the box {}", self.surroundings.touched(q)),
+            lambda q: _named("in the box {}", self.collision.touched(q)),
             lambda q: self._way("behind the box {} on the way from home", self.home, self.before(q)),
             lambda q: self._way("behind the box {} on the last way", self.before(q), q),
             lambda q: self._way("behind the box {} on the way home", q, self.home),
@@ -119,17 +119,17 @@ class Ground(ABC):
     def _some(found: Reach) -> Reach:
         if not len(found.q):
             raise RobotError(
-                f"{found.told()}; check [region] (centre, orientation and home_deg), the tool, the boxes of "
+                f"{found.describe()}; check [region] (centre, orientation and home_deg), the tool, the boxes of "
                 "[obstacles], the position of [tracker] and [measuring] reflector_axis"
             )
         return found
 
     def _way(self, wording: str, q_from: FloatArray, q_to: FloatArray) -> NDArray[np.object_]:
-        return _named(wording, self.surroundings.way_touches(*np.broadcast_arrays(q_from, q_to)))
+        return _named(wording, self.collision.way_touches(*np.broadcast_arrays(q_from, q_to)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Listed(Ground):
+class Listed(MeasurementSpace):
     """Configurations to choose from, (n, dof) [rad], such as those of a program that runs already."""
 
     q: FloatArray
@@ -140,7 +140,7 @@ class Listed(Ground):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class WorkRegion(Ground):
+class WorkRegion(MeasurementSpace):
     """A box in a frame, the tool's orientation in it, and the branch on which the arm works there.
 
     Attributes
@@ -176,7 +176,7 @@ class WorkRegion(Ground):
 
     def reach(self, unit: FloatArray) -> Reach:
         """Return the configurations for points of the unit cube that can be measured, and why others cannot."""
-        around = self.surroundings
+        around = self.collision
         branches = around.robot.inverse(self.poses(unit), tool=around.tf_flange_tool)
         return self.measurable(nearest_branch(branches, self.home))
 

@@ -14,17 +14,16 @@ from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging,
 from truepose.predictors.kriging.vecchia import VecchiaKriging
 from truepose.predictors.kriging.vector import VectorKriging
 from truepose.predictors.orientation import PosePredictor
-from truepose.predictors.registry import PREDICTORS, Arm, make_predictor
+from truepose.predictors.registry import PREDICTORS, ArmContext, make_predictor
 from truepose.predictors.residual_network import ResidualNetwork
 from truepose.predictors.selection.choose import Choice, choose
-from truepose.predictors.selection.cross_validation import Errors
+from truepose.predictors.selection.cross_validation import PositionalErrors
 from truepose.predictors.selection.folds import block_folds, branch_folds, point_folds, random_folds
 
 __all__ = [
     "PREDICTORS",
-    "Arm",
+    "ArmContext",
     "Choice",
-    "Errors",
     "GridCell",
     "InverseDistance",
     "KinematicCalibration",
@@ -34,6 +33,7 @@ __all__ = [
     "Nearest",
     "OrdinaryKriging",
     "PosePredictor",
+    "PositionalErrors",
     "Predictor",
     "RadialBasis",
     "RegistrationOnly",

@@ -43,11 +43,11 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    of_arm : tuple of str
+    arm_parameters : tuple of str
         Parameters that say which arm it is about, as `make_predictor` hands them on; empty where none does.
     """
 
-    of_arm: ClassVar[tuple[str, ...]] = ()
+    arm_parameters: ClassVar[tuple[str, ...]] = ()
 
     has_local_std: ClassVar[bool] = True
     """Whether the standard deviation is that of each pose; otherwise one figure holds for all of them."""
@@ -193,21 +193,23 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             raise DataError("without one of the blocks the others cannot tell the model; take smaller blocks") from None
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
-    def pinned(self) -> Self:
+    def with_fitted_parameters(self) -> Self:
         """Return an unfitted copy whose parameters are the fitted hyperparameters: fitting it estimates nothing."""
         check_is_fitted(self)
         copy: Self = clone(self).set_params(**self._fitted_parameters())
         return copy
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the parameters of `pinned` as plain values, without what the arm is: see `of_arm`."""
-        values = self.pinned().get_params(deep=False)
-        return {name: _plain(value) for name, value in values.items() if name not in self.of_arm}
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fitted parameters as plain values, without those of the arm: see `arm_parameters`."""
+        values = self.with_fitted_parameters().get_params(deep=False)
+        return {name: _plain(value) for name, value in values.items() if name not in self.arm_parameters}
 
     @classmethod
-    def from_json(cls, parameters: Mapping[str, Any]) -> Self:
-        """Return the unfitted model that `to_json` described; parameters of the arm are added to it."""
-        return cls(**{name: value if name in cls.of_arm else _rich(value) for name, value in parameters.items()})
+    def from_dict(cls, parameters: Mapping[str, Any]) -> Self:
+        """Return the unfitted model that `to_dict` described; parameters of the arm are added to it."""
+        return cls(
+            **{name: value if name in cls.arm_parameters else _rich(value) for name, value in parameters.items()}
+        )
 
     @abstractmethod
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None: ...
@@ -242,7 +244,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _to_fit_again(self) -> Self:
         """Return the unfitted copy that `leave_blocks_out` fits: with the hyperparameters, without what they tell."""
-        return self.pinned()
+        return self.with_fitted_parameters()
 
     def _shaped(self, values: FloatArray) -> FloatArray:
         return values[:, 0] if self._flat else values

@@ -98,7 +98,7 @@ class KinematicCalibration(PosePredictor):
     [0.3]
     """
 
-    of_arm: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool", "payload")
+    arm_parameters: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool", "payload")
 
     def __init__(
         self,

@@ -27,7 +27,7 @@ from truepose.robots import Robot
 
 
 @dataclass(frozen=True)
-class Named:
+class PredictorSpec:
     """A predictor with a name.
 
     Attributes
@@ -44,48 +44,48 @@ class Named:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-PREDICTORS: Final[dict[str, Named]] = {
-    "registration": Named(RegistrationOnly),
-    "idw": Named(InverseDistance),
-    "idw-joint": Named(InverseDistance, "joint"),
-    "ordinary-kriging": Named(OrdinaryKriging),
-    "ordinary-kriging-joint": Named(OrdinaryKriging, "joint"),
-    "universal-kriging": Named(UniversalKriging),
-    "universal-kriging-joint": Named(UniversalKriging, "joint"),
-    "vector-kriging": Named(VectorKriging),
-    "vector-kriging-joint": Named(VectorKriging, "joint"),
-    "local-kriging": Named(LocalKriging),
-    "local-kriging-joint": Named(LocalKriging, "joint"),
-    "vecchia-kriging": Named(VecchiaKriging),
-    "vecchia-kriging-joint": Named(VecchiaKriging, "joint"),
-    "radial-basis": Named(RadialBasis),
-    "radial-basis-joint": Named(RadialBasis, "joint"),
-    "grid-cell": Named(GridCell),
-    "nearest": Named(Nearest),
-    "nearest-joint": Named(Nearest, "joint"),
-    "kinematic-kriging": Named(KinematicKriging, "joint"),
-    "kinematic-kriging-cartesian": Named(KinematicKriging, "joint", {"residual": "cartesian"}),
-    "kinematic-kriging-both": Named(KinematicKriging, "joint", {"residual": "both"}),
-    "kinematic-kriging-no-rest": Named(KinematicKriging, "joint", {"residual": "none"}),
-    "kinematic-kriging-no-joints": Named(KinematicKriging, "joint", {"joint_errors": False}),
-    "kinematic-kriging-no-compliance": Named(KinematicKriging, "joint", {"compliance": False}),
-    "kinematic-kriging-no-geometry": Named(KinematicKriging, "joint", {"geometry": False, "compliance": False}),
-    "calibration": Named(KinematicCalibration, "joint"),
-    "calibration-dh": Named(KinematicCalibration, "joint", {"convention": "dh"}),
-    "calibration-cpc": Named(KinematicCalibration, "joint", {"convention": "cpc"}),
-    "calibration-poe": Named(KinematicCalibration, "joint", {"convention": "poe"}),
-    "calibration-ls": Named(KinematicCalibration, "joint", {"method": "ls"}),
-    "calibration-ekf": Named(KinematicCalibration, "joint", {"method": "ekf"}),
-    "calibration-ukf": Named(KinematicCalibration, "joint", {"method": "ukf"}),
-    "calibration-harmonics": Named(KinematicCalibration, "joint", {"terms": ("sin1", "cos1")}),
-    "calibration-compliance": Named(KinematicCalibration, "joint", {"terms": ("compliance",)}),
-    "calibration-network": Named(ResidualNetwork, "joint", {"terms": ("sin1", "cos1")}),
+PREDICTORS: Final[dict[str, PredictorSpec]] = {
+    "registration": PredictorSpec(RegistrationOnly),
+    "idw": PredictorSpec(InverseDistance),
+    "idw-joint": PredictorSpec(InverseDistance, "joint"),
+    "ordinary-kriging": PredictorSpec(OrdinaryKriging),
+    "ordinary-kriging-joint": PredictorSpec(OrdinaryKriging, "joint"),
+    "universal-kriging": PredictorSpec(UniversalKriging),
+    "universal-kriging-joint": PredictorSpec(UniversalKriging, "joint"),
+    "vector-kriging": PredictorSpec(VectorKriging),
+    "vector-kriging-joint": PredictorSpec(VectorKriging, "joint"),
+    "local-kriging": PredictorSpec(LocalKriging),
+    "local-kriging-joint": PredictorSpec(LocalKriging, "joint"),
+    "vecchia-kriging": PredictorSpec(VecchiaKriging),
+    "vecchia-kriging-joint": PredictorSpec(VecchiaKriging, "joint"),
+    "radial-basis": PredictorSpec(RadialBasis),
+    "radial-basis-joint": PredictorSpec(RadialBasis, "joint"),
+    "grid-cell": PredictorSpec(GridCell),
+    "nearest": PredictorSpec(Nearest),
+    "nearest-joint": PredictorSpec(Nearest, "joint"),
+    "kinematic-kriging": PredictorSpec(KinematicKriging, "joint"),
+    "kinematic-kriging-cartesian": PredictorSpec(KinematicKriging, "joint", {"residual": "cartesian"}),
+    "kinematic-kriging-both": PredictorSpec(KinematicKriging, "joint", {"residual": "both"}),
+    "kinematic-kriging-no-rest": PredictorSpec(KinematicKriging, "joint", {"residual": "none"}),
+    "kinematic-kriging-no-joints": PredictorSpec(KinematicKriging, "joint", {"joint_errors": False}),
+    "kinematic-kriging-no-compliance": PredictorSpec(KinematicKriging, "joint", {"compliance": False}),
+    "kinematic-kriging-no-geometry": PredictorSpec(KinematicKriging, "joint", {"geometry": False, "compliance": False}),
+    "calibration": PredictorSpec(KinematicCalibration, "joint"),
+    "calibration-dh": PredictorSpec(KinematicCalibration, "joint", {"convention": "dh"}),
+    "calibration-cpc": PredictorSpec(KinematicCalibration, "joint", {"convention": "cpc"}),
+    "calibration-poe": PredictorSpec(KinematicCalibration, "joint", {"convention": "poe"}),
+    "calibration-ls": PredictorSpec(KinematicCalibration, "joint", {"method": "ls"}),
+    "calibration-ekf": PredictorSpec(KinematicCalibration, "joint", {"method": "ekf"}),
+    "calibration-ukf": PredictorSpec(KinematicCalibration, "joint", {"method": "ukf"}),
+    "calibration-harmonics": PredictorSpec(KinematicCalibration, "joint", {"terms": ("sin1", "cos1")}),
+    "calibration-compliance": PredictorSpec(KinematicCalibration, "joint", {"terms": ("compliance",)}),
+    "calibration-network": PredictorSpec(ResidualNetwork, "joint", {"terms": ("sin1", "cos1")}),
 }
 """All predictors by name."""
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class ArmContext:
     """What a predictor may need to know of the arm whose errors it predicts.
 
     Attributes
@@ -117,7 +117,7 @@ def check_name(name: str) -> None:
         raise DataError(f"no predictor {name!r}; {hint}there are: auto, {', '.join(PREDICTORS)}")
 
 
-def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: Arm | None = None) -> Predictor:
+def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: ArmContext | None = None) -> Predictor:
     """Return an unfitted predictor.
 
     Parameters
@@ -125,8 +125,8 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: 
     name : str
         A key of `PREDICTORS`.
     parameters : mapping, optional
-        As `Predictor.to_json` gives them.
-    arm : Arm, optional
+        As `Predictor.to_dict` gives them.
+    arm : ArmContext, optional
         For those that know the arm.
 
     Raises
@@ -136,7 +136,7 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: 
     """
     check_name(name)
     named = PREDICTORS[name]
-    if named.family.of_arm and arm is None:
+    if named.family.arm_parameters and arm is None:
         raise DataError(f"predictor {name!r} needs to know the arm: its robot and tool")
-    of_arm = {key: getattr(arm, key) for key in named.family.of_arm}
-    return named.family.from_json({**named.defaults, **(parameters or {}), **of_arm})
+    arm_parameters = {key: getattr(arm, key) for key in named.family.arm_parameters}
+    return named.family.from_dict({**named.defaults, **(parameters or {}), **arm_parameters})

@@ -52,7 +52,7 @@ class ResidualNetwork(Predictor):
         Standard deviation of left-out samples.
     """
 
-    of_arm: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool")
+    arm_parameters: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool")
 
     def __init__(
         self,

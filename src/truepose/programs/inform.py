@@ -8,7 +8,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Flow, Shift, Structure
+from truepose.programs.core.flow import BlockError, Flow, Shift
 from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
 from truepose.programs.core.source import PLAIN_LEXER, Source, printable
 from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
@@ -154,7 +154,7 @@ class _Reader:
                     continue
                 self._instruction(line, code.split(b" '")[0], labels, bool(structured))
             flow.end_routine()
-        except Structure as error:
+        except BlockError as error:
             raise self._source.error(line, f"{error}; correct the file") from None
         flow.solve()
         self._end_arc()

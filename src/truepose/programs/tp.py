@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Flow, InForce, Structure
+from truepose.programs.core.flow import BlockError, Flow, InForce
 from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
 from truepose.programs.core.source import PLAIN_LEXER, Source, printable
 from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
@@ -121,7 +121,7 @@ class _Reader:
             for line, code in instructions:
                 self._instruction(line, _TEXT.sub(b"''", code), labels)
             self._flow.end_routine()
-        except Structure as error:
+        except BlockError as error:
             raise self._source.error(line, f"{error}; correct the file") from None
         self._flow.solve()
         self._end_arc()

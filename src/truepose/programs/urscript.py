@@ -17,7 +17,7 @@ import numpy as np
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Flow, InForce, State, Structure
+from truepose.programs.core.flow import BlockError, Flow, InForce, State
 from truepose.programs.core.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
 from truepose.programs.core.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
 from truepose.programs.core.targets import FrameTable, Program, ReadOptions
@@ -104,7 +104,7 @@ class _Reader:
                     line = statement.line
                     self._statement(statement, set(routines))
                 self._flow.end_routine()
-        except Structure as error:
+        except BlockError as error:
             raise self._source.error(line, f"{error}; correct the file") from None
         self._flow.handlers, self._flow.concurrent = self._threads, True
         ambient = self._flow.solve()

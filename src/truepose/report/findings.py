@@ -112,7 +112,7 @@ def _ratio(measured: FloatArray, implied: FloatArray, weights: FloatArray) -> fl
 def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     """Return questions and answers about one space, in a language."""
     answers = {
-        "structure": part.told_verdict(say.words("similarity")),
+        "structure": part.verdict_in(say.words("similarity")),
         "curve": _curve(part.model, part.unit, part.sampled.lag, say),
         "reach": _reach(part, say),
         "noise": _noise(part, say),

@@ -47,7 +47,7 @@ class Knowledge:
     shares_mm : dict
         Root mean square length of what each term adds to the predictions at the samples.
     hyperparameters : dict
-        As the predictor's own `to_json`, without what belongs to single samples.
+        As the predictor's own `to_dict`, without what belongs to single samples.
     next_poses : list of dict
         What to measure next, the most telling first: joints or position, and the std there before it.
     """
@@ -146,7 +146,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         curves = model.joint_curves()
         parts = model.explain(error_map.coordinates(samples))
         shares = {name: float(np.sqrt(np.mean(np.sum(e**2, axis=1)))) for name, e in parts.items()}
-    values = {name: value for name, value in model.to_json().items() if name not in ("weight", "identified")}
+    values = {name: value for name, value in model.to_dict().items() if name not in ("weight", "identified")}
     return Knowledge(
         error_map,
         noise_mm=float(np.sqrt(np.mean(_about_field(error_map)))),

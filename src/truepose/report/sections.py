@@ -263,13 +263,13 @@ def _position(p: Any, std: Any, say: Locale) -> str:
 def _similarity(evidence: Evidence, say: Locale) -> Section:
     blocks: list[Block] = [Text(say("similarity_section.about"))]
     for part in evidence.study.parts:
-        blocks += [Picture(figures.variogram(part, say), part.told_title(say), _NARROW), Facts(part.told(say))]
+        blocks += [Picture(figures.variogram(part, say), part.title_in(say), _NARROW), Facts(part.describe(say))]
     return Section(say("similarity_section.title"), blocks)
 
 
 def _model(evidence: Evidence, say: Locale) -> Section:
     error_map = evidence.error_map
-    plain, tables = _parameters(error_map.predictor.to_json(), say)
+    plain, tables = _parameters(error_map.predictor.to_dict(), say)
     rows = {"predictor": error_map.predictor_name}
     if plain:
         rows["parameters"] = "; ".join(plain)

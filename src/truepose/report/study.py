@@ -81,27 +81,27 @@ class StudyPart:
     @property
     def title(self) -> str:
         """What the picture shows, in English."""
-        return self.told_title(load_locale("en"))
+        return self.title_in(load_locale("en"))
 
     @property
     def findings(self) -> list[tuple[str, str]]:
         """Questions that a reader has, and their answers in English; `told` has them in other languages."""
-        return self.told(load_locale("en"))
+        return self.describe(load_locale("en"))
 
-    def told_title(self, say: Locale) -> str:
+    def title_in(self, say: Locale) -> str:
         """Return what the picture shows."""
         return say(f"space.{self.space}")
 
-    def told(self, say: Locale) -> list[tuple[str, str]]:
+    def describe(self, say: Locale) -> list[tuple[str, str]]:
         """Return questions that a reader has, and their answers."""
         return findings(self, say)
 
     @property
     def verdict(self) -> str:
         """Whether there is similarity, how far it reaches, how much is noise; in English."""
-        return self.told_verdict(english)
+        return self.verdict_in(english)
 
-    def told_verdict(self, words: Words) -> str:
+    def verdict_in(self, words: Words) -> str:
         """Return whether there is similarity, how far it reaches, how much is noise."""
         return verdict(self.model, self.envelope, self.unit, nugget=self._nugget, words=words)
 

@@ -26,7 +26,7 @@ _NOTABLE: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Holding:
+class ConsistencyTest:
     """Whether a model still holds for new readings.
 
     Attributes
@@ -89,7 +89,7 @@ class Explanation:
     evidence: float
 
 
-def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None) -> Holding:
+def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None) -> ConsistencyTest:
     """Test whether a model holds.
 
     Parameters
@@ -122,7 +122,7 @@ def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | N
     wider, dof = (1.0, float(len(z))) if shared is None else _common(covariance, shared)
     blocks = _blocks(covariance, n)
     own = np.einsum("na,na->n", residual, np.linalg.solve(blocks, residual[..., None])[..., 0])
-    return Holding(
+    return ConsistencyTest(
         n=n,
         ratio=float(np.sqrt(z @ z / len(z))),
         p_chi_square=float(stats.chi2.sf(z @ z / wider, dof)),

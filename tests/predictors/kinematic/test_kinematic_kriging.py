@@ -11,7 +11,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import Terms
 from truepose.robots import load_robot
 
@@ -53,8 +53,8 @@ def fitted():
     return q, e, KinematicKriging(ROBOT, TOOL).fit(q, e)
 
 
-def hyper(joints=6, ranges=6) -> Hyper:
-    start = Hyper.start(joints, ranges, noise=0.02)
+def hyper(joints=6, ranges=6) -> Hyperparameters:
+    start = Hyperparameters.start(joints, ranges, noise=0.02)
     theta = start.to_vector() + np.linspace(-0.4, 0.4, len(start.to_vector()))
     return start.with_vector(theta)
 
@@ -302,7 +302,7 @@ def test_a_joint_that_never_moves_is_left_out_and_named():
 
 def test_pinned_copy_predicts_the_same(fitted):
     q, e, model = fitted
-    again = KinematicKriging.from_json({**model.to_json(), "robot": ROBOT, "tf_flange_tool": TOOL}).fit(q, e)
+    again = KinematicKriging.from_dict({**model.to_dict(), "robot": ROBOT, "tf_flange_tool": TOOL}).fit(q, e)
     new = simulate(20, np.random.default_rng(13))[0]
     for a, b in zip(again.predict(new, return_std=True), model.predict(new, return_std=True), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
@@ -365,7 +365,7 @@ def test_update_is_a_fit_of_all_samples_with_the_same_hyperparameters(solver):
     assert model.update(q[90:], e[90:], noise_std=0.01) is model
     assert model.hyper_ is hyper_before
     assert model.gross_.tolist() == [117]
-    again = model.pinned().fit(q, e, noise_std=0.01)
+    again = model.with_fitted_parameters().fit(q, e, noise_std=0.01)
     new = simulate(20, np.random.default_rng(21))[0]
     for a, b in zip(model.predict(new, return_std=True), again.predict(new, return_std=True), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)

@@ -20,7 +20,7 @@ from scipy.spatial.distance import cdist
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.covariance_form import same_size, tolerances
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
 
@@ -63,7 +63,7 @@ class Basis:
         cls,
         terms: Terms,
         joints: IntArray,
-        hyper: Hyper,
+        hyper: Hyperparameters,
         anchor: Design | None,
         *,
         angles: FloatArray | None = None,
@@ -124,7 +124,7 @@ class Basis:
         """Return Φ at m configurations, (r m, p); Z knows no orientation."""
         return self._columns(design)[0]
 
-    def _columns(self, design: Design, hyper: Hyper | None = None) -> tuple[FloatArray, FloatArray]:
+    def _columns(self, design: Design, hyper: Hyperparameters | None = None) -> tuple[FloatArray, FloatArray]:
         """Return Φ, and with hyperparameters the prior covariance that it does not hold, (m, r, r) [mm², rad²]."""
         m, rows = len(design.q), design.rows
         counts = [count for _, count in self.groups]
@@ -149,14 +149,14 @@ class Basis:
             missing += left[:, None, None] * np.diag(np.arange(rows) < 3)
         return phi.reshape(rows * m, -1), missing
 
-    def left_out_covariance(self, design: Design, hyper: Hyper) -> FloatArray:
+    def left_out_covariance(self, design: Design, hyper: Hyperparameters) -> FloatArray:
         """Return the prior covariance that the columns do not hold at m configurations, (m, r, r) [mm², rad²].
 
         Z away from the anchors, and joint errors beyond the sampled angles and between the knots.
         """
         return self._columns(design, hyper)[1]
 
-    def prior(self, hyper: Hyper) -> FloatArray:
+    def prior(self, hyper: Hyperparameters) -> FloatArray:
         """Return the prior variances Λ of the weights, (p,)."""
         order = np.argsort(self.terms.group, kind="stable")
         joint = [np.full(m.shape[1], std**2) for std, m in zip(hyper.joint_std, self.knot_maps, strict=True)]
@@ -164,7 +164,7 @@ class Basis:
         return np.concatenate([tolerances(self.terms, hyper)[order] ** 2, *joint, rest])
 
     def whitened(
-        self, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray
+        self, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return L⁻¹Φ (3m, p) and L⁻¹e (3m,) with L Lᵀ the noise (m, 3, 3) of each sample, which is third.
 
@@ -200,7 +200,9 @@ class Sums:
         return 0.5 * self.log_determinant + 1.5 * self.n * math.log(2 * math.pi)
 
     @classmethod
-    def of(cls, basis: Basis, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray) -> Self:
+    def of(
+        cls, basis: Basis, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
+    ) -> Self:
         """Sum over samples with errors and noise variances (n, 3), in parts."""
         p = sum(count for _, count in basis.groups)
         phi_phi, phi_e, e_e, log_determinant = np.zeros((p, p), order="F"), np.zeros(p), 0.0, 0.0
@@ -215,7 +217,9 @@ class Sums:
         return cls(upper + np.triu(upper, 1).T, phi_e, e_e, len(e), log_determinant)
 
 
-def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float) -> tuple[float, FloatArray, float]:
+def negative_log_likelihood(
+    basis: Basis, sums: Sums, hyper: Hyperparameters, scale: float
+) -> tuple[float, FloatArray, float]:
     """Return the value, its gradient by the logarithms of the weights' prior variances, and by log of the noise scale.
 
     Without `Sums.constant`.
@@ -224,7 +228,7 @@ def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float
     ----------
     basis : Basis
     sums : Sums
-    hyper : Hyper
+    hyper : Hyperparameters
     scale : float
         Factor c of the noise variances in `sums`.
     """
@@ -246,8 +250,8 @@ def negative_log_likelihood(basis: Basis, sums: Sums, hyper: Hyper, scale: float
     return value, by_variance, by_scale
 
 
-def gradient_by_hyper(basis: Basis, hyper: Hyper, by_variance: FloatArray, by_scale: float) -> FloatArray:
-    """Return the gradient by the logarithms of `Hyper.to_vector`; a basis holds lengths and ranges: theirs is 0."""
+def gradient_by_hyper(basis: Basis, hyper: Hyperparameters, by_variance: FloatArray, by_scale: float) -> FloatArray:
+    """Return the gradient by the logarithms of `Hyperparameters.to_vector`; 0 for lengths and ranges, which are fixed."""
     edges = np.cumsum([0, *(count for _, count in basis.groups)])
     part = [slice(a, b) for a, b in pairwise(edges)]
     joints = part[len(GROUPS) : -1]
@@ -273,14 +277,16 @@ class BasisForm:
 
     basis: Basis
     design: Design
-    hyper: Hyper
+    hyper: Hyperparameters
     noise: FloatArray
     e: FloatArray
     weight: FloatArray
     root: FloatArray
 
     @classmethod
-    def of(cls, basis: Basis, design: Design, hyper: Hyper, e: FloatArray, noise_variance: FloatArray) -> Self:
+    def of(
+        cls, basis: Basis, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
+    ) -> Self:
         """Solve for errors (n, 3) [mm] whose noise has variances (n, 3) [mm²].
 
         Raises

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.kinematic import add_joints_and_rest, slopes
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
 
@@ -31,7 +31,7 @@ def same_size(block: IntArray) -> list[IntArray]:
     return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
 
 
-def tolerances(terms: Terms, hyper: Hyper) -> FloatArray:
+def tolerances(terms: Terms, hyper: Hyperparameters) -> FloatArray:
     """Return the factor of each drift column's prior standard deviation, (p,)."""
     return np.asarray(np.r_[1.0, hyper.tolerance][terms.group])
 
@@ -69,8 +69,8 @@ class Likelihood:
         self._weight = np.repeat(weight, 3)
         self.constant = 0.5 * len(self._y) * math.log(2 * math.pi)
 
-    def __call__(self, hyper: Hyper) -> tuple[float, FloatArray]:
-        """Return the value and its gradient by the logarithms of `Hyper.to_vector`."""
+    def __call__(self, hyper: Hyperparameters) -> tuple[float, FloatArray]:
+        """Return the value and its gradient by the logarithms of `Hyperparameters.to_vector`."""
         scaled = np.hstack([d * s for d, s in zip(self._drift, (1.0, *hyper.tolerance), strict=True)])
         place = _over_ranges(self._place, self._range_of, hyper)
         covariance = scaled @ scaled.T
@@ -114,7 +114,7 @@ class CovarianceForm:
     terms: Terms
     design: Design
     joints: IntArray
-    hyper: Hyper
+    hyper: Hyperparameters
     factor: FloatArray
     alpha: FloatArray
 
@@ -124,7 +124,7 @@ class CovarianceForm:
         terms: Terms,
         design: Design,
         joints: IntArray,
-        hyper: Hyper,
+        hyper: Hyperparameters,
         e: FloatArray,
         noise_variance: FloatArray,
     ) -> Self:
@@ -271,6 +271,6 @@ def _turns_and_levers(design: Design, joints: IntArray) -> tuple[FloatArray, Flo
     return np.stack([np.cos(half), np.sin(half)], axis=2), lever
 
 
-def _over_ranges(place: FloatArray, range_of: IntArray, hyper: Hyper) -> FloatArray:
+def _over_ranges(place: FloatArray, range_of: IntArray, hyper: Hyperparameters) -> FloatArray:
     """Return coordinates of Z (m, d) over their ranges; none where there is no Z."""
     return place / hyper.rest_range[range_of] if len(hyper.rest_range) else np.empty((len(place), 0))

@@ -13,7 +13,7 @@ from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.predictors.kinematic.basis_form import Basis, Sums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import Likelihood
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 
 _STARTS: Final = (1.0, 0.3)  # factors of the joint lengths that a search starts from
 _SHORT: Final = 25  # iterations after which the better start goes on alone
@@ -27,7 +27,7 @@ class Search:
 
     Attributes
     ----------
-    hyper : Hyper
+    hyper : Hyperparameters
     log_likelihood : float
         Marginal, at `hyper`: the logarithm of the normal density of all 3n errors [mm], with its full constant, the
         drift integrated out under its normal priors; without the priors of the hyperparameters.
@@ -36,19 +36,19 @@ class Search:
     evaluations : int
     """
 
-    hyper: Hyper
+    hyper: Hyperparameters
     log_likelihood: float
     bounds_hit: list[str]
     evaluations: int
 
 
-def search(likelihood: Likelihood, starts: list[Hyper], *, iterations: int = _LONG) -> Search:
+def search(likelihood: Likelihood, starts: list[Hyperparameters], *, iterations: int = _LONG) -> Search:
     """Minimise the negative log likelihood plus the weak priors, in covariance form, from several starts.
 
     Parameters
     ----------
     likelihood : Likelihood
-    starts : list of Hyper
+    starts : list of Hyperparameters
     iterations : int
         At most.
 
@@ -60,7 +60,7 @@ def search(likelihood: Likelihood, starts: list[Hyper], *, iterations: int = _LO
     return _minimise(likelihood, starts, likelihood.constant, iterations)
 
 
-def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
+def refine(basis: Basis, sums: Sums, start: Hyperparameters) -> Search:
     """Go on from hyperparameters of a subset with all samples, in basis form; its lengths and ranges stay as they are.
 
     Parameters
@@ -68,10 +68,10 @@ def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
     basis : Basis
     sums : Sums
         With the noise variances of `start`.
-    start : Hyper
+    start : Hyperparameters
     """
 
-    def likelihood(hyper: Hyper) -> tuple[float, FloatArray]:
+    def likelihood(hyper: Hyperparameters) -> tuple[float, FloatArray]:
         scale = (hyper.noise / start.noise) ** 2
         value, by_variance, by_scale = negative_log_likelihood(basis, sums, hyper, scale)
         return value, gradient_by_hyper(basis, hyper, by_variance, by_scale)
@@ -86,7 +86,7 @@ def refine(basis: Basis, sums: Sums, start: Hyper) -> Search:
     )
 
 
-def spread_starts(start: Hyper) -> list[Hyper]:
+def spread_starts(start: Hyperparameters) -> list[Hyperparameters]:
     """Return a start with several joint lengths: the likelihood may have an optimum at each."""
     vector, k = start.to_vector(), len(start.joint_std)
     out = []
@@ -98,8 +98,8 @@ def spread_starts(start: Hyper) -> list[Hyper]:
 
 
 def _minimise(
-    likelihood: Callable[[Hyper], tuple[float, FloatArray]],
-    starts: list[Hyper],
+    likelihood: Callable[[Hyperparameters], tuple[float, FloatArray]],
+    starts: list[Hyperparameters],
     constant: float,
     iterations: int,
     held: FloatArray | None = None,
@@ -145,7 +145,7 @@ def _minimise(
     return Search(hyper, 0.5 * float(pull @ pull) - value - constant, hit, evaluations)
 
 
-def _names(hyper: Hyper) -> list[str]:
+def _names(hyper: Hyperparameters) -> list[str]:
     k, g = len(hyper.joint_std), len(hyper.rest_range)
     names = [f"joint std {i + 1}" for i in range(k)] + [f"joint length {i + 1}" for i in range(k)]
     names += ["tolerance of geometry", "tolerance of compliance", "noise"]

@@ -21,7 +21,7 @@ _SHORTEST: Final = 0.02  # rad: no joint length is looked for below it
 
 
 @dataclass(frozen=True, eq=False)
-class Hyper:
+class Hyperparameters:
     """Hyperparameters of (10).
 
     Attributes
@@ -62,11 +62,11 @@ class Hyper:
         rest = np.r_[self.rest_std, self.rest_range] if len(self.rest_range) else np.empty(0)
         return np.asarray(np.log(np.r_[self.joint_std, self.joint_length, self.tolerance, self.noise, rest]))
 
-    def with_vector(self, theta: FloatArray) -> Hyper:
+    def with_vector(self, theta: FloatArray) -> Hyperparameters:
         """Return the hyperparameters of a vector of logarithms; the shapes are those of `self`."""
         value, k = np.exp(theta), len(self.joint_std)
         rest = value[2 * k + 3 :]
-        return Hyper(
+        return Hyperparameters(
             value[:k],
             value[k : 2 * k],
             value[2 * k : 2 * k + 2],

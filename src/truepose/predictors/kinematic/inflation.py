@@ -13,7 +13,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import search
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import Design, Terms, take
 from truepose.predictors.selection.folds import random_folds
 
@@ -27,7 +27,7 @@ def held_out(
     terms: Terms,
     design: Design,
     joints: IntArray,
-    hyper: Hyper,
+    hyper: Hyperparameters,
     e: FloatArray,
     reading: FloatArray,
     weight: FloatArray,
@@ -39,7 +39,7 @@ def held_out(
     ----------
     terms, design, joints
         Of the model, at n samples.
-    hyper : Hyper
+    hyper : Hyperparameters
         Where each search starts.
     e, reading : (n, 3) arrays [mm]
         Errors, and the known noise of their readings.

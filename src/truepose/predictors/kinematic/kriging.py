@@ -17,7 +17,7 @@ from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
-from truepose.predictors.kinematic.hyperparameters import Hyper
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, held_out
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
@@ -82,7 +82,7 @@ class KinematicKriging(PosePredictor):
         `EXACT_UP_TO` samples. `solver_` says which. Above 350 samples hyperparameters are searched on 350 drawn at
         random; a basis then refines them with all.
     hyper : dict, optional
-        Hyperparameters as `Hyper.to_dict` gives them, instead of a search.
+        Hyperparameters as `Hyperparameters.to_dict` gives them, instead of a search.
     weight : sequence of float, optional
         Weights of the samples, instead of the robust ones.
     joints : sequence of int, optional
@@ -94,7 +94,7 @@ class KinematicKriging(PosePredictor):
 
     Attributes
     ----------
-    hyper_ : Hyper
+    hyper_ : Hyperparameters
     parameters_ : list of dict
         Every drift column: name, group, estimate ± std in its unit.
     joints_ : (k,) array of int
@@ -113,7 +113,7 @@ class KinematicKriging(PosePredictor):
     bounds_hit_ : list of str
     """
 
-    of_arm = ("robot", "tf_flange_tool")
+    arm_parameters = ("robot", "tf_flange_tool")
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
     def __init__(
@@ -159,7 +159,7 @@ class KinematicKriging(PosePredictor):
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
         if self.hyper is not None:
-            self.hyper_ = Hyper.from_dict(self.hyper)
+            self.hyper_ = Hyperparameters.from_dict(self.hyper)
             self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
         else:
             self._estimate(design)
@@ -249,7 +249,7 @@ class KinematicKriging(PosePredictor):
         """Search hyperparameters and robust weights in turn until the weights settle."""
         n = len(self._e)
         order = np.random.default_rng(self.random_state).permutation(n)
-        start = Hyper.start(len(self.joints_), len(self._terms.range_names))
+        start = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
         starts = spread_starts(start) if len(self.joints_) else [start]
         self.weight_ = self._first_weights(design) if self.robust else np.ones(n)
         for turn in range(_ROUNDS):

@@ -13,7 +13,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.registry import PREDICTORS, check_name
-from truepose.predictors.selection.cross_validation import Errors, Job, Outcome, Registrable, cross_validate
+from truepose.predictors.selection.cross_validation import Job, Outcome, PositionalErrors, Registrable, cross_validate
 from truepose.predictors.selection.folds import split_samples
 from truepose.predictors.selection.ranking import HeldOut, difference_intervals, figures, score, take
 
@@ -54,7 +54,7 @@ class Choice:
         The candidate taken, fitted to all samples.
     gross : (n,) array
         How strongly the others contradict each sample, in standard deviations; 0 for those in the fit.
-    errors : Errors
+    errors : PositionalErrors
         The samples, as registered by all of them.
     """
 
@@ -63,7 +63,7 @@ class Choice:
     predictor_name: str
     predictor: Predictor
     gross: FloatArray
-    errors: Errors
+    errors: PositionalErrors
 
 
 def choose(
@@ -80,7 +80,7 @@ def choose(
 
     Parameters
     ----------
-    samples : Errors, or what can be registered
+    samples : PositionalErrors, or what can be registered
         n samples.
     candidates : "quick", "all", or sequence of str
         Names of `PREDICTORS`; ``quick`` are `QUICK`. Those whose space has no coordinates, or that need an arm, are
@@ -121,7 +121,7 @@ def choose(
     return Choice(ranking, expected, best, predictor, gross, errors)
 
 
-def _names(candidates: str | Sequence[str], errors: Errors) -> list[str]:
+def _names(candidates: str | Sequence[str], errors: PositionalErrors) -> list[str]:
     """Return the names of candidates that the samples can bear, each once."""
     if isinstance(candidates, str):
         if candidates not in ("quick", "all"):
@@ -131,7 +131,7 @@ def _names(candidates: str | Sequence[str], errors: Errors) -> list[str]:
             candidates = [_LOCAL.get(name, name) for name in candidates if name not in _TOO_MUCH]
     for name in candidates:
         check_name(name)
-    names = [name for name in dict.fromkeys(candidates) if errors.bears(name)]
+    names = [name for name in dict.fromkeys(candidates) if errors.supports(name)]
     if not names:
         raise DataError(f"none of {', '.join(candidates) or 'no candidates'} can be fitted without joints or the arm")
     return names

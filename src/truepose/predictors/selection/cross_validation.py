@@ -18,13 +18,13 @@ from truepose.errors import DataError, TrueposeError
 from truepose.numerics.threads import become_worker, blas_threads, cores
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
-from truepose.predictors.registry import PREDICTORS, Arm, make_predictor
+from truepose.predictors.registry import PREDICTORS, ArmContext, make_predictor
 
 _FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class PositionalErrors:
     """Errors of samples, and what predictors may know of them.
 
     Attributes
@@ -34,14 +34,14 @@ class Errors:
     e : (n, 3) array [mm], base frame
     noise_std : (n, 3) array [mm], optional
         Standard deviation of the readings.
-    arm : Arm, optional
+    arm : ArmContext, optional
         For candidates that know the arm.
     """
 
     coordinates: Mapping[str, FloatArray]
     e: FloatArray
     noise_std: FloatArray | None = None
-    arm: Arm | None = None
+    arm: ArmContext | None = None
 
     def __post_init__(self) -> None:
         for name, values in {**self.coordinates, "e": self.e}.items():
@@ -54,28 +54,28 @@ class Errors:
     def __len__(self) -> int:
         return len(self.e)
 
-    def registered_by(self, rows: IntArray | slice) -> Errors:
+    def registered_by(self, rows: IntArray | slice) -> PositionalErrors:
         """Return the errors of all samples when only these rows are known: the same, as they are registered already."""
         return self
 
     def fit(self, name: str, rows: IntArray | slice = slice(None)) -> tuple[Predictor, FloatArray]:
         """Return a predictor fitted to some rows, and how gross each of these is, see `fit_without_gross`."""
         model = make_predictor(name, arm=self.arm)
-        if not self.bears(name):
+        if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
         return model, fit_without_gross(model, self.coordinates[PREDICTORS[name].space][rows], self.e[rows], noise)
 
-    def bears(self, name: str) -> bool:
+    def supports(self, name: str) -> bool:
         """Return whether a predictor can be fitted: its coordinates are there, and the arm if it needs one."""
         predictor = PREDICTORS[name]
-        return predictor.space in self.coordinates and not (predictor.family.of_arm and self.arm is None)
+        return predictor.space in self.coordinates and not (predictor.family.arm_parameters and self.arm is None)
 
 
 class Registrable(Protocol):
     """Samples whose errors are after a registration, which may be done anew with some of the rows."""
 
-    def registered_by(self, rows: IntArray | slice) -> Errors:
+    def registered_by(self, rows: IntArray | slice) -> PositionalErrors:
         """Return the errors of all samples after a registration with these rows."""
 
 
@@ -119,7 +119,7 @@ class Job:
 
     samples: Registrable
     splits: Mapping[str, IntArray]
-    _registered: dict[tuple[str, int], Errors] = field(default_factory=dict)  # once for all candidates
+    _registered: dict[tuple[str, int], PositionalErrors] = field(default_factory=dict)  # once for all candidates
 
     def run(self, task: Task) -> Outcome:
         """Fit, and predict what was held out; BLAS in one thread, so that the result is the same everywhere."""

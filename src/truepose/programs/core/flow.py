@@ -112,7 +112,7 @@ class _Part:
     returns: list[int] = field(default_factory=list)
 
 
-class Structure(Exception):  # noqa: N818 - becomes a FileError where file and line are known
+class BlockError(Exception):
     """A block that is closed but not open, or left open."""
 
 
@@ -158,7 +158,7 @@ class Flow:
     def begin_routine(self, name: str, *, outside: bool) -> None:
         """Enter DEF; `outside` if other modules may call it."""
         if name in self._routines:
-            raise Structure(f"{name} is defined twice; give one another name")
+            raise BlockError(f"{name} is defined twice; give one another name")
         entry = self._new()
         self._routine, self._exits = name, []
         self._routines[name] = (entry, self._exits)
@@ -171,11 +171,11 @@ class Flow:
         """Leave at END."""
         if self._blocks:
             block = self._blocks[-1]
-            raise Structure(f"{block.kind} of line {block.line} is not closed")
+            raise BlockError(f"{block.kind} of line {block.line} is not closed")
         self._exits.append(self.node)
         for label, node in self._gotos:
             if label not in self._labels:
-                raise Structure(f"GOTO {label}: there is no such label in {self._routine or 'this program'}")
+                raise BlockError(f"GOTO {label}: there is no such label in {self._routine or 'this program'}")
             self._nodes[node].followers.append(self._labels[label])
         self._gotos = []
         self._last[self._routine] = self.node
@@ -274,7 +274,7 @@ class Flow:
 
     def _top(self, kind: str, opener: str) -> _Block:
         if not self._blocks or self._blocks[-1].kind != opener:
-            raise Structure(f"{kind} without {opener}")
+            raise BlockError(f"{kind} without {opener}")
         return self._blocks[-1]
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Flow, InForce, Structure
+from truepose.programs.core.flow import BlockError, Flow, InForce
 from truepose.programs.core.points import FileLine
 from truepose.programs.core.source import Source
 from truepose.programs.core.targets import ReadOptions
@@ -133,7 +133,7 @@ class Module:
                     self.runs.append((self._motions.first_of(piece), piece))
             if self._routine is None and not self._routines:
                 self._flow.end_routine()
-        except Structure as error:
+        except BlockError as error:
             raise self._src.error(line, f"{error}; correct the file") from None
         if self._routine is not None:
             name, line = self._routine
@@ -225,7 +225,7 @@ class Module:
             flow.goto(m[1].decode().upper())
         elif word in ("SPLINE", "PTP_SPLINE"):
             if self._motions.block != Settings():
-                raise Structure(f"{word} inside a spline block")
+                raise BlockError(f"{word} inside a spline block")
             if (m := _WORD.match(self._src.data, rest, end)) and m[1].upper() == b"WITH":
                 self._motions.block = self._motions.settings(m.end(), end, line)
         elif word == "ENDSPLINE":
@@ -342,10 +342,10 @@ class Module:
     def _begin_routine(self, statement: Statement) -> None:
         word, line, start, _, end = statement
         if self._routine is not None:
-            raise Structure(f"{self._routine[0]} of line {self._routine[1]} has no END before this")
+            raise BlockError(f"{self._routine[0]} of line {self._routine[1]} has no END before this")
         m = _ROUTINE.match(self._src.data, start, end)
         if m is None:
-            raise Structure(f"{word}: expected a name")
+            raise BlockError(f"{word}: expected a name")
         name = m[1].decode()
         self._routine = (name, line)
         self._names.local = {}
@@ -359,7 +359,7 @@ class Module:
 
     def _end_routine(self) -> None:
         if self._routine is None and self._routines:
-            raise Structure("END without DEF")
+            raise BlockError("END without DEF")
         self._flow.end_routine()
         self._routine = None
         self._routines += 1

@@ -9,7 +9,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import UNSET, InForce, Structure
+from truepose.programs.core.flow import UNSET, BlockError, InForce
 from truepose.programs.core.points import FileLine, Place, Point, Problem, at
 from truepose.programs.core.source import Source
 from truepose.programs.core.targets import frame_key
@@ -92,7 +92,7 @@ class Module:
                 line = self.source.line(statement[0].start)
                 self._structure(statement)
                 self._statement(statement, line)
-        except Structure as error:
+        except BlockError as error:
             raise self.source.error(line, f"{error}; correct the file") from None
 
     def place(self, line: int) -> Place:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.core.flow import UNSET, State, Structure
+from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.points import Judge, Problem, at
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -94,7 +94,7 @@ def _read_task(sources: Sequence[Source], options: ReadOptions, *, whole: bool) 
         module.read()
     try:
         task.flow.solve()
-    except Structure as error:
+    except BlockError as error:
         raise FileError(sources[0].path, f"{error}; correct the file") from None
     _attach(task)
     return task, tuple(sources)
