@@ -251,7 +251,7 @@ def negative_log_likelihood(
 
 
 def gradient_by_hyper(basis: Basis, hyper: Hyperparameters, by_variance: FloatArray, by_scale: float) -> FloatArray:
-    """Return the gradient by the logarithms of `Hyperparameters.to_vector`; 0 for lengths and ranges, which are fixed."""
+    """Return the gradient by the logarithms of `Hyperparameters.to_vector`; 0 for fixed ranges."""
     edges = np.cumsum([0, *(count for _, count in basis.groups)])
     part = [slice(a, b) for a, b in pairwise(edges)]
     joints = part[len(GROUPS) : -1]
