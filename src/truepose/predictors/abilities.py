@@ -1,0 +1,48 @@
+"""Optional abilities of predictors: protocols that are tested with ``isinstance``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, Self, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from truepose._typing import FloatArray, IntArray
+
+
+@runtime_checkable
+class Updatable(Protocol):
+    """A predictor that takes further samples into a fit without starting again."""
+
+    def update(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
+        """Add samples to the fit; the arguments are those of `Predictor.fit`."""
+
+
+@runtime_checkable
+class Differentiable(Protocol):
+    """A predictor whose prediction has a derivative in closed form."""
+
+    def gradient(self, X: ArrayLike) -> FloatArray:
+        """Return the derivative of the prediction by the coordinates, (m, k, d)."""
+
+
+@runtime_checkable
+class JointlyPredicting(Protocol):
+    """A predictor that knows how its errors at different poses vary together."""
+
+    def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors (m, 3) [mm] and the covariance of all of them, (3m, 3m) [mm²]."""
+
+
+@runtime_checkable
+class ParameterEstimating(Protocol):
+    """A fitted predictor that estimated parameters of the arm."""
+
+    parameters_: Sequence[dict[str, Any]]
+
+
+@runtime_checkable
+class OutlierWeighing(Protocol):
+    """A fitted predictor that weighs outliers down itself."""
+
+    gross_: IntArray
