@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from benchmarks.harness import Call, Job
 from truepose.geometry import invert_transform, make_transform
 from truepose.robots import Robot, error_model, find_branches, load_robot
-from truepose.robots.nominal import ortho_parallel
+from truepose.robots.inverse.closed_form import ortho_parallel
 
 TITLE = "Benchmarks: robots"
 PACKAGES = ("truepose", "numpy", "pin", "roboticstoolbox-python", "py-opw-kinematics")

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell, load_cell, template
 from truepose.errors import FileError, RobotError
+from truepose.robots import to_toml
 
 KUKA = '[robot]\nmodel = "kuka-kr210-r2700-extra"\n'
 ABB = '[robot]\nmodel = "abb-irb120"\n'
@@ -73,7 +74,7 @@ def test_numbered_frames_and_paths_start_at_the_file(tmp_path: Path) -> None:
 
 
 def test_robot_file_beside_the_cell_file(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(cell(KUKA).load_robot().to_toml())
+    (tmp_path / "mine.toml").write_text(to_toml(cell(KUKA).load_robot()))
     (tmp_path / "cell.toml").write_text('[robot]\nmodel = "mine.toml"\n[tool]\na_deg = 90.0')
     assert load_cell(tmp_path / "cell.toml").load_robot().maker == "KUKA"
 
@@ -114,7 +115,7 @@ def test_wrong_files_say_where_and_what(text: str, line: int | None, message: st
 
 
 def test_unknown_maker_takes_one_unambiguous_set(tmp_path: Path) -> None:
-    text = cell(KUKA).load_robot().to_toml().replace('maker = "KUKA"', 'maker = ""')
+    text = to_toml(cell(KUKA).load_robot()).replace('maker = "KUKA"', 'maker = ""')
     (tmp_path / "mine.toml").write_text(text)
     own = '[robot]\nmodel = "mine.toml"\n[tool]\n'
     described = Cell.from_toml(own + "c_deg = 90.0", folder=tmp_path)

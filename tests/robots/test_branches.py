@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import DataError, RobotError
 from truepose.geometry import make_transform
 from truepose.robots import Robot, find_branches, list_robots, load_robot, nearest_branch, to_mdh
+from truepose.robots.inverse.closed_form import closed_form, nominal_of, ortho_parallel
 from truepose.robots.inverse.newton import linearised, smallest_singular, solve
-from truepose.robots.nominal import closed_form, nominal_of, ortho_parallel
 
 
 def half_turn(angle: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from truepose.errors import DataError
 from truepose.geometry import make_transform
 from truepose.robots import list_robots, load_robot, nearest_branch, to_mdh
+from truepose.robots.inverse.closed_form import closed_form
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
-from truepose.robots.nominal import closed_form
 
 ORTHO_PARALLEL = [name for name in list_robots() if not name.startswith("universal-robots")]
 

@@ -1,7 +1,8 @@
-"""URDF: poses of the chain as written, and every unsupported thing refused by its name."""
+"""URDF: poses of the chain as written; unsupported parts are refused by name; arms are read back as written."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truepose.errors import FileError, RobotError
-from truepose.robots import load_robot, load_urdf, nearest_branch
+from truepose.robots import list_robots, load_robot, load_urdf, nearest_branch, to_mdh, to_toml, to_urdf
 
 Joint = tuple[str, str, str, str, list[float], list[float], list[float]]
 
@@ -188,3 +189,28 @@ def test_no_joints_and_other_roots(tmp_path: Path) -> None:
     path.write_text("<sdf/>", "utf-8")
     with pytest.raises(FileError, match="its root is <sdf>, expected <robot>"):
         load_urdf(path)
+
+
+@pytest.mark.parametrize("name", list_robots())
+@pytest.mark.parametrize("kind", ["urdf", "toml"])
+def test_round_trip(name, kind, rng, tmp_path):
+    nominal = load_robot(name)
+    size = {"alpha": 3e-4, "offset": 3e-4, "beta": 3e-4, "a": 0.3, "d": 0.3}
+    mdh = to_mdh(nominal)
+    calibrated = replace(mdh, **{key: getattr(mdh, key) + rng.normal(scale=s, size=6) for key, s in size.items()})
+    q = rng.uniform(-np.pi, np.pi, (500, 6))
+    for robot in (nominal, calibrated):
+        path = tmp_path / f"arm.{kind}"
+        path.write_text(to_urdf(robot) if kind == "urdf" else to_toml(robot), "utf-8")
+        again = load_robot(path)
+        np.testing.assert_allclose(again.forward(q), robot.forward(q), atol=1e-9)
+        np.testing.assert_allclose(again.limits, robot.limits)
+
+
+def test_joints_without_limits_and_names_with_signs(tmp_path):
+    robot = replace(load_robot("kuka-kr150-2"), name="a <b> & c", limits=np.tile([-np.inf, np.inf], (6, 1)))
+    path = tmp_path / "arm.urdf"
+    path.write_text(to_urdf(robot), "utf-8")
+    again = load_robot(path)
+    assert again.name == robot.name
+    assert np.isinf(again.limits).all()

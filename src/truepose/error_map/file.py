@@ -26,7 +26,7 @@ from truepose.error_map.worth import Worth
 from truepose.errors import FileError
 from truepose.geometry import Registration
 from truepose.predictors import PREDICTORS, make_predictor
-from truepose.robots import parse_robot
+from truepose.robots import parse_robot, to_toml
 from truepose.samples import Samples
 
 _ROTATIONS = ("rotation_cmd", "rotation_meas")
@@ -49,7 +49,7 @@ def to_bytes(error_map: ErrorMap) -> bytes:
     content = _content(error_map)
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
         content["cell"]["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
-    content |= {"robot": error_map.robot.to_toml(), "worth": error_map.worth.to_dict()}
+    content |= {"robot": to_toml(error_map.robot), "worth": error_map.worth.to_dict()}
     return archive.pack(content, _arrays(error_map))
 
 

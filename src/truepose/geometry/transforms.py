@@ -50,6 +50,39 @@ def make_transform(rotation: Rotation | ArrayLike | None = None, translation: Ar
     return tf
 
 
+def axis_rotation(axis: int, angle: ArrayLike) -> FloatArray:
+    """Return the rotations by angles (…) [rad] about a coordinate axis (0, 1 or 2 for x, y or z): (…, 4, 4).
+
+    Examples
+    --------
+    >>> axis_rotation(2, 0.5 * np.pi)[:3, 0].round(6) + 0.0
+    array([0., 1., 0.])
+    """
+    angle = as_floats("angle", angle)
+    tf = np.zeros((*angle.shape, 4, 4))
+    tf[..., :, :] = np.eye(4)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    tf[..., i, i] = tf[..., j, j] = np.cos(angle)
+    tf[..., j, i] = np.sin(angle)
+    tf[..., i, j] = -tf[..., j, i]
+    return tf
+
+
+def axis_translation(axis: int, length: ArrayLike) -> FloatArray:
+    """Return the translations by lengths (…) [mm] along a coordinate axis (0, 1 or 2 for x, y or z): (…, 4, 4).
+
+    Examples
+    --------
+    >>> axis_translation(1, 5.0)[:3, 3]
+    array([0., 5., 0.])
+    """
+    length = as_floats("length", length)
+    tf = np.zeros((*length.shape, 4, 4))
+    tf[..., :, :] = np.eye(4)
+    tf[..., axis, 3] = length
+    return tf
+
+
 def invert_transform(tf_a_b: FloatArray) -> FloatArray:
     """Return tf_b_a, by transposition of the rotation, for an array (…, 4, 4) [mm].
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray, IntArray
+from truepose.geometry.transforms import axis_rotation
 from truepose.robots import ErrorModel, JointTerms, Load, Parameter, Robot, error_model, joint_terms
-from truepose.robots.error_model import turn
 from truepose.robots.jacobian import Outputs
 
 _TOLERANCE: Final = {"mm": 1.0, "rad": 1e-3, "1": 1e-3, "rad/Nm": 5e-6}
@@ -41,7 +41,7 @@ class Arm:
         Deviations of the joints beside; none by default.
     """
 
-    model: ErrorModel
+    model: ErrorModel[Robot]
     active: IntArray
     terms: JointTerms
 
@@ -139,7 +139,7 @@ class Arm:
             joints = joints + self.terms.spread(basis * many[:, len(self.active) :])
         tf = fixed[:, 0]
         for k, sign in enumerate(self.model.robot.sign):
-            tf = tf @ turn(2, sign * joints[:, k]) @ fixed[:, k + 1]
+            tf = tf @ axis_rotation(2, sign * joints[:, k]) @ fixed[:, k + 1]
         return np.asarray(tf)
 
     def _basis(self, q: FloatArray, approach: FloatArray | None) -> FloatArray:

@@ -138,7 +138,7 @@ class KinematicCalibration(PosePredictor):
         return arm.model.to_robot(arm.values(np.where(around, 0.0, x)))
 
     @property
-    def error_model_(self) -> ErrorModel:
+    def error_model_(self) -> ErrorModel[Robot]:
         """The nominal error model, whose `converted` takes identified values to other conventions."""
         return self._arm.model
 

@@ -9,7 +9,7 @@ from truepose.cell import Cell
 from truepose.errors import RefusedError
 from truepose.programs.core.targets import Program
 from truepose.programs.reading import dialect_of
-from truepose.robots import Robot
+from truepose.robots import Robot, to_toml
 
 _MAKERS: Final = {
     "krl": "KUKA",
@@ -44,7 +44,7 @@ def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
         If the robots differ.
     """
     other = cell.load_robot()
-    if other.name != robot.name and other.to_toml() != robot.to_toml():
+    if other.name != robot.name and to_toml(other) != to_toml(robot):
         raise RefusedError(f"the cell file is of {other.name}, the map of {robot.name}; take the cell file of this map")
     differ = [f"[{name}]" for name in _OF_THE_MAP if getattr(own, name) != getattr(cell, name)]
     if not differ:

@@ -1,20 +1,31 @@
-"""Robots: chains, the library of nominal robots, URDF, inverse kinematics, words of configuration."""
+"""Robots: kinematic chains, the library of nominal robots, files, inverse kinematics and arm configurations."""
 
-from truepose.robots.chain import Robot
-from truepose.robots.configuration import abb_configuration, fanuc_configuration, joints_of_abb, joints_of_fanuc
+from truepose.robots.chain import Chain
+from truepose.robots.configuration import (
+    abb_configuration,
+    fanuc_configuration,
+    joints_of_abb,
+    joints_of_fanuc,
+    joints_of_pose,
+    select,
+    status_turn,
+)
 from truepose.robots.conventions import CONVENTIONS
 from truepose.robots.convert import to_mdh
-from truepose.robots.error_model import ErrorModel, Parameter, error_model
+from truepose.robots.error_model import ErrorModel, error_model
 from truepose.robots.inverse.branches import Branches, find_branches
 from truepose.robots.inverse.solve import nearest_branch
-from truepose.robots.io.library import list_robots, load_robot, parse_robot
-from truepose.robots.io.urdf import load_urdf
-from truepose.robots.kuka import joints_of_pose, select, status_turn
+from truepose.robots.io.library import list_robots, load_robot
+from truepose.robots.io.toml import parse_robot, to_toml
+from truepose.robots.io.urdf import load_urdf, to_urdf
+from truepose.robots.motions import Parameter
 from truepose.robots.nongeometric import JointTerms, Load, gravity_torque, joint_terms, thermal_columns
+from truepose.robots.robot import Robot
 
 __all__ = [
     "CONVENTIONS",
     "Branches",
+    "Chain",
     "ErrorModel",
     "JointTerms",
     "Load",
@@ -38,4 +49,6 @@ __all__ = [
     "status_turn",
     "thermal_columns",
     "to_mdh",
+    "to_toml",
+    "to_urdf",
 ]

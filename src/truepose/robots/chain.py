@@ -1,14 +1,15 @@
-"""Serial arms of revolute joints: nominal parameters and forward kinematics on arrays, theory (1) and (2).
+"""Serial chains of revolute joints: nominal parameters and forward kinematics on arrays, theory (1) and (2).
 
-One engine lies underneath every convention: fixed transforms between rotations about z.
+Every convention is reduced to fixed transforms between rotations about z. This module imports no other module of the
+package; `truepose.robots.robot.Robot` adds the methods that need them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +17,12 @@ from numpy.typing import ArrayLike
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
-from truepose.geometry.transforms import check_transforms, make_transform
+from truepose.geometry.transforms import axis_rotation, axis_translation, check_transforms, make_transform
 
 Convention = Literal["mdh", "dh"]
 CONVENTIONS: tuple[Convention, ...] = ("mdh", "dh")
+
+ChainT = TypeVar("ChainT", bound="Chain")
 
 _CHUNK = 2048  # poses worked on at once: their transforms stay in the cache
 _LIMIT_ROUNDING = 1e-9  # rad
@@ -29,48 +32,11 @@ def _not_given() -> FloatArray:
     return np.empty(0)
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """A serial arm of revolute joints with its nominal parameters.
+@dataclass(frozen=True, eq=False, repr=False)
+class Chain:
+    """The nominal parameters of a serial arm, and its forward kinematics.
 
-    Joint i turns by theta_i = sign_i q_i + offset_i about its z axis and contributes, by convention,
-
-    - "mdh", Craig's modified D-H with Hayati's beta, theory (1):
-      A_i = Rx(alpha_i) Tx(a_i) Rz(theta_i) Tz(d_i) Ry(beta_i), where alpha_i and a_i are those of Craig's link i-1;
-    - "dh", standard D-H: A_i = Rz(theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
-
-    The flange is at tf_base_first A_1 … A_n tf_last_flange, theory (2).
-
-    Parameters
-    ----------
-    name : str
-        Library name, maker-model in lower case.
-    alpha, offset : (dof,) array [rad]
-    a, d : (dof,) array [mm]
-    beta : (dof,) array [rad], optional
-        Zero when not given; only with "mdh".
-    sign : (dof,) array of -1 or +1, optional
-        All +1 when not given.
-    limits : (dof, 2) array [rad], optional
-        Lower and upper limit of each joint; infinite where there is none.
-    convention : {"mdh", "dh"}
-    tf_base_first, tf_last_flange : (4, 4) array [mm], optional
-        Fixed transforms before the first and after the last A_i; identity when not given.
-    maker, model, source : str
-        For people: who makes it, its name on the plate, where the numbers came from.
-
-    Raises
-    ------
-    RobotError
-        If the parameters do not make a chain.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> arm = Robot("two-links", alpha=[0, 0], a=[0, 300], d=[0, 0], offset=[0, 0])
-    >>> arm.forward(np.deg2rad([[0, 90], [90, 0]]), tool=[200, 0, 0])[:, :3, 3].round(6) + 0.0
-    array([[300., 200.,   0.],
-           [  0., 500.,   0.]])
+    `truepose.robots.Robot` describes the parameters; functions of this package take either class.
     """
 
     name: str
@@ -127,7 +93,7 @@ class Robot:
                 raise RobotError(f"{self.name}: {error}") from None
 
     def __repr__(self) -> str:
-        return f"Robot({self.name!r}, dof={self.dof}, convention={self.convention!r})"
+        return f"{type(self).__name__}({self.name!r}, dof={self.dof}, convention={self.convention!r})"
 
     @property
     def dof(self) -> int:
@@ -139,14 +105,14 @@ class Robot:
         """The part of each A_i before its rotation by theta_i: (dof, 4, 4) [mm]."""
         if self.convention == "dh":
             return np.tile(np.eye(4), (self.dof, 1, 1))
-        return _rotation_x(self.alpha) @ _translation(0, self.a)
+        return axis_rotation(0, self.alpha) @ axis_translation(0, self.a)
 
     @cached_property
     def link_after(self) -> FloatArray:
         """The part of each A_i after its rotation by theta_i: (dof, 4, 4) [mm]."""
         if self.convention == "dh":
-            return _translation(2, self.d) @ _translation(0, self.a) @ _rotation_x(self.alpha)
-        return _translation(2, self.d) @ _rotation_y(self.beta)
+            return axis_translation(2, self.d) @ axis_translation(0, self.a) @ axis_rotation(0, self.alpha)
+        return axis_translation(2, self.d) @ axis_rotation(1, self.beta)
 
     @cached_property
     def fixed(self) -> FloatArray:
@@ -181,14 +147,7 @@ class Robot:
         joints = self.check_joints(q)
         fixed = self.fixed.copy()
         fixed[-1] = fixed[-1] @ tool_transform(tool)
-        theta = self.theta(joints.reshape(-1, self.dof))
-        tf = np.zeros((len(theta), 4, 4))
-        tf[:, 3, 3] = 1.0
-        for start in range(0, len(theta), _CHUNK):
-            *_, (axes, p) = walk(theta[start : start + _CHUNK], fixed)
-            tf[start : start + _CHUNK, :3, :3] = axes.transpose(2, 1, 0)
-            tf[start : start + _CHUNK, :3, 3] = p.T
-        return tf.reshape(*joints.shape[:-1], 4, 4)
+        return end_poses(self.theta(joints.reshape(-1, self.dof)), fixed).reshape(*joints.shape[:-1], 4, 4)
 
     def frames(self, q: ArrayLike) -> FloatArray:
         """Return the cumulative transforms tf_base_first A_1 … A_i in the robot's own convention.
@@ -223,82 +182,6 @@ class Robot:
                 part[:, i, :3, :3] = axes.transpose(2, 1, 0)
                 part[:, i, :3, 3] = p.T
         return tf.reshape(*joints.shape[:-1], self.dof + 1, 4, 4)
-
-    def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None) -> FloatArray:
-        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.solve.inverse`."""
-        from truepose.robots.inverse.solve import inverse
-
-        return inverse(self, poses, tool, nominal=nominal)
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of the columns of `error_jacobian`: theta1 …, d1 …, a1 …, alpha1 …, beta1 …, as in theory (1)."""
-        kinds = ("theta", "d", "a", "alpha", "beta")
-        return tuple(f"{kind}{j}" for kind in kinds for j in range(1, self.dof + 1))
-
-    def error_jacobian(
-        self,
-        q: ArrayLike,
-        outputs: Literal["position", "pose"] = "position",
-        *,
-        tool: ArrayLike | None = None,
-        convention: str = "hayati",
-        parameters: Sequence[str] | None = None,
-    ) -> FloatArray:
-        """Return the derivative of the TCP by the kinematic parameters, theory (3), at their nominal values.
-
-        Parameters
-        ----------
-        q : (dof,) or (n, dof) array [rad]
-        outputs : {"position", "pose"}
-            Rows: the position [mm], or position and rotation vector [rad], base frame.
-        tool : (4, 4) array or (3,) array [mm], optional
-            tf_flange_tool, or the TCP in the flange frame.
-        convention : str
-            Whose parameters: "hayati" is theory (1), to which another chain is converted; see
-            `truepose.robots.CONVENTIONS`.
-        parameters : sequence of str, optional
-            Names of columns, in that order, or of groups ("theta", "base", "tool"). When not given: `parameter_names`,
-            or for another convention all but base and tool.
-
-        Returns
-        -------
-        (3 or 6, p) or (n, 3 or 6, p) array
-            Per mm, or per rad, of each parameter.
-
-        Raises
-        ------
-        DataError
-            As `forward`.
-        RobotError
-            If there is no such convention or parameter, or the convention cannot describe this arm.
-
-        Examples
-        --------
-        >>> arm = Robot("two-links", alpha=[0, 0], a=[0, 300], d=[0, 0], offset=[0, 0])
-        >>> arm.error_jacobian([0, 0], tool=[200, 0, 0], parameters=["theta1", "a2"])[:2].round(6) + 0.0
-        array([[  0.,   1.],
-               [500.,   0.]])
-        """
-        from truepose.robots.error_model import GROUPS, error_model
-
-        model = error_model(self, convention, tool)
-        if parameters is None:
-            parameters = [parameter.name for parameter in model.parameters if parameter.group not in GROUPS]
-        found = model.jacobian(q, outputs=outputs, parameters=parameters)
-        return found[0] if np.ndim(q) == 1 else found
-
-    def joint_jacobian(
-        self, q: ArrayLike, outputs: Literal["position", "pose"] = "position", *, tool: ArrayLike | None = None
-    ) -> FloatArray:
-        """Return the derivative of the TCP by the joints: (3 or 6, dof) or (n, 3 or 6, dof) [mm/rad], base frame.
-
-        Parameters and errors are those of `error_jacobian`.
-        """
-        from truepose.robots.error_model import error_model
-
-        found = error_model(self, "poe", tool).joint_jacobian(q, outputs=outputs)
-        return found[0] if np.ndim(q) == 1 else found
 
     def within_limits(self, q: ArrayLike) -> BoolArray:
         """Return whether each joint lies within its limits: bool, shape of `q`; False where `q` is NaN."""
@@ -348,18 +231,6 @@ class Robot:
                 raise DataError(f"joints reach {value:.6g} rad in {where}: looks like degrees; convert with np.deg2rad")
         return joints
 
-    def to_toml(self) -> str:
-        """Return the robot as the text of a library file, which `load_robot` reads back."""
-        from truepose.robots.io.library import robot_to_toml
-
-        return robot_to_toml(self)
-
-    def to_urdf(self) -> str:
-        """Return the robot as the text of a URDF file: links base_link, link_1 …, tool0; no masses, no shapes."""
-        from truepose.robots.io.urdf_writing import robot_to_urdf
-
-        return robot_to_urdf(self)
-
 
 def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Walk along the chain fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n for all poses at once.
@@ -376,7 +247,7 @@ def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, Flo
     p : (3, n) array [mm]
     """
     n = len(theta)
-    cos, sin = _cos_sin(np.ascontiguousarray(theta.T))
+    cos, sin = cos_sin(np.ascontiguousarray(theta.T))
     axes = np.broadcast_to(fixed[0, :3, :3].T[..., None], (3, 3, n))
     p = np.broadcast_to(fixed[0, :3, 3, None], (3, n))
     for c, s, link in zip(cos, sin, fixed[1:], strict=True):
@@ -389,7 +260,18 @@ def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, Flo
     yield axes, p
 
 
-def _cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+def end_poses(theta: FloatArray, fixed: FloatArray) -> FloatArray:
+    """Return the last frame: (n, 4, 4) [mm], base frame."""
+    tf = np.zeros((len(theta), 4, 4))
+    tf[:, 3, 3] = 1.0
+    for start in range(0, len(theta), _CHUNK):
+        part = tf[start : start + _CHUNK]
+        *_, (axes, p) = walk(theta[start : start + _CHUNK], fixed)
+        part[:, :3, :3], part[:, :3, 3] = axes.transpose(2, 1, 0), p.T
+    return tf
+
+
+def cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return cosine and sine by the tangent of half the angle: one function that NumPy computes in vectors, not two.
 
     Both to 3e-16: at pi the tangent is 1.6e16, and neither overflows nor cancels.
@@ -418,25 +300,3 @@ def tool_transform(tool: ArrayLike | None) -> FloatArray:
     if array.shape != (4, 4):
         raise DataError(f"tool has shape {array.shape}, expected (4, 4), or (3,) for a position in the flange frame")
     return check_transforms("tool", array)
-
-
-def _translation(axis: int, length: FloatArray) -> FloatArray:
-    p = np.zeros((len(length), 3))
-    p[:, axis] = length
-    return make_transform(translation=p)
-
-
-def _rotation_x(angle: FloatArray) -> FloatArray:
-    return _rotation(angle, 1, 2)
-
-
-def _rotation_y(angle: FloatArray) -> FloatArray:
-    return _rotation(angle, 2, 0)
-
-
-def _rotation(angle: FloatArray, i: int, j: int) -> FloatArray:
-    tf = np.tile(np.eye(4), (len(angle), 1, 1))
-    tf[:, i, i] = tf[:, j, j] = np.cos(angle)
-    tf[:, j, i] = np.sin(angle)
-    tf[:, i, j] = -np.sin(angle)
-    return tf

@@ -1,14 +1,22 @@
-"""ABB's configuration data and FANUC's CONFIG: the words that make the joints of a pose unique.
+"""Arm configurations as controllers write them: KUKA's Status and Turn, ABB's confdata, FANUC's CONFIG.
 
-KUKA's Status and Turn are in `truepose.robots.kuka`. UR writes no word: choose among `robot.inverse` by joints nearby,
-with `nearest_branch`. ("One source" and "unconfirmed" are said of the meaning of a word on a controller; that pose and
-word give the joints back is tested.)
+They make the joints of a pose unique. UR writes none: choose among `Robot.inverse` by joints nearby, with
+`nearest_branch`. The tables state how well the meaning on a controller is confirmed; that the joints follow from pose
+and configuration is tested.
+
+| KUKA | is 1 when | evidence |
+|---|---|---|
+| S bit 0 | the wrist centre, in the frame turned with A1, has x < 0 (overhead) | two makers' documents |
+| S bit 1 | A3 >= phi, the angle at which upper arm and wrist centre are in line | the same; phi tested |
+| S bit 2 | A5 < 0 | 432 of 432 points of four public code bases |
+| S bit 4 | the point was taught on an absolutely accurate robot | one source; ignored here |
+| T bit i | A(i+1) < 0 | one source; reported to be ignored within ±2 deg of zero, as here |
 
 | ABB | is | evidence |
 |---|---|---|
 | cf1, cf4, cf6 | floor(angle / 90 deg) of joints 1, 4, 6 | one source |
 | cfx | 4 · (wrist centre behind axis 1) + 2 · (behind the lower arm) + (joint 5 negative) | one source |
-| behind the lower arm | seen in the frame turned with joint 1, also where the arm reaches over its back | unconfirmed |
+| behind the lower arm | in the frame turned with joint 1, also where the arm reaches over its back | unconfirmed |
 
 | FANUC | is | evidence |
 |---|---|---|
@@ -31,11 +39,24 @@ from numpy.typing import ArrayLike, NDArray
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
-from truepose.robots.chain import Robot
+from truepose.robots.chain import Chain
+from truepose.robots.inverse.axes import half_turn
 from truepose.robots.inverse.branches import find_branches
-from truepose.robots.nominal import ortho_parallel
+from truepose.robots.inverse.closed_form import ortho_parallel
+from truepose.robots.inverse.solve import inverse
 
 StrArray = NDArray[np.str_]
+
+OVERHEAD: Final = 1
+ELBOW: Final = 2
+WRIST: Final = 4
+BRANCH: Final = OVERHEAD | ELBOW | WRIST
+"""The bits of Status that choose among the eight branches."""
+
+_TURN_IGNORED: Final = np.deg2rad(2.0)
+# slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0) of OrthoParallel.branches, by the branch bits of Status
+_SLOT: Final = np.array([4 * bool(s & OVERHEAD) + 2 * (not s & ELBOW) + bool(s & WRIST) for s in range(8)])
+_STATUS: Final = np.argsort(_SLOT)
 
 _TURN: Final = 2 * np.pi
 _QUARTER: Final = np.pi / 2
@@ -47,7 +68,112 @@ _FANUC_LETTERS: Final = np.array([f"{'FN'[s & 1]} {'UD'[s >> 1 & 1]} {'TB'[s >> 
 _CONFIG: Final = re.compile(r"([NF])\s*([LR]?)\s*([UD])\s*([TB])\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)")
 
 
-def abb_configuration(robot: Robot, q: ArrayLike) -> IntArray:
+def status_turn(robot: Chain, q: ArrayLike) -> tuple[IntArray, IntArray]:
+    """Return Status (bits 0 to 2) and Turn (bits 0 to 5) of joint vectors.
+
+    Parameters
+    ----------
+    robot : Robot
+        A six-axis arm with parallel base pair and spherical wrist.
+    q : (6,) or (n, 6) array [rad]
+
+    Returns
+    -------
+    status, turn : int arrays of shape () or (n,)
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind.
+    DataError
+        As `Robot.forward`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from truepose.robots import load_robot
+    >>> s, t = status_turn(load_robot("kuka-kr150-2"), np.deg2rad([0, -90, 90, 0, -30, 0]))
+    >>> int(s), int(t)
+    (6, 18)
+    """
+    arm = ortho_parallel(robot)
+    joints = robot.check_joints(q)
+    status = _STATUS[arm.slot(joints)]
+    turn = ((joints < 0) << np.arange(6)).sum(axis=-1)
+    return status.astype(np.int64), turn.astype(np.int64)
+
+
+def select(robot: Chain, solutions: FloatArray, status: ArrayLike, turn: ArrayLike) -> FloatArray:
+    """Return of all branches the one that Status and Turn name.
+
+    Parameters
+    ----------
+    robot : Robot
+    solutions : (8, 6) or (n, 8, 6) array [rad]
+        From `robot.inverse`, in its slots.
+    status, turn : int, or (n,) int array
+        Bits beyond the branch (S 3 and up) and beyond six joints (T 6 and up) are ignored.
+
+    Returns
+    -------
+    (6,) or (n, 6) array [rad]
+        NaN where that branch does not exist. Not checked against the limits: see `Robot.check_limits`.
+
+    Raises
+    ------
+    RobotError
+        If the arm is no six-axis arm with parallel base pair and spherical wrist.
+    DataError
+        If Status or Turn are no numbers of bits, or shapes do not fit.
+    """
+    ortho_parallel(robot)
+    if solutions.shape[-2:] != (8, 6) or solutions.ndim not in (2, 3):
+        raise DataError(f"solutions have shape {solutions.shape}, expected (8, 6) or (n, 8, 6)")
+    count = len(solutions) if solutions.ndim == 3 else 1
+    s, t = (_bits(name, value, count) for name, value in (("Status", status), ("Turn", turn)))
+    q = solutions.reshape(-1, 8, 6)[np.arange(count), _SLOT[s & BRANCH]]
+    near = half_turn(q)
+    negative = (t[:, None] >> np.arange(6)) & 1
+    turned = np.where(np.abs(near) < _TURN_IGNORED, near, np.mod(q, 2 * np.pi) - 2 * np.pi * negative)
+    return np.asarray(turned.reshape((*solutions.shape[:-2], 6)))
+
+
+def joints_of_pose(
+    robot: Chain, poses: ArrayLike, status: ArrayLike, turn: ArrayLike, tool: ArrayLike | None = None
+) -> FloatArray:
+    """Return the joints of poses with Status and Turn: `select` of `robot.inverse`.
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : (4, 4) or (n, 4, 4) array [mm], base frame
+        Of the flange, or of the TCP when `tool` is given.
+    status, turn : int, or (n,) int array
+    tool : (4, 4) array or (3,) array [mm], optional
+
+    Returns
+    -------
+    (6,) or (n, 6) array [rad]
+
+    Raises
+    ------
+    RobotError
+        If a pose is out of reach (the rows are named), or the arm is of another kind.
+    DataError
+        As `select` and `robot.inverse`.
+    """
+    solutions = inverse(robot, poses, tool)
+    q = select(robot, solutions, status, turn)
+    missing = np.isnan(q.reshape(-1, 6)).any(axis=1)
+    if missing.any():
+        if np.isnan(solutions.reshape(-1, 8, 6)[..., 0]).all(axis=1).any():
+            find_branches(robot, poses, tool).check_reach()
+        rows = name_rows(np.flatnonzero(missing))
+        raise RobotError(f"{robot.name}: out of reach with its Status in {rows}; check base, tool and Status")
+    return q
+
+
+def abb_configuration(robot: Chain, q: ArrayLike) -> IntArray:
     """Return ABB's confdata [cf1, cf4, cf6, cfx] of joint vectors.
 
     Parameters
@@ -81,7 +207,7 @@ def abb_configuration(robot: Robot, q: ArrayLike) -> IntArray:
 
 
 def joints_of_abb(
-    robot: Robot, poses: ArrayLike, configuration: ArrayLike, tool: ArrayLike | None = None
+    robot: Chain, poses: ArrayLike, configuration: ArrayLike, tool: ArrayLike | None = None
 ) -> FloatArray:
     """Return the joints of poses with ABB's confdata.
 
@@ -121,7 +247,7 @@ def joints_of_abb(
     return _turned(robot, q, _ABB_JOINTS, middle, _QUARTER / 2, "quarter turns cf1, cf4, cf6")
 
 
-def fanuc_configuration(robot: Robot, q: ArrayLike) -> StrArray:
+def fanuc_configuration(robot: Chain, q: ArrayLike) -> StrArray:
     """Return FANUC's CONFIG of joint vectors, as "N U T, 0, 0, 0".
 
     Parameters
@@ -161,7 +287,7 @@ def fanuc_configuration(robot: Robot, q: ArrayLike) -> StrArray:
 
 
 def joints_of_fanuc(
-    robot: Robot, poses: ArrayLike, configuration: str | Sequence[str] | StrArray, tool: ArrayLike | None = None
+    robot: Chain, poses: ArrayLike, configuration: str | Sequence[str] | StrArray, tool: ArrayLike | None = None
 ) -> FloatArray:
     """Return the joints of poses with FANUC's CONFIG.
 
@@ -200,7 +326,7 @@ def joints_of_fanuc(
     return _turned(robot, q, _FANUC_JOINTS, _TURN * turns, np.pi, "turn numbers")
 
 
-def _on_branch(robot: Robot, poses: ArrayLike, tool: ArrayLike | None, slots: IntArray, word: str) -> FloatArray:
+def _on_branch(robot: Chain, poses: ArrayLike, tool: ArrayLike | None, slots: IntArray, word: str) -> FloatArray:
     """Return the joints of poses in their slots of `OrthoParallel.branches`: (6,) or (n, 6)."""
     ortho_parallel(robot)
     single = np.ndim(poses) == 2
@@ -219,7 +345,7 @@ def _on_branch(robot: Robot, poses: ArrayLike, tool: ArrayLike | None, slots: In
     return q[0] if single else q
 
 
-def _turned(robot: Robot, q: FloatArray, joints: IntArray, middle: FloatArray, half: float, word: str) -> FloatArray:
+def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, half: float, word: str) -> FloatArray:
     """Return joints (…, 6) turned fully until some of them lie within `half` of the middles that a word names."""
     turned = q.copy()
     now = q[..., joints]
@@ -235,3 +361,10 @@ def _turned(robot: Robot, q: FloatArray, joints: IntArray, middle: FloatArray, h
             f"{value:.3f} deg in row {rows[0]}; check tool, base and the word"
         )
     return turned
+
+
+def _bits(name: str, value: ArrayLike, count: int) -> IntArray:
+    bits = np.asarray(value)
+    if not np.issubdtype(bits.dtype, np.integer) or bits.shape not in ((), (count,)) or (bits < 0).any():
+        raise DataError(f"{name} must be whole numbers of bits, one or {count} of them; got {value!r}")
+    return np.broadcast_to(bits, (count,)).astype(np.int64)

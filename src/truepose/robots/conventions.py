@@ -27,10 +27,10 @@ from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray
 from truepose.errors import RobotError
-from truepose.geometry.transforms import invert_transform
-from truepose.robots.chain import Robot, tool_transform
+from truepose.geometry.transforms import axis_rotation, invert_transform
+from truepose.robots.chain import Chain, tool_transform
 from truepose.robots.convert import mdh_of_fixed, to_mdh
-from truepose.robots.error_model import ErrorModel, Motion, Parameter, tilt, turn
+from truepose.robots.motions import Kind, Motion, Parameter, tilt, transform
 
 _NEARLY_PARALLEL: Final = 0.05  # sine of the angle between axes: Hayati and Mirmirani (1985)
 _PARALLEL: Final = 1e-13
@@ -47,7 +47,7 @@ _TOOL: Final = tuple(Parameter(p.name.replace("base", "tool"), p.unit, "tool") f
 class _Part(NamedTuple):
     """A motion before it has a place: parameters by name, unit and value."""
 
-    kind: str
+    kind: Kind
     axis: int
     names: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
@@ -55,18 +55,26 @@ class _Part(NamedTuple):
     tf: FloatArray | None = None
 
 
-def build(robot: Robot, convention: str = "hayati", tool: ArrayLike | None = None) -> ErrorModel:
-    """Return a robot's error model; see `truepose.robots.error_model`. "hayati" keeps the numbers of an "mdh" robot."""
+class Parametrisation(NamedTuple):
+    """A convention's parameters, their nominal values (p,), and the motions of the dof + 1 links."""
+
+    parameters: tuple[Parameter, ...]
+    nominal: FloatArray
+    links: tuple[tuple[Motion, ...], ...]
+
+
+def parametrise(robot: Chain, convention: str = "hayati", tool: ArrayLike | None = None) -> Parametrisation:
+    """Return a robot's parameters in a convention; "hayati" keeps the numbers of an "mdh" robot."""
     tf_flange_tool = tool_transform(tool)
     if convention == "hayati":
         return _hayati(robot if robot.convention == "mdh" else to_mdh(robot), tf_flange_tool)
     links = robot.fixed.copy()
-    links[1:] = turn(2, robot.offset) @ links[1:]
+    links[1:] = axis_rotation(2, robot.offset) @ links[1:]
     links[-1] = links[-1] @ tf_flange_tool
-    return of_links(robot, links, convention)
+    return parametrise_links(robot, links, convention)
 
 
-def of_links(robot: Robot, links: FloatArray, convention: str) -> ErrorModel:
+def parametrise_links(robot: Chain, links: FloatArray, convention: str) -> Parametrisation:
     """Return the arm L_0 Rz(s_1 q_1) L_1 … L_n, links (dof + 1, 4, 4) [mm], in a convention."""
     if convention not in CONVENTIONS:
         known = ", ".join(CONVENTIONS)
@@ -82,14 +90,14 @@ def of_links(robot: Robot, links: FloatArray, convention: str) -> ErrorModel:
         found = form(wanted, k, robot)
         parts.append(found)
         carry = invert_transform(_product(found)) @ wanted
-        carry[:3, :3] = turn(2, np.arctan2(carry[1, 0], carry[0, 0]))[:3, :3]
+        carry[:3, :3] = axis_rotation(2, np.arctan2(carry[1, 0], carry[0, 0]))[:3, :3]
         carry[:2, 3] = 0.0
     # the last frame is met exactly: nothing comes after it that could take up a rest
     parts[-1].append(_fixed(invert_transform(_product(parts[-1])) @ wanted))
-    return _model(robot, convention, parts)
+    return _place(convention, parts)
 
 
-def _model(robot: Robot, convention: str, parts: list[list[_Part]]) -> ErrorModel:
+def _place(convention: str, parts: list[list[_Part]]) -> Parametrisation:
     """Give names their place, group by group, and add base and tool."""
     named: dict[str, float] = {}
     for link in parts:
@@ -104,16 +112,13 @@ def _model(robot: Robot, convention: str, parts: list[list[_Part]]) -> ErrorMode
         direction = convention == "cpc" and group.startswith("b")
         parameters.append(Parameter(name, "1" if direction else "rad" if group in angles else "mm", group))
     place = {name: i for i, name in enumerate(order)}
-    links = [
-        [Motion(p.kind, p.axis, tuple(place[n] for n in p.names), p.factor, p.tf) for p in link]  # type: ignore[arg-type]
-        for link in parts
-    ]
+    links = [[Motion(p.kind, p.axis, tuple(place[n] for n in p.names), p.factor, p.tf) for p in link] for link in parts]
     first = len(order)
     links[0] = _six(first) + links[0]
     links[-1] = links[-1] + _six(first + 6)
     nominal = np.concatenate([[named[name] for name in order], np.zeros(12)])
     nominal.setflags(write=False)
-    return ErrorModel(robot, convention, (*parameters, *_BASE, *_TOOL), nominal, tuple(map(tuple, links)))
+    return Parametrisation((*parameters, *_BASE, *_TOOL), nominal, tuple(map(tuple, links)))
 
 
 def _six(first: int) -> list[Motion]:
@@ -125,7 +130,7 @@ def _number(name: str) -> int:
     return int(name[len(name.rstrip("0123456789")) :])
 
 
-def _hayati(robot: Robot, tf_flange_tool: FloatArray) -> ErrorModel:
+def _hayati(robot: Chain, tf_flange_tool: FloatArray) -> Parametrisation:
     parts: list[list[_Part]] = [[_fixed(robot.tf_base_first)]]
     columns = ("theta", "offset"), ("d", "d"), ("a", "a"), ("alpha", "alpha"), ("beta", "beta")
     value = {f"{name}{j + 1}": float(getattr(robot, key)[j]) for name, key in columns for j in range(robot.dof)}
@@ -134,25 +139,25 @@ def _hayati(robot: Robot, tf_flange_tool: FloatArray) -> ErrorModel:
         parts.append([_named("turn", 2, f"theta{j}", value), _named("shift", 2, f"d{j}", value)])
         parts[-1] += [_named("turn", 1, f"beta{j}", value)]
     parts[-1].append(_fixed(robot.tf_last_flange @ tf_flange_tool))
-    model = _model(robot, "hayati", parts)
+    model = _place("hayati", parts)
     order = [f"{name}{j + 1}" for name, _ in columns for j in range(robot.dof)]
     return _reordered(model, order)
 
 
-def _reordered(model: ErrorModel, first: list[str]) -> ErrorModel:
+def _reordered(model: Parametrisation, first: list[str]) -> Parametrisation:
     """Put the named parameters first, in that order."""
-    names = [*first, *(name for name in model.names if name not in first)]
-    old = [model.names.index(name) for name in names]
+    before = [parameter.name for parameter in model.parameters]
+    old = [before.index(name) for name in (*first, *(name for name in before if name not in first))]
     new = {o: n for n, o in enumerate(old)}
     links = tuple(
         tuple(m._replace(parameters=tuple(new[i] for i in m.parameters)) for m in link) for link in model.links
     )
     nominal = model.nominal[old]
     nominal.setflags(write=False)
-    return replace(model, parameters=tuple(model.parameters[i] for i in old), nominal=nominal, links=links)
+    return Parametrisation(tuple(model.parameters[i] for i in old), nominal, links)
 
 
-def _named(kind: str, axis: int, name: str, value: dict[str, float], factor: float = 1.0) -> _Part:
+def _named(kind: Kind, axis: int, name: str, value: dict[str, float], factor: float = 1.0) -> _Part:
     return _Part(kind, axis, (name,), (value[name],), factor)
 
 
@@ -161,16 +166,14 @@ def _fixed(tf: FloatArray) -> _Part:
 
 
 def _product(parts: list[_Part]) -> FloatArray:
-    from truepose.robots.error_model import _transform
-
     tf = np.eye(4)
     for part in parts:
-        motion = Motion(part.kind, part.axis, tuple(range(len(part.values))), part.factor, part.tf)  # type: ignore[arg-type]
-        tf = tf @ _transform(motion, np.array(part.values))
+        motion = Motion(part.kind, part.axis, tuple(range(len(part.values))), part.factor, part.tf)
+        tf = tf @ transform(motion, np.array(part.values))
     return tf
 
 
-def _standard(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
+def _standard(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
     z, p = tf[:3, 2], tf[:3, 3]
     if np.hypot(z[0], z[1]) >= _NEARLY_PARALLEL:
         theta, d, a, alpha = _common_normal(z, p)
@@ -179,7 +182,7 @@ def _standard(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
         origin = p - p[2] / z[2] * z  # where the axis meets the plane of the joint
         theta, a = _half_turn(origin[0], origin[1])
         d = 0.0
-        x, y, up = turn(2, -theta)[:3, :3] @ z
+        x, y, up = axis_rotation(2, -theta)[:3, :3] @ z
         alpha, tilted = np.arctan2(-y, up), np.arctan2(x, np.hypot(y, up))
         beta = (_Part("turn", 1, (f"beta{k}",), (float(tilted),)),)
     shift = () if beta else (_Part("shift", 2, (f"d{k}",), (d,)),)
@@ -192,7 +195,7 @@ def _standard(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
     ]
 
 
-def _stone(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
+def _stone(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
     beta, d, a, alpha = _common_normal(tf[:3, 2], tf[:3, 3])
     if abs(d) > _FARTHEST:
         raise RobotError(
@@ -211,7 +214,7 @@ def _stone(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
     return [*head, _Part("turn", 2, (f"gamma{k}",), (gamma,)), _Part("shift", 2, (f"b{k}",), (b,))]
 
 
-def _continuous(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
+def _continuous(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
     before: list[_Part] = []
     z, p = tf[:3, 2], tf[:3, 3]
     if 1.0 + z[2] < _BACKWARD:  # the other sense of the axis, as b_z >= 0 is wanted
@@ -226,14 +229,14 @@ def _continuous(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
     return [*parts, _Part("shift", 0, (f"x{k}",), (float(x),)), _Part("shift", 1, (f"y{k}",), (float(y),))]
 
 
-def _modified_continuous(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
+def _modified_continuous(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
     before: list[_Part] = []
     z, p = tf[:3, 2], tf[:3, 3]
     if abs(z[0]) > _STEEP:  # another zero of the joint keeps beta small
-        zero = turn(2, np.arctan2(z[1], z[0]) + np.pi / 2)
+        zero = axis_rotation(2, np.arctan2(z[1], z[0]) + np.pi / 2)
         before, z, p = [_fixed(zero)], zero[:3, :3].T @ z, zero[:3, :3].T @ p
     alpha, beta = float(np.arctan2(-z[1], z[2])), float(np.arctan2(z[0], np.hypot(z[1], z[2])))
-    x, y, _ = (turn(0, alpha) @ turn(1, beta))[:3, :3].T @ p
+    x, y, _ = (axis_rotation(0, alpha) @ axis_rotation(1, beta))[:3, :3].T @ p
     return [
         *before,
         _Part("turn", 0, (f"alpha{k}",), (alpha,)),
@@ -243,14 +246,19 @@ def _modified_continuous(tf: FloatArray, k: int, robot: Robot) -> list[_Part]:
     ]
 
 
-def _exponentials(robot: Robot, links: FloatArray) -> ErrorModel:
+def _exponentials(robot: Chain, links: FloatArray) -> Parametrisation:
     parts = [[_fixed(link)] for link in links]
-    motions = (("shift", 0, "x"), ("shift", 1, "y"), ("turn", 0, "rx"), ("turn", 1, "ry"))
+    motions: tuple[tuple[Kind, int, str], ...] = (
+        ("shift", 0, "x"),
+        ("shift", 1, "y"),
+        ("turn", 0, "rx"),
+        ("turn", 1, "ry"),
+    )
     for k in range(1, robot.dof + 1):
         parts[k - 1] += [_Part(kind, axis, (f"{name}{k}",), (0.0,)) for kind, axis, name in motions]
         back = [_Part(kind, axis, (f"{name}{k}",), (0.0,), -1.0) for kind, axis, name in reversed(motions)]
         parts[k] = back + parts[k]
-    return _model(robot, "poe", parts)
+    return _place("poe", parts)
 
 
 def _common_normal(z: FloatArray, p: FloatArray) -> tuple[float, float, float, float]:
@@ -278,7 +286,7 @@ def _half_turn(x: float, y: float) -> tuple[float, float]:
     return angle, length
 
 
-_FORMS: Final[dict[str, Callable[[FloatArray, int, Robot], list[_Part]]]] = {
+_FORMS: Final[dict[str, Callable[[FloatArray, int, Chain], list[_Part]]]] = {
     "dh": _standard,
     "s-model": _stone,
     "cpc": _continuous,

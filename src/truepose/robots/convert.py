@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.geometry.transforms import invert_transform, make_transform
-from truepose.robots.chain import Robot
+from truepose.robots.chain import ChainT
 
 _NEARLY_PARALLEL = 0.05  # sine of the angle below which the common normal runs far away: Hayati and Mirmirani (1985)
 _ON_AXIS = 1e-9  # mm
 _SQUARE = 1e-9
 
 
-def to_mdh(robot: Robot) -> Robot:
+def to_mdh(robot: ChainT) -> ChainT:
     """Return the same arm with the parameters of theory (1); frames and flange are kept to rounding.
 
     Examples
@@ -30,7 +30,7 @@ def to_mdh(robot: Robot) -> Robot:
     return mdh_of_fixed(robot, robot.fixed)
 
 
-def mdh_of_fixed(robot: Robot, fixed: FloatArray) -> Robot:
+def mdh_of_fixed(robot: ChainT, fixed: FloatArray) -> ChainT:
     """Return the arm fixed_0 Rz(s_1 q_1 + offset_1) fixed_1 … fixed_n in the parameters of theory (1).
 
     Parameters

@@ -12,7 +12,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
-from truepose.robots.chain import _cos_sin, walk
+from truepose.robots.chain import cos_sin
 
 Outputs = Literal["position", "pose"]
 _ROWS: Final = {"position": 3, "pose": 6}
@@ -83,17 +83,6 @@ def joint_columns(theta: FloatArray, fixed: FloatArray, sign: FloatArray, output
     return columns(theta, fixed, twists, outputs)
 
 
-def end_poses(theta: FloatArray, fixed: FloatArray) -> FloatArray:
-    """Return the last frame: (n, 4, 4) [mm], base frame."""
-    tf = np.zeros((len(theta), 4, 4))
-    tf[:, 3, 3] = 1.0
-    for start in range(0, len(theta), _CHUNK):
-        part = tf[start : start + _CHUNK]
-        *_, (axes, p) = walk(theta[start : start + _CHUNK], fixed)
-        part[:, :3, :3], part[:, :3, 3] = axes.transpose(2, 1, 0), p.T
-    return tf
-
-
 def count_rows(outputs: Outputs) -> int:
     """Return 3 or 6; raise `DataError` for other outputs."""
     if outputs not in _ROWS:
@@ -106,7 +95,7 @@ def _walk(theta: FloatArray, fixed: FloatArray, out: FloatArray) -> None:
     n = len(theta)
     out[0, :3] = np.eye(3)[..., None]
     out[0, 3] = 0.0
-    cos, sin = _cos_sin(np.ascontiguousarray(theta.T))
+    cos, sin = cos_sin(np.ascontiguousarray(theta.T))
     for k, link in enumerate(fixed):
         frame = out[k + 1]
         np.matmul(link[:3].T, out[k, :3].reshape(3, 3 * n), out=frame.reshape(4, 3 * n))

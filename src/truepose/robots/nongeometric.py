@@ -24,8 +24,9 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats
-from truepose.robots.chain import Robot
-from truepose.robots.error_model import ErrorModel, Parameter
+from truepose.robots.chain import Chain
+from truepose.robots.error_model import ErrorModel
+from truepose.robots.motions import Parameter
 
 GRAVITY: Final = 9.80665  # m/s²
 UNITS: Final = {
@@ -76,7 +77,7 @@ class JointTerms:
     gear_ratio : (dof,) array
     """
 
-    robot: Robot
+    robot: Chain
     parameters: tuple[Parameter, ...]
     joint: IntArray
     load: Load
@@ -129,7 +130,7 @@ class JointTerms:
 
 
 def joint_terms(
-    robot: Robot, names: Sequence[str], load: Load | None = None, gear_ratio: ArrayLike | None = None
+    robot: Chain, names: Sequence[str], load: Load | None = None, gear_ratio: ArrayLike | None = None
 ) -> JointTerms:
     """Return terms by name; a name without a joint ("sin1", "compliance") means those of all joints.
 
@@ -182,7 +183,7 @@ def joint_terms(
     )
 
 
-def gravity_torque(robot: Robot, q: FloatArray, load: Load | None = None) -> FloatArray:
+def gravity_torque(robot: Chain, q: FloatArray, load: Load | None = None) -> FloatArray:
     """Return the torque of gravity about each joint, positive with the joint's own turn: (n, dof) [Nm].
 
     τ_j = s_j z_j · Σ_m (c_m − p_j) × m g, over the masses beyond joint j; gravity along −z of the base.
@@ -208,7 +209,7 @@ def gravity_torque(robot: Robot, q: FloatArray, load: Load | None = None) -> Flo
     return np.asarray(axis[..., 1] * moment_arm[..., 0] - axis[..., 0] * moment_arm[..., 1])
 
 
-def rough_masses(robot: Robot) -> FloatArray:
+def rough_masses(robot: Chain) -> FloatArray:
     """Return a guess of the masses beyond each joint (dof,) [kg]: total 40 kg m^-2.7 reach^2.7, by the links' lengths.
 
     The exponent fits makers' figures for arms of 0.6 to 3 m reach within a factor of two.
@@ -219,7 +220,7 @@ def rough_masses(robot: Robot) -> FloatArray:
 
 
 def thermal_columns(
-    model: ErrorModel, q: ArrayLike, temperature_difference: ArrayLike, outputs: str = "position"
+    model: ErrorModel[Chain], q: ArrayLike, temperature_difference: ArrayLike, outputs: str = "position"
 ) -> tuple[tuple[Parameter, ...], FloatArray]:
     """Return the columns of thermal growth: one for each length that is not zero, c [1/K].
 

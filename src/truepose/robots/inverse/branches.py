@@ -17,12 +17,12 @@ from truepose._typing import BoolArray, FloatArray
 from truepose.errors import RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.geometry.transforms import check_transforms, invert_transform
-from truepose.robots.axes import half_turn
-from truepose.robots.chain import Robot, tool_transform
+from truepose.robots.chain import Chain, tool_transform
+from truepose.robots.inverse.axes import half_turn
+from truepose.robots.inverse.closed_form import closed_form, differ_by, nominal_of
 from truepose.robots.inverse.newton import smallest_direction, smallest_singular, solve
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
-from truepose.robots.inverse.universal import ThreeParallel
-from truepose.robots.nominal import closed_form, differ_by, nominal_of
+from truepose.robots.inverse.three_parallel import ThreeParallel
 
 SINGULAR = 0.01  # m/rad: below this smallest singular value small errors move joints by degrees
 _ONE = 1e-6  # rad: solutions nearer than this are one
@@ -54,7 +54,7 @@ class Branches:
         How far the pose lies beyond the arm's reach in its orientation, measured along the nearest branch; zero within.
     """
 
-    robot: Robot
+    robot: Chain
     q: FloatArray
     sigma_min: FloatArray
     moved: FloatArray
@@ -101,7 +101,7 @@ class Branches:
 
 
 def find_branches(
-    robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None
+    robot: Chain, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Chain | None = None
 ) -> Branches:
     """Return all branches of the inverse kinematics, with reach, limits and singularity.
 
@@ -161,7 +161,7 @@ def find_branches(
     return Branches(robot, q, sigma, moved, beyond)
 
 
-def check_dof(robot: Robot) -> None:
+def check_dof(robot: Chain) -> None:
     """Raise `RobotError` for a chain of more than six joints."""
     if robot.dof > 6:
         raise RobotError(
@@ -170,7 +170,7 @@ def check_dof(robot: Robot) -> None:
         )
 
 
-def wrap_into_limits(robot: Robot, q: FloatArray) -> FloatArray:
+def wrap_into_limits(robot: Chain, q: FloatArray) -> FloatArray:
     """Return joints (…, dof) [rad] in (-pi, pi], or a turn away where that brings them within the limits."""
     turn = 2 * np.pi
     wrapped = np.asarray(q - turn * np.ceil((q - np.pi) / turn))
@@ -180,7 +180,7 @@ def wrap_into_limits(robot: Robot, q: FloatArray) -> FloatArray:
     return wrapped
 
 
-def _from_nominal(robot: Robot, nominal: Robot, flange: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _from_nominal(robot: Chain, nominal: Chain, flange: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Follow each branch of the nominal arm to the calibrated one's; return q, moved and beyond_mm."""
     arm = closed_form(nominal)
     if arm is None:
@@ -201,7 +201,7 @@ def _from_nominal(robot: Robot, nominal: Robot, flange: FloatArray) -> tuple[Flo
     return q, moved, np.where(np.isnan(q[..., 0]).all(axis=1), beyond.min(axis=1), 0.0)
 
 
-def _followed(robot: Robot, flange: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _followed(robot: Chain, flange: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return joints (n, dof), NaN where the pose is not reached, and by how much it is missed, (n,) [mm]."""
     found = solve(robot, flange, start)
     q, miss = np.where(found.reached[:, None], found.q, np.nan), found.miss_mm.copy()
@@ -217,7 +217,7 @@ def _followed(robot: Robot, flange: FloatArray, start: FloatArray) -> tuple[Floa
     return q, miss
 
 
-def _beyond(robot: Robot, arm: OrthoParallel | ThreeParallel, flange: FloatArray) -> FloatArray:
+def _beyond(robot: Chain, arm: OrthoParallel | ThreeParallel, flange: FloatArray) -> FloatArray:
     """Return how far each branch stretched towards the pose, in its orientation, stays from it: (n, 8) [mm]."""
     nearest = half_turn(arm.branches(flange, 0.0))
     if not len(nearest):
@@ -225,7 +225,7 @@ def _beyond(robot: Robot, arm: OrthoParallel | ThreeParallel, flange: FloatArray
     return np.asarray(np.linalg.norm(robot.forward(nearest)[..., :3, 3] - flange[:, None, :3, 3], axis=-1))
 
 
-def _from_samples(robot: Robot, flange: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _from_samples(robot: Chain, flange: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return up to 16 branches from the joint vectors whose poses are nearest, and beyond_mm."""
     joints, tree = _sampled(robot)
     q = np.full((len(flange), _MOST, robot.dof), np.nan)
@@ -245,13 +245,13 @@ def _from_samples(robot: Robot, flange: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 @lru_cache(maxsize=4)
-def _sampled(robot: Robot) -> tuple[FloatArray, cKDTree]:
+def _sampled(robot: Chain) -> tuple[FloatArray, cKDTree]:
     """Return joint vectors over a full turn of each joint, and a tree of their poses."""
     joints = np.random.default_rng(0).uniform(-np.pi, np.pi, (_SAMPLES, robot.dof))
     return joints, cKDTree(_features(robot, robot.forward(joints)))
 
 
-def _features(robot: Robot, flange: FloatArray) -> FloatArray:
+def _features(robot: Chain, flange: FloatArray) -> FloatArray:
     """Return poses as points whose distances weigh position, in the arm's lengths, and orientation alike: (n, 12)."""
     length = np.abs(robot.a).sum() + np.abs(robot.d).sum()
     return np.concatenate([flange[:, :3, 3] / (0.3 * length), flange[:, :3, :3].reshape(-1, 9)], axis=1)

@@ -18,7 +18,7 @@ import numpy as np
 
 from truepose._io.units import MM_PER
 from truepose._typing import BoolArray, FloatArray
-from truepose.robots.chain import Robot, walk
+from truepose.robots.chain import Chain, walk
 
 REACHED_MM = 1e-9
 _REACHED_RAD = 1e-11
@@ -44,7 +44,7 @@ class Newton:
         return np.asarray((self.miss_mm <= REACHED_MM) & (self.miss_rad <= _REACHED_RAD))
 
 
-def solve(robot: Robot, tf_base_flange: FloatArray, q_start: FloatArray, *, steps: int = _STEPS) -> Newton:
+def solve(robot: Chain, tf_base_flange: FloatArray, q_start: FloatArray, *, steps: int = _STEPS) -> Newton:
     """Return joints near `q_start` (n, dof) [rad] whose flange poses are (n, 4, 4) [mm]; one start for each pose."""
     q = np.empty_like(q_start)
     miss = np.empty((len(q), 6))
@@ -54,7 +54,7 @@ def solve(robot: Robot, tf_base_flange: FloatArray, q_start: FloatArray, *, step
     return Newton(q, _METRE * np.linalg.norm(miss[:, :3], axis=1), np.linalg.norm(miss[:, 3:], axis=1))
 
 
-def _solve(robot: Robot, pose: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+def _solve(robot: Chain, pose: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Return the best joints met, and their misses."""
     now, diagonal = start, np.arange(robot.dof)
     r, J = linearised(robot, pose, now)
@@ -79,7 +79,7 @@ def _solve(robot: Robot, pose: FloatArray, start: FloatArray, steps: int) -> tup
     return q, miss
 
 
-def linearised(robot: Robot, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def linearised(robot: Chain, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what is missing to flange poses, (n, 6) [m, rad] in the base frame, and its Jacobian (n, 6, dof).
 
     Joint j turns about z_j, the unit vector of its axis through p_j: columns z_j × (P - p_j) and z_j, theory (3).
@@ -98,7 +98,7 @@ def linearised(robot: Robot, pose: FloatArray, q: FloatArray) -> tuple[FloatArra
     return missing, J
 
 
-def smallest_singular(robot: Robot, q: FloatArray) -> FloatArray:
+def smallest_singular(robot: Chain, q: FloatArray) -> FloatArray:
     """Return the Jacobian's smallest singular value (lengths in m) at joints (n, dof): (n,) [m/rad]; NaN at NaN."""
     sigma = np.full(len(q), np.nan)
     there = ~np.isnan(q).any(axis=1)
@@ -108,7 +108,7 @@ def smallest_singular(robot: Robot, q: FloatArray) -> FloatArray:
     return sigma
 
 
-def smallest_direction(robot: Robot, q: FloatArray) -> FloatArray:
+def smallest_direction(robot: Chain, q: FloatArray) -> FloatArray:
     """Return the joint motion that moves the flange least, largest entry 1, at joints (n, dof): (n, dof)."""
     _, J = linearised(robot, np.broadcast_to(np.eye(4), (len(q), 4, 4)), q)
     direction = np.linalg.svd(J)[2][:, -1]

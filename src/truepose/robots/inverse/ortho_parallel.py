@@ -18,8 +18,17 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.geometry.transforms import invert_transform, make_transform
-from truepose.robots.axes import SINGULAR, TOUCHING, Axes, half_turn, shoulder_angle, triangle_angles, turn_y, turn_z
-from truepose.robots.chain import Robot
+from truepose.robots.chain import Chain
+from truepose.robots.inverse.axes import (
+    SINGULAR,
+    TOUCHING,
+    Axes,
+    half_turn,
+    shoulder_angle,
+    triangle_angles,
+    turn_y,
+    turn_z,
+)
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,7 @@ class OrthoParallel:
     tf_wrist_flange: FloatArray
 
     @classmethod
-    def of(cls, robot: Robot) -> OrthoParallel | None:
+    def of(cls, robot: Chain) -> OrthoParallel | None:
         """Return the letters of a robot, or None when it is no ortho-parallel arm."""
         if robot.dof != 6:
             return None

@@ -9,14 +9,14 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats
 from truepose.geometry.transforms import check_transforms, invert_transform
-from truepose.robots.axes import half_turn
-from truepose.robots.chain import Robot, tool_transform
+from truepose.robots.chain import Chain, tool_transform
+from truepose.robots.inverse.axes import half_turn
 from truepose.robots.inverse.branches import find_branches, wrap_into_limits
-from truepose.robots.nominal import closed_form
+from truepose.robots.inverse.closed_form import closed_form
 
 
 def inverse(
-    robot: Robot, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Robot | None = None
+    robot: Chain, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Chain | None = None
 ) -> FloatArray:
     """Return all branches of the inverse kinematics.
 

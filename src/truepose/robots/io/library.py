@@ -1,34 +1,18 @@
-"""The robots that come with the package, and the file format that holds one robot."""
+"""The robots that come with the package, and robots from files."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
-
-import numpy as np
-from scipy.spatial.transform import Rotation
 
 from truepose._io.files import LARGEST_CONFIG, read_text
-from truepose._io.strict import LARGEST, parse_toml
-from truepose._typing import FloatArray
-from truepose.errors import DataError, FileError, RobotError
-from truepose.geometry.angles import euler
-from truepose.geometry.transforms import make_transform
-from truepose.robots.chain import Robot
+from truepose.errors import RobotError
+from truepose.robots.io.toml import parse_robot
+from truepose.robots.io.urdf import load_urdf
+from truepose.robots.robot import Robot
 
 _FOLDER = files("truepose.robots") / "library"
-_POSE: Final = ("x_mm", "y_mm", "z_mm", "quaternion_wxyz")
-_KEYS: Final = {
-    "": ("name", "maker", "model", "source", "kinematics", "limits", "base", "flange"),
-    "kinematics": ("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign"),
-    "limits": ("lower_deg", "upper_deg"),
-    "base": _POSE,
-    "flange": _POSE,
-}
-_OPTIONAL: Final = ("beta_deg", "sign", "lower_deg", "upper_deg")
 
 
 def list_robots() -> list[str]:
@@ -66,8 +50,6 @@ def load_robot(name_or_path: str | Path) -> Robot:
     name = str(name_or_path)
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
-        from truepose.robots.io.urdf import load_urdf
-
         return load_urdf(name)
     if suffix == ".toml":
         return parse_robot(read_text(name, LARGEST_CONFIG), path=name)
@@ -79,116 +61,3 @@ def load_robot(name_or_path: str | Path) -> Robot:
         hint = f"did you mean {' or '.join(near)}?" if near else f"the library has {', '.join(known)}"
         raise RobotError(f'no robot "{name}"; {hint} (or the path of a .toml or .urdf file)')
     return parse_robot((_FOLDER / f"{name}.toml").read_text("utf-8"), path=f"{name}.toml")
-
-
-def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
-    """Return the robot that the text of a library file describes; `path` stands in messages.
-
-    Raises
-    ------
-    FileError
-        If it is no TOML, a key is missing, unknown (the nearest is given) or no number, or the chain is wrong.
-    """
-    table = parse_toml(text, path)
-    _check_keys(path, "", table)
-    for section in ("kinematics", "limits", "base", "flange"):
-        if section in table and not isinstance(table[section], dict):
-            raise FileError(path, f"{section} must be a table: [{section}]")
-        _check_keys(path, section, table.get(section, {}))
-    name = table.get("name")
-    kinematics: Mapping[str, Any] = table.get("kinematics", {})
-    if not isinstance(name, str) or not kinematics:
-        raise FileError(path, 'expected name = "maker-model" and a table [kinematics]')
-
-    dof: int | None = None
-    columns: dict[str, FloatArray] = {}
-    for section, key in [("kinematics", key) for key in _KEYS["kinematics"][1:]] + [
-        ("limits", k) for k in _KEYS["limits"]
-    ]:
-        value = table.get(section, {}).get(key)
-        if value is not None or key not in _OPTIONAL:
-            columns[key] = _numbers(path, f"{section}.{key}", value, dof)
-            dof = len(columns[key])
-    optional: dict[str, Any] = {key: str(table[key]) for key in ("maker", "model", "source") if key in table}
-    optional |= {"sign": columns["sign"]} if "sign" in columns else {}
-    optional |= {"beta": np.deg2rad(columns["beta_deg"])} if "beta_deg" in columns else {}
-    if "limits" in table:
-        if not {"lower_deg", "upper_deg"} <= columns.keys():
-            raise FileError(path, "limits needs both lower_deg and upper_deg")
-        optional["limits"] = np.deg2rad(np.column_stack([columns["lower_deg"], columns["upper_deg"]]))
-    for section, key in (("base", "tf_base_first"), ("flange", "tf_last_flange")):
-        if section in table:
-            optional[key] = _pose(path, section, table[section])
-    try:
-        return Robot(
-            name=name,
-            alpha=np.deg2rad(columns["alpha_deg"]),
-            a=columns["a_mm"],
-            d=columns["d_mm"],
-            offset=np.deg2rad(columns["offset_deg"]),
-            convention=kinematics.get("convention", "mdh"),
-            **optional,
-        )
-    except RobotError as error:
-        raise FileError(path, str(error)) from None
-
-
-def robot_to_toml(robot: Robot) -> str:
-    """Return a robot as the text of a library file (mm and deg; numbers with all their digits)."""
-    columns = {
-        "alpha_deg": np.rad2deg(robot.alpha),
-        "a_mm": robot.a,
-        "d_mm": robot.d,
-        "offset_deg": np.rad2deg(robot.offset),
-        "beta_deg": np.rad2deg(robot.beta),
-        "sign": robot.sign,
-    }
-    lines = [f"{key} = {_quoted(getattr(robot, key))}" for key in ("name", "maker", "model", "source")]
-    lines += ["", "[kinematics]", f"convention = {_quoted(robot.convention)}"]
-    lines += [f"{key} = {_listed(column)}" for key, column in columns.items()]
-    lines += ["", "[limits]"]
-    limits = zip(_KEYS["limits"], np.rad2deg(robot.limits.T), strict=True)
-    lines += [f"{key} = {_listed(column)}" for key, column in limits]
-    for section, tf in (("base", robot.tf_base_first), ("flange", robot.tf_last_flange)):
-        if not np.array_equal(tf, np.eye(4)):
-            lines += ["", f"[{section}]"]
-            lines += [f"{key} = {float(value)!r}" for key, value in zip(_POSE[:3], tf[:3, 3], strict=True)]
-            lines += [f"{_POSE[3]} = {_listed(euler('abb', Rotation.from_matrix(tf[:3, :3])))}"]
-    return "\n".join(lines) + "\n"
-
-
-def _check_keys(path: str | Path, section: str, table: Mapping[str, Any]) -> None:
-    for key in table:
-        if key not in _KEYS[section]:
-            near = difflib.get_close_matches(key, _KEYS[section], n=1, cutoff=0.0)
-            where = f" in [{section}]" if section else ""
-            raise FileError(path, f'unknown key "{key}"{where}; did you mean "{near[0]}"?')
-
-
-def _numbers(path: str | Path, key: str, value: object, count: int | None) -> FloatArray:
-    if value is None:
-        raise FileError(path, f"{key} is missing")
-    values = value if isinstance(value, list) else []
-    plain = all(type(x) in (int, float) and not LARGEST < abs(x) < float("inf") for x in values)
-    if values and count in (None, len(values)) and plain:
-        return np.array(value, dtype=np.float64)
-    wanted = "a list of numbers, one for each joint" if count is None else f"a list of {count} numbers"
-    raise FileError(path, f"{key} must be {wanted}; got {value!r}")
-
-
-def _pose(path: str | Path, section: str, table: Mapping[str, Any]) -> FloatArray:
-    p = _numbers(path, f"{section} x_mm, y_mm, z_mm", [table.get(key, 0.0) for key in _POSE[:3]], 3)
-    quaternion = _numbers(path, f"{section}.{_POSE[3]}", table.get(_POSE[3], [1.0, 0.0, 0.0, 0.0]), 4)
-    try:
-        return make_transform(euler("abb", quaternion), p)
-    except DataError as error:
-        raise FileError(path, f"{section}: {error}") from None
-
-
-def _listed(values: FloatArray) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

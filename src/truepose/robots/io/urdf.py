@@ -1,4 +1,4 @@
-"""URDF: one serial chain of revolute joints between two links; everything else is refused by name."""
+"""Robots from and to URDF: one serial chain of revolute joints between two links; anything else is refused by name."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,9 +16,10 @@ from truepose._io.strict import LARGEST, to_float
 from truepose._io.units import MM_PER
 from truepose._typing import FloatArray
 from truepose.errors import FileError, RobotError
-from truepose.geometry.transforms import invert_transform, make_transform
-from truepose.robots.chain import Robot
+from truepose.geometry.transforms import axis_rotation, invert_transform, make_transform
+from truepose.robots.chain import Chain
 from truepose.robots.convert import mdh_of_fixed
+from truepose.robots.robot import Robot
 
 _TURNING: Final = ("revolute", "continuous")
 _TIPS: Final = ("tool0", "flange")  # names of the last frame in ROS (REP 199), in the order we prefer them
@@ -78,6 +80,38 @@ def load_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
     zero = np.zeros(len(fixed))
     names = Robot(name, alpha=zero, a=zero, d=zero, offset=zero, limits=np.array(limits), source=str(path))
     return mdh_of_fixed(names, np.array([*fixed, tf]))
+
+
+def to_urdf(robot: Chain) -> str:
+    """Return the text of a URDF file (m and rad, all digits); `load_urdf` reads the same arm back.
+
+    Joint i turns about z of its frame, or −z where the robot's sign is −1, so that its zero and sense are the
+    controller's.
+
+    Examples
+    --------
+    >>> arm = Robot("one", alpha=[0], a=[250.0], d=[0], offset=[0])
+    >>> print(to_urdf(arm).splitlines()[5].strip())
+    <joint name="joint_1" type="continuous">
+    """
+    origins = robot.fixed.copy()
+    origins[:-1] = origins[:-1] @ axis_rotation(2, robot.offset)
+    names = ["base_link", *(f"link_{j}" for j in range(1, robot.dof + 1)), "tool0"]
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
+    lines += [f"  <link name={quoteattr(name)}/>" for name in names]
+    for j in range(robot.dof):
+        lower, upper = robot.limits[j]
+        endless = not np.isfinite([lower, upper]).all()
+        lines += [
+            f'  <joint name="joint_{j + 1}" type="{"continuous" if endless else "revolute"}">',
+            *_between(names[j], names[j + 1], origins[j]),
+            f'    <axis xyz="0 0 {robot.sign[j]:.0f}"/>',
+        ]
+        if not endless:
+            lines += [f'    <limit lower="{float(lower)!r}" upper="{float(upper)!r}" effort="0" velocity="0"/>']
+        lines += ["  </joint>"]
+    lines += ['  <joint name="flange" type="fixed">', *_between(names[-2], names[-1], origins[-1]), "  </joint>"]
+    return "\n".join([*lines, "</robot>"]) + "\n"
 
 
 def _read(path: str | Path) -> tuple[list[_Joint], set[str], str]:
@@ -259,3 +293,20 @@ def _floats(path: str | Path, joint: _Joint, what: str, text: str, count: int) -
     if len(values) != count or not (np.abs(values) <= LARGEST).all():
         raise FileError(path, f'joint "{joint.name}": {what} must be {count} finite numbers; got "{text}"')
     return values
+
+
+def _between(parent: str, child: str, tf: FloatArray) -> list[str]:
+    xyz = " ".join(repr(float(x)) for x in tf[:3, 3] / MM_PER["m"])
+    rpy = " ".join(repr(float(x)) for x in _rpy(tf))
+    return [
+        f'    <parent link="{parent}"/>',
+        f'    <child link="{child}"/>',
+        f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
+    ]
+
+
+def _rpy(tf: FloatArray) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), exact also where yaw and roll turn about one line."""
+    yaw = np.arctan2(tf[1, 0], tf[0, 0])
+    rest = axis_rotation(2, -yaw) @ tf
+    return float(np.arctan2(-rest[1, 2], rest[1, 1])), float(np.arctan2(-rest[2, 0], rest[0, 0])), float(yaw)

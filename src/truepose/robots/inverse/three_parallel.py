@@ -17,8 +17,8 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.geometry.transforms import invert_transform, make_transform
-from truepose.robots.axes import SINGULAR, TOUCHING, Axes, shoulder_angle, triangle_angles, turn_y, turn_z
-from truepose.robots.chain import Robot
+from truepose.robots.chain import Chain
+from truepose.robots.inverse.axes import SINGULAR, TOUCHING, Axes, shoulder_angle, triangle_angles, turn_y, turn_z
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ThreeParallel:
     tf_wrist_flange: FloatArray
 
     @classmethod
-    def of(cls, robot: Robot) -> ThreeParallel | None:
+    def of(cls, robot: Chain) -> ThreeParallel | None:
         """Return the letters of a robot, or None when it is no such arm."""
         if robot.dof != 6:
             return None

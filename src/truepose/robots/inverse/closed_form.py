@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from truepose.errors import RobotError
-from truepose.robots.chain import Robot
+from truepose.robots.chain import Chain
 from truepose.robots.convert import to_mdh
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
-from truepose.robots.inverse.universal import ThreeParallel
+from truepose.robots.inverse.three_parallel import ThreeParallel
 
 _TILT = 0.05  # rad: axes out of square or parallel by less are an error, by more meant so
 _SHIFT = 0.02  # of the arm's length: the same for axes that should touch
@@ -19,7 +19,7 @@ _QUARTER = np.pi / 2
 
 
 @lru_cache(maxsize=64)
-def closed_form(robot: Robot) -> OrthoParallel | ThreeParallel | None:
+def closed_form(robot: Chain) -> OrthoParallel | ThreeParallel | None:
     """Return the letters of a robot's closed-form inverse, checked against its forward kinematics; None without one.
 
     Raises
@@ -41,7 +41,7 @@ def closed_form(robot: Robot) -> OrthoParallel | ThreeParallel | None:
 
 
 @lru_cache(maxsize=64)
-def nominal_of(robot: Robot) -> Robot | None:
+def nominal_of(robot: Chain) -> Chain | None:
     """Return the arm with a closed-form inverse that a calibrated one stems from: itself, or made from it, or None.
 
     Made: axes out of square or parallel by less than 0.05 rad are set right, and the axes of the wrist that miss each
@@ -71,14 +71,14 @@ def nominal_of(robot: Robot) -> Robot | None:
     return next((nominal for nominal in made if closed_form(nominal) is not None), None)
 
 
-def differ_by(robot: Robot, nominal: Robot) -> float:
+def differ_by(robot: Chain, nominal: Chain) -> float:
     """Return the largest distance of the two arms' flanges [mm] over joints of all sides."""
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (256, robot.dof))
     apart = robot.forward(q)[:, :3, 3] - nominal.forward(q)[:, :3, 3]
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-def ortho_parallel(robot: Robot) -> OrthoParallel:
+def ortho_parallel(robot: Chain) -> OrthoParallel:
     """Return the letters of a six-axis arm with parallel base pair and spherical wrist, or of the nominal arm of one.
 
     Raises

@@ -8,7 +8,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.geometry.transforms import apply_transform, invert_transform, make_transform
-from truepose.robots.chain import Robot
+from truepose.robots.chain import Chain
 
 PARALLEL = 1e-9  # rad
 TOUCHING = 1e-6  # mm
@@ -25,7 +25,7 @@ class Axes:
     tf_base_flange: FloatArray
 
     @classmethod
-    def of(cls, robot: Robot) -> Axes:
+    def of(cls, robot: Chain) -> Axes:
         """Return the axes of a robot."""
         zero = np.zeros(robot.dof)
         # the joints turn about z of their frames before the rest of A_i
