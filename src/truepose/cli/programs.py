@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose._typing import IntArray
 from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say
 
 if TYPE_CHECKING:
+    from truepose._typing import IntArray
     from truepose.cell import Cell
     from truepose.compensation import Policy
     from truepose.errors import FileError
