@@ -9,11 +9,12 @@ from typing import Final
 from truepose._io.files import read_bytes, write_atomic
 from truepose.errors import DataError, FileError
 from truepose.samples import Samples
-from truepose.trackers import epoch, motion
 from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.formats import (
     bare_columns,
+    epoch,
     leica,
+    motion,
     portable_cmm,
     pose_log,
     semicolons,
