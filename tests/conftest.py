@@ -60,7 +60,7 @@ def ur10() -> Path:
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of a report's text: pictures take most of the time."""
-    from truepose.report import figures
+    from truepose.report.plots import figures
 
     picture = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"></svg>'
     for name in ("error_arrows", "histogram", "maps", "variogram"):

@@ -169,8 +169,8 @@ def test_similarity_with_choices_of_ones_own(run, cell_files):
     for wrong, message in (
         (("--bins", "1"), "--bins is 1; give a whole number of 2 or more"),
         (("--direction", "up"), "--direction is 'up'; give numbers with commas"),
-        (("--space", "tool"), "space is 'tool'; these samples have cartesian, joint"),
-        (("--space", "both", "--nugget", "1"), "belong to one space; say which"),
+        (("--space", "tool"), "expected a space of these samples (cartesian, joint) or both, got 'tool'"),
+        (("--space", "both", "--nugget", "1"), "apply to one space only; choose it with space"),
     ):
         assert message in run("similarity", cell_files.cell, cell_files.samples, *wrong).failed()
 

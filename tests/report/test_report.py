@@ -315,20 +315,20 @@ def test_files_that_are_no_records(tmp_path, content, message):
 
 def test_bad_input(error_map, study, tmp_path):
     with pytest.raises(FileError, match=r"report.docx: ends in '.docx'; name a .html or a .pdf file"):
-        write_report(tmp_path / "report.docx", error_map, study=study)
+        write_report(error_map, tmp_path / "report.docx", study=study)
     with pytest.raises(FileError, match=r"ends in 'nothing'"):
-        write_report(tmp_path / "report", error_map, study=study)
+        write_report(error_map, tmp_path / "report", study=study)
     with pytest.raises(DataError, match=r"no locale 'xx'; there are en, de, zh"):
-        write_report(tmp_path / "report.html", error_map, study=study, locale="xx")
+        write_report(error_map, tmp_path / "report.html", study=study, locale="xx")
     with pytest.raises(FileError, match=r"gone.json: no such file"):
-        write_report(tmp_path / "report.html", error_map, study=study, sidecars=[tmp_path / "gone.json"])
+        write_report(error_map, tmp_path / "report.html", study=study, sidecars=[tmp_path / "gone.json"])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_pdf_without_typst_names_the_remedy(error_map, study, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(FileError, match=r"report.pdf: PDF needs the package typst: pip install 'truepose\[pdf\]'; or"):
-        write_report(tmp_path / "report.pdf", error_map, study=study)
+        write_report(error_map, tmp_path / "report.pdf", study=study)
 
 
 def test_pictures_are_the_same_each_time(evidence, documents):
@@ -337,11 +337,11 @@ def test_pictures_are_the_same_each_time(evidence, documents):
 
 def test_reports_are_written_whole_or_not_at_all(error_map, cell, study, tmp_path):
     path = tmp_path / "deep" / "report.pdf"
-    write_report(path, error_map, cell[2], study=study, locale="de", date=DATE)
+    write_report(error_map, path, cell[2], study=study, locale="de", date=DATE)
     whole = path.read_bytes()
     assert whole.startswith(b"%PDF-")
     with pytest.raises(DataError):
-        write_report(path, error_map, Poses(q=np.zeros((2, 5))), study=study)
+        write_report(error_map, path, Poses(q=np.zeros((2, 5))), study=study)
     assert path.read_bytes() == whole
     assert list(path.parent.iterdir()) == [path]
 

@@ -13,6 +13,7 @@ import pytest
 
 from truepose.error_map.fit import fit_cell
 from truepose.errors import VariogramWarning
+from truepose.report.findings import findings
 from truepose.report.locale import LOCALES, load_locale
 from truepose.report.study import StudyPart, similarity_study
 from truepose.simulation import VirtualCell
@@ -33,7 +34,7 @@ def part() -> StudyPart:
 
 def told(part: StudyPart, question: str, language: str = "en") -> str:
     say = load_locale(language)
-    return dict(part.describe(say))[say(f"finding.{question}")]
+    return dict(findings(part, say))[say(f"finding.{question}")]
 
 
 @pytest.mark.promise("the report says in each language that there is no sill within the samples")

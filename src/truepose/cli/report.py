@@ -33,7 +33,7 @@ def report(
         error_map = load_map(map_path)
         held_out = None if test is None else read_samples(test)
         progress("Writing the report")
-        write_report(out, error_map, held_out, sidecars=programs or [], locale=locale)
+        write_report(error_map, out, held_out, sidecars=programs or [], locale=locale)
     if as_json:
         emit_json({"report": out})
     else:

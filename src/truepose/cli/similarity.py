@@ -47,8 +47,11 @@ def similarity(
     from truepose.cell import load_cell
     from truepose.cli.campaign import show_campaign
     from truepose.error_map.fit import fit_cell
+    from truepose.report.findings import findings, study_to_dict, title
     from truepose.report.joint_similarity import joint_similarity
-    from truepose.report.study import plot_format, similarity_study
+    from truepose.report.locale import load_locale
+    from truepose.report.plots.study import plot_format, save_study
+    from truepose.report.study import similarity_study
     from truepose.samples import read_samples
 
     overwrite(force, *([] if plot is None else [plot]))
@@ -74,16 +77,21 @@ def similarity(
             fitted = fit_cell(cell, samples, "kinematic-kriging", accept_campaign=True)
             study = replace(study, joints=joint_similarity(fitted))
     if plot is not None:
-        study.save_plot(plot)
+        save_study(study, plot)
     if as_json:
-        emit_json({**study.to_dict(), "campaign": registered.campaign, "plot": plot})
+        emit_json({**study_to_dict(study), "campaign": registered.campaign, "plot": plot})
         return
     show_campaign(registered.campaign)
+    english = load_locale("en")
     for part in study.parts:
         rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
         say(
-            table(part.title, [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"], rows),
-            *(f"[bold]{question}[/] {answer}" for question, answer in part.findings),
+            table(
+                title(part, english),
+                [f"lag [{part.unit}]", "pairs", "x [mm²]", "y [mm²]", "z [mm²]", "vector [mm²]"],
+                rows,
+            ),
+            *(f"[bold]{question}[/] {answer}" for question, answer in findings(part, english)),
             "",
         )
     if study.joints:

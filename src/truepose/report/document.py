@@ -46,7 +46,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """An SVG element in the colours of `truepose.report.figures`, what it shows, and its share of the page's width."""
+    """An SVG element in the colours of `report.plots.figures`, its caption, and its share of the page's width."""
 
     kind: ClassVar[str] = "picture"
     svg: str

@@ -1,118 +1,51 @@
-"""Similarity in words, for a reader who does not know geostatistics; and what kinematics explains of it."""
+"""The findings of a similarity study in words, for a reader who does not know geostatistics."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import numpy as np
 
-from truepose._typing import FloatArray
-from truepose.errors import RobotError
-from truepose.report.locale import Locale
-from truepose.similarity import (
-    ExperimentalVariogram,
-    LikelihoodFit,
-    VariogramModel,
-    experimental_variogram,
-    model_based_variogram,
-)
-
-if TYPE_CHECKING:
-    from truepose.error_map import ErrorMap
-    from truepose.report.study import StudyPart
-
-
-TYPICAL_MM: Final = 0.3
-TYPICAL_RAD: Final = 3e-4
-"""Typical errors of the parameters of an arm (docs/virtual-cell.md); only their ratio matters here."""
+from truepose.report.explained import Explained
+from truepose.report.locale import Locale, load_locale
+from truepose.report.study import SimilarityStudy, StudyPart
+from truepose.similarity import LikelihoodFit, VariogramModel, verdict
 
 DIRECTIONAL: Final = 1.5
 """Ranges that differ by less than this factor are told as equal."""
 
 
-@dataclass(frozen=True, eq=False)
-class Explained:
-    """What errors of the kinematic parameters explain.
-
-    Attributes
-    ----------
-    share : float
-        Of the sum of squared errors, taken away by a least-squares fit of the parameters, less chance.
-    rank : int
-        Parameters that the samples can tell.
-    theory : ExperimentalVariogram
-        Theory (6) of typical parameter errors, of a size that fits their share: the similarity that they imply.
-    residual : ExperimentalVariogram
-        Of what the fit leaves.
-    """
-
-    share: float
-    rank: int
-    theory: ExperimentalVariogram
-    residual: ExperimentalVariogram
+def study_to_dict(study: SimilarityStudy) -> dict[str, Any]:
+    """Return the figures of a study and its findings in English as plain values, for JSON."""
+    say = load_locale("en")
+    parts = [
+        {
+            "title": title(part, say),
+            **part.to_dict(),
+            "findings": dict(findings(part, say)),
+            "verdict": structure_verdict(part, say),
+        }
+        for part in study.parts
+    ]
+    joints = {"joints": [joint.to_dict() for joint in study.joints]} if study.joints else {}
+    return {"variograms": parts, **joints}
 
 
-def kinematic_columns(error_map: ErrorMap) -> FloatArray | None:
-    """Return the effect of one typical error of each parameter after registration, (n, 3, p) [mm]; nothing without q.
-
-    What registration (and the fit of the tool) would take away is projected out, since errors are told after it.
-    """
-    robot, q = error_map.robot, error_map.samples.q
-    if q is None:
-        return None
-    fitted = ["base", "tool"] if error_map.tool_fitted else ["base"]
-    try:
-        J = robot.error_jacobian(q, tool=error_map.tf_flange_tool)
-        G = robot.error_jacobian(q, tool=error_map.tf_flange_tool, parameters=fitted)
-    except RobotError:  # a chain that has no Denavit-Hartenberg parameters
-        return None
-    std = [TYPICAL_RAD if name.startswith(("theta", "alpha", "beta")) else TYPICAL_MM for name in robot.parameter_names]
-    columns, taken = (J * std).reshape(-1, J.shape[2]), G.reshape(-1, G.shape[2])
-    taken = taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300)
-    left = columns - taken @ np.linalg.lstsq(taken, columns, rcond=1e-10)[0]
-    return np.asarray(left.reshape(J.shape))
+def title(part: StudyPart, say: Locale) -> str:
+    """Return the title of the picture of one space."""
+    return say(f"space.{part.space}")
 
 
-def explained_by_kinematics(
-    x: FloatArray, e: FloatArray, effect: FloatArray, edges: FloatArray, measured: ExperimentalVariogram
-) -> Explained | None:
-    """Return what `kinematic_columns` (n, 3, p) explain of errors e (n, 3); nothing with too few samples."""
-    n, c, p = effect.shape
-    columns = effect.reshape(n * c, p)
-    solution, _, rank, _ = np.linalg.lstsq(columns, e.ravel(), rcond=1e-8)
-    if n * c <= 2 * rank:
-        return None
-    residual = e - (columns @ solution).reshape(n, c)
-    left = float((residual**2).sum() / (e**2).sum())
-    implied = model_based_variogram(x, effect, np.ones(p), edges)
-    weights = measured.pairs / np.maximum(np.nan_to_num(measured.vector), 1e-30) ** 2
-    used = measured.pairs > 0
-    share = 1 - left * n * c / (n * c - int(rank))
-    theory_size = max(share, 0.0) * _ratio(measured.vector[used], implied.vector[used], weights[used])
-    theory = ExperimentalVariogram(
-        implied.lag,
-        theory_size * implied.semivariance,
-        theory_size * implied.vector,
-        implied.pairs,
-        implied.edges,
-        implied.repeats,
-        implied.repeat_semivariance,
-        implied.dimensions,
-        "model",
-    )
-    return Explained(share, int(rank), theory, experimental_variogram(x, residual, edges))
-
-
-def _ratio(measured: FloatArray, implied: FloatArray, weights: FloatArray) -> float:
-    return float((weights * measured) @ implied / ((weights * implied) @ implied))
+def structure_verdict(part: StudyPart, say: Locale) -> str:
+    """Return a sentence on whether there is similarity, how far it reaches and how much of the variance is noise."""
+    return verdict(part.model, part.envelope, part.unit, nugget=part.nugget, words=say.words("similarity"))
 
 
 def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
-    """Return questions and answers about one space, in a language."""
+    """Return the usual questions about the similarity in one space, each with its answer."""
     answers = {
-        "structure": part.verdict_in(say.words("similarity")),
+        "structure": structure_verdict(part, say),
         "curve": _curve(part.model, part.unit, part.sampled.lag, say),
         "reach": _reach(part, say),
         "noise": _noise(part, say),

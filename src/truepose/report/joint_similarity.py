@@ -7,7 +7,7 @@ range l_j, by restricted likelihood, and the curve that the samples tell. Drawn 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,10 +16,6 @@ from truepose.error_map import ErrorMap
 from truepose.errors import DataError
 from truepose.predictors import KinematicKriging
 from truepose.similarity import VariogramModel
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 FARTHEST: Final = np.radians(60.0)
 LAGS: Final = 61
@@ -108,19 +104,3 @@ def _of_curve(angle: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatAr
     most = max(2, min(int(FARTHEST / step), len(angle) // 2) + 1)
     shifts = np.unique(np.linspace(0, most - 1, min(most, LAGS)).astype(int))
     return shifts * step, np.array([np.mean((error[k:] - error[: len(error) - k]) ** 2) / 2 for k in shifts])
-
-
-def draw_joint_similarity(axes: Axes, joints: list[JointSimilarity]) -> None:
-    """Draw the semivariograms of all joints: the model as a line, the curve found as dots."""
-    from truepose.report.plots.similarity import CURVES
-
-    for colour, one in zip(CURVES * len(joints), joints, strict=False):
-        degrees = np.degrees(one.lag)
-        axes.plot(degrees, one.semivariance, color=colour, lw=1.5, label=f"q{one.joint + 1}")
-        axes.plot(degrees, one.found, color=colour, lw=0, marker=".", ms=3, alpha=0.6)
-    axes.set(xlabel="angle between two positions of the joint [°]", ylabel="semivariance γ(Δ) [mrad²]")
-    axes.set_title("Each joint's own error (dots: of the curve found)")
-    axes.set_xlim(left=0)
-    axes.set_ylim(0, 1.25 * max(one.model.sill for one in joints))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")

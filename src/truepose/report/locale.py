@@ -1,4 +1,4 @@
-"""The language of a report: its texts by key, and its decimal mark. One file of ``locales/`` holds one language."""
+"""The language of a report: its texts by key, and its decimal mark; one file per language in ``templates/locales``."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def load_locale(name: str) -> Locale:
     """
     if name not in LOCALES:
         raise DataError(f"no locale {name!r}; there are {', '.join(LOCALES)}")
-    text = resources.files("truepose.report").joinpath("locales", f"{name}.toml").read_text(encoding="utf-8")
+    file = resources.files("truepose.report").joinpath("templates", "locales", f"{name}.toml")
+    text = file.read_text(encoding="utf-8")
     sections = {"similarity": ENGLISH} | tomllib.loads(text) if name == "en" else tomllib.loads(text)
     own = sections.pop("locale")
     texts = {f"{section}.{key}": value for section, keys in sections.items() for key, value in keys.items()}

@@ -15,8 +15,8 @@ from truepose.errors import FileError
 from truepose.report import fonts
 from truepose.report.document import Document
 from truepose.report.evidence import Evidence, gather
-from truepose.report.figures import COLOURS
 from truepose.report.locale import load_locale
+from truepose.report.plots.figures import COLOURS
 from truepose.report.sections import document
 from truepose.report.study import SimilarityStudy
 from truepose.samples import Samples
@@ -25,8 +25,8 @@ _ENDINGS: Final = (".html", ".htm", ".pdf")
 
 
 def write_report(
-    path: str | Path,
     error_map: ErrorMap,
+    path: str | Path,
     held_out: Samples | None = None,
     *,
     sidecars: Sequence[str | Path] = (),
@@ -34,30 +34,39 @@ def write_report(
     locale: str = "en",
     date: datetime | None = None,
 ) -> None:
-    """Write a report about a map, whole or not at all.
+    """Write a report about an error map to one file; a failure leaves the old file unchanged.
 
     Parameters
     ----------
-    path : str or Path
-        Its ending says what is written: ``.html``, one page that asks for nothing, or ``.pdf``.
     error_map : ErrorMap
+        The error map that the report describes.
+    path : str or Path
+        The file to write. ``.html`` gives one page that loads nothing from elsewhere, ``.pdf`` a PDF/A.
     held_out : Samples, optional
-        For accuracy before and after. Without them each sample is predicted from the others, and the report says so.
-    sidecars : sequence of path
-        Records of corrected programs.
+        Samples that took no part in the fit, for the accuracy before and after. Without them, each sample is predicted
+        from the others, and the report says so.
+    sidecars : sequence of str or Path
+        Records of corrected programs, as ``truepose correct`` writes them.
     study : SimilarityStudy, optional
-        Made here when not given.
+        The similarity study of the samples; computed if not given.
     locale : {"en", "de", "zh"}
+        The language of the report.
     date : datetime, optional
-        That the report bears; now when not given.
+        The date of the report; the present time if not given.
 
     Raises
     ------
     FileError
-        If the ending is another, a record cannot be read, the path cannot be written, or a PDF is asked for and typst
-        is not installed.
+        If the path ends neither in ``.html`` nor in ``.pdf``, a record cannot be read, the path cannot be written, or
+        a PDF is requested and the package typst is not installed.
     DataError
-        If there is no such locale, or the held-out samples do not fit the map.
+        If the locale is not known, or the held-out samples do not fit the error map.
+
+    Examples
+    --------
+    >>> import truepose as tp
+    >>> error_map = tp.load_map("map.truepose")  # doctest: +SKIP
+    >>> write_report(error_map, "report.html", tp.read_samples("test.csv"))  # doctest: +SKIP
     """
     ending, say = Path(path).suffix.lower(), load_locale(locale)
     if ending not in _ENDINGS:
@@ -138,4 +147,4 @@ def _typst(path: str | Path) -> Any:
 
 
 def _resource(name: str) -> str:
-    return resources.files("truepose.report").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("truepose.report").joinpath("templates", name).read_text(encoding="utf-8")

@@ -9,10 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._version import __version__
-from truepose.report import figures, records
+from truepose.report import records
 from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
+from truepose.report.findings import findings, title
 from truepose.report.locale import MISSING, Locale
+from truepose.report.plots import figures
 
 _FIGURES: Final = ("mean", "rms", "std", "p95", "max")
 _STATES: Final = ("before", "after")
@@ -263,7 +265,7 @@ def _position(p: Any, std: Any, say: Locale) -> str:
 def _similarity(evidence: Evidence, say: Locale) -> Section:
     blocks: list[Block] = [Text(say("similarity_section.about"))]
     for part in evidence.study.parts:
-        blocks += [Picture(figures.variogram(part, say), part.title_in(say), _NARROW), Facts(part.describe(say))]
+        blocks += [Picture(figures.variogram(part, say), title(part, say), _NARROW), Facts(findings(part, say))]
     return Section(say("similarity_section.title"), blocks)
 
 

@@ -1,22 +1,18 @@
-"""Similarity of a cell's errors in Cartesian and in joint space, as table, sentence and picture (theory)."""
+"""Similarity of the errors of a map's samples, in Cartesian and in joint space (theory)."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from truepose._io import files
 from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
-from truepose.errors import DataError, FileError
-from truepose.report.findings import Explained, explained_by_kinematics, findings, kinematic_columns
-from truepose.report.joint_similarity import JointSimilarity, draw_joint_similarity
-from truepose.report.locale import Locale, load_locale
+from truepose.errors import DataError
+from truepose.report.explained import Explained, explained_by_kinematics, kinematic_columns
+from truepose.report.joint_similarity import JointSimilarity
 from truepose.similarity import (
     Direction,
     Envelope,
@@ -31,39 +27,38 @@ from truepose.similarity import (
     permutation_envelope,
     remove_drift,
     sampled,
-    verdict,
 )
 from truepose.similarity.remarks import without_warning
-from truepose.similarity.words import Words, english
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
 class StudyPart:
-    """Similarity in one space.
+    """Similarity of the errors in one space, with d coordinates.
 
     Attributes
     ----------
-    space, unit : str
-        ``cartesian`` or ``joint``; of the coordinates.
+    space : {"cartesian", "joint"}
+        The space of the distances.
+    unit : {"mm", "rad"}
+        The unit of the coordinates.
     model : VariogramModel
-        Fitted to the vector's variogram.
+        The model fitted to the variogram of the error vector.
     envelope : Envelope
-        With the variogram that it is the envelope of.
+        The permutation envelope, with the experimental variogram.
     axes : tuple of str
-        Names of the coordinates.
-    likelihood, directional : VariogramModel
-        Fitted to the samples by restricted likelihood, with one range, and with one for each coordinate.
+        The names of the coordinates.
+    likelihood : VariogramModel
+        The model fitted to the samples by restricted likelihood, with one range.
+    directional : VariogramModel, optional
+        The same with one range per coordinate; None if a coordinate is constant.
     trend : Trend
-        A linear drift over the coordinates.
+        The linear drift over the coordinates.
     directions : dict of str to ExperimentalVariogram
-        Along each coordinate axis, within 30°; of positions alone.
+        The variogram along each coordinate axis, within 30°; empty in joint space.
     explained : Explained, optional
-        What errors of the kinematic parameters explain, where the samples have joints.
+        The part of the errors that kinematic parameters explain; None for samples without joints.
     extent : (d,) array
-        Of the coordinates.
+        The extent of the samples along each coordinate, in `unit`.
     """
 
     space: str
@@ -79,45 +74,18 @@ class StudyPart:
     extent: FloatArray
 
     @property
-    def title(self) -> str:
-        """What the picture shows, in English."""
-        return self.title_in(load_locale("en"))
-
-    @property
-    def findings(self) -> list[tuple[str, str]]:
-        """Questions that a reader has, and their answers in English; `told` has them in other languages."""
-        return self.describe(load_locale("en"))
-
-    def title_in(self, say: Locale) -> str:
-        """Return what the picture shows."""
-        return say(f"space.{self.space}")
-
-    def describe(self, say: Locale) -> list[tuple[str, str]]:
-        """Return questions that a reader has, and their answers."""
-        return findings(self, say)
-
-    @property
-    def verdict(self) -> str:
-        """Whether there is similarity, how far it reaches, how much is noise; in English."""
-        return self.verdict_in(english)
-
-    def verdict_in(self, words: Words) -> str:
-        """Return whether there is similarity, how far it reaches, how much is noise."""
-        return verdict(self.model, self.envelope, self.unit, nugget=self._nugget, words=words)
-
-    @property
     def sampled(self) -> Sampled:
-        """Variance of the vector over the distances that were sampled, as the curve has it, and its noise."""
-        return sampled(self.model, self.envelope.variogram, self._nugget)
+        """The variance and the noise of the error vector by the fitted model, over the sampled distances."""
+        return sampled(self.model, self.envelope.variogram, self.nugget)
 
     @property
     def components(self) -> int:
-        """Number of components of the errors."""
+        """The number of components of the errors."""
         return int(self.envelope.variogram.semivariance.shape[1])
 
     @property
-    def _nugget(self) -> float | None:
-        """Noise of the vector [mm²] by likelihood, which tells a small one; None where the curve was set by hand."""
+    def nugget(self) -> float | None:
+        """The noise of the error vector [mm²] by likelihood; None for a model set by hand."""
         return None if self.model.overridden else self.components * self.likelihood.nugget
 
     def rows(self) -> Iterator[tuple[float, int, list[float], float]]:
@@ -125,25 +93,10 @@ class StudyPart:
         ev = self.envelope.variogram
         yield from zip(ev.lag.tolist(), ev.pairs.tolist(), ev.semivariance.tolist(), ev.vector.tolist(), strict=True)
 
-    def figure(self, words: Words = english) -> Figure:
-        """Return the picture: points, fit, envelope."""
-        from truepose.report.plots.similarity import plot_variogram
-
-        ev, unit = self.envelope.variogram, self.unit
-        return plot_variogram(ev, self.model, self.envelope, unit=unit, words=words, **self.curves)
-
-    @property
-    def curves(self) -> dict[str, Any]:
-        """What kinematics implies and what it leaves, for the picture."""
-        if self.explained is None:
-            return {}
-        return {"theory": self.explained.theory, "residual": self.explained.residual}
-
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
         ev, model = self.envelope.variogram, self.model
         return {
-            "title": self.title,
             "lag_unit": self.unit,
             "lag": ev.lag,
             "pairs": ev.pairs,
@@ -186,76 +139,23 @@ class StudyPart:
                 "theory_mm2": self.explained.theory.vector,
                 "residual_mm2": self.explained.residual.vector,
             },
-            "findings": dict(self.findings),
-            "verdict": self.verdict,
         }
 
 
 @dataclass(frozen=True)
 class SimilarityStudy:
-    """Similarity in each space that the samples have, see `similarity_study`; and of each joint where asked for."""
+    """Similarity of the errors in every space of the samples; made by `similarity_study`.
+
+    Attributes
+    ----------
+    parts : list of StudyPart
+        One study per space.
+    joints : list of JointSimilarity
+        The similarity of each joint's own error; empty unless requested.
+    """
 
     parts: list[StudyPart]
     joints: list[JointSimilarity] = field(default_factory=list)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all figures as plain values, for JSON."""
-        own = {"joints": [joint.to_dict() for joint in self.joints]} if self.joints else {}
-        return {"variograms": [part.to_dict() for part in self.parts], **own}
-
-    def save_plot(self, path: Path) -> None:
-        """Write the pictures beside each other; the format is that of the path's ending.
-
-        Raises
-        ------
-        FileError
-            If the ending names no format, or the file cannot be written.
-        """
-        from matplotlib.figure import Figure
-
-        from truepose.report.plots.similarity import draw_curves, draw_variogram
-
-        ending = plot_format(path)
-
-        columns = len(self.parts) + bool(self.joints)
-        figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
-        grid = figure.add_gridspec(2, columns)
-        for k, part in enumerate(self.parts):
-            axes = figure.add_subplot(grid[0, k])
-            ev = part.envelope.variogram
-            draw_variogram(axes, ev, part.model, part.envelope, unit=part.unit, **part.curves)
-            axes.set_title(part.title)
-            below = figure.add_subplot(grid[1, k])
-            if part.directions:
-                draw_curves(
-                    below, {f"along {axis}": (v.lag, v.vector) for axis, v in part.directions.items()}, part.unit
-                )
-                below.set_title("By direction of the distance: lower and flatter is more alike")
-            else:
-                by_component = zip("xyz", ev.semivariance.T, strict=True)
-                draw_curves(below, {f"error in {axis}": (ev.lag, gamma) for axis, gamma in by_component}, part.unit)
-                below.set_title("By component of the error")
-        if self.joints:
-            draw_joint_similarity(figure.add_subplot(grid[:, -1]), self.joints)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format=ending, dpi=150)
-        files.write_atomic(path, buffer.getvalue())
-
-
-def plot_format(path: Path) -> str:
-    """Return the format of a picture by the ending of its file; svg without one.
-
-    Raises
-    ------
-    FileError
-        If the ending names no format.
-    """
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    ending = path.suffix.removeprefix(".") or "svg"
-    if ending.lower() not in FigureCanvasBase.get_supported_filetypes():
-        raise FileError(path, f"its ending {path.suffix} names no format of pictures; use .svg, .png or .pdf")
-    return ending
 
 
 def similarity_study(
@@ -271,44 +171,51 @@ def similarity_study(
     by_hand: Mapping[str, Any] | None = None,
     rng: int = 0,
 ) -> SimilarityStudy:
-    """Compute variogram, fit and permutation envelope of the errors of a map's samples.
+    """Compute the variogram, its fitted model and the permutation envelope of the errors of a map's samples.
 
     Parameters
     ----------
     error_map : ErrorMap
+        The map whose samples and errors are studied.
     family : str
-        Variogram family, or ``best``; "spherical+exponential" has two structures.
+        The variogram family, or ``best``; "spherical+exponential" gives a nested model.
     bins : int or sequence of float
-        Number of bins, or their edges.
+        The number of bins, or their edges.
     equal_counts : bool
-        Let each bin hold equally many pairs, and not be equally wide.
+        Whether each bin holds the same number of pairs instead of having the same width.
     max_lag : float, optional
-        Largest distance; half the largest between two samples when not given.
+        The largest distance; by default half of the largest distance between two samples.
     estimator : str
-        As for `experimental_variogram`.
+        The estimator, as for `experimental_variogram`.
     direction : Direction, optional
-        Count only pairs along it.
+        The direction of the pairs that are counted; by default all pairs.
     space : {"both", "cartesian", "joint"}
+        The space to study.
     by_hand : mapping of str to float, optional
-        Values of nugget, sill and range that replace the fitted ones, which stay in ``model.fit.fitted``.
+        The values of nugget, sill and range that replace the fitted ones, which stay in ``model.fit.fitted``.
     rng : int
-        Of the permutations.
+        The seed of the permutations.
+
+    Returns
+    -------
+    SimilarityStudy
 
     Raises
     ------
     DataError
-        If the space is not known or has no samples, or what belongs to one space is asked of both.
+        If the space is unknown or missing in the samples, or a setting that belongs to one space is used with "both".
     KrigingError
-        If the samples cannot bear a variogram.
+        If the samples do not support a variogram.
     """
     q = error_map.samples.q
     spaces = {"cartesian": ("mm", tuple("xyz"), error_map.p_cmd)}
     if q is not None:
         spaces["joint"] = ("rad", tuple(f"q{k + 1}" for k in range(q.shape[1])), q)
     if space not in ("both", *spaces):
-        raise DataError(f"space is {space!r}; these samples have {', '.join(spaces)}")
+        raise DataError(f"expected a space of these samples ({', '.join(spaces)}) or both, got {space!r}")
     if space == "both" and len(spaces) > 1 and (by_hand or direction or max_lag or not isinstance(bins, int)):
-        raise DataError("edges, largest distance, direction and values by hand belong to one space; say which (space)")
+        settings = "bin edges, largest distance, direction and values set by hand"
+        raise DataError(f"{settings} apply to one space only; choose it with space")
     effect = kinematic_columns(error_map)
     parts = []
     for name, (unit, axes, x) in spaces.items():
@@ -319,7 +226,7 @@ def similarity_study(
         envelope = permutation_envelope(
             x, error_map.e, edges, longest, estimator=estimator, direction=direction, rng=rng
         )
-        with without_warning():  # the report says it in words
+        with without_warning():  # the findings say so in words
             model = replace(fit_variogram(envelope.variogram, family), **(by_hand or {}))
             parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
     return SimilarityStudy(parts)

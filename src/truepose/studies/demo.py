@@ -21,6 +21,8 @@ from truepose.error_map.fit import fit_cell
 from truepose.geometry import apply_transform, euler, make_transform
 from truepose.programs import FrameTable, correct_program, read_program
 from truepose.report import write_report
+from truepose.report.findings import structure_verdict
+from truepose.report.locale import load_locale
 from truepose.report.study import similarity_study
 from truepose.robots import status_turn
 from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
@@ -78,7 +80,7 @@ def run_demo(
     progress("Writing the report")
     report = directory / "report.html"
     sidecar = directory / "corrected" / f"{source.stem}.corrections.json"
-    write_report(report, error_map, held_out, sidecars=[sidecar], study=study)
+    write_report(error_map, report, held_out, sidecars=[sidecar], study=study)
     return {
         "preset": preset,
         "seed": seed,
@@ -86,7 +88,7 @@ def run_demo(
         "predictor": error_map.predictor_name,
         "n_samples": len(samples),
         "registration": "rigid registration of tracker to base",
-        "similarity": study.parts[0].verdict,
+        "similarity": structure_verdict(study.parts[0], load_locale("en")),
         **{
             key: held_out_figures[key]
             for key in ("before", "after", "reduction_mean_percent", "reduction_max_percent", "coverage", "groups")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -16,13 +16,11 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from truepose._typing import FloatArray
 from truepose.report import fonts
+from truepose.report.locale import Locale
 from truepose.report.plots import similarity as plot
-
-if TYPE_CHECKING:
-    from truepose.report.locale import Locale
-    from truepose.report.region import Plane
-    from truepose.report.study import StudyPart
-
+from truepose.report.plots.study import kinematic_curves
+from truepose.report.region import Plane
+from truepose.report.study import StudyPart
 
 INK: Final = "#1c2430"
 WIDTH: Final = 9.0
@@ -97,7 +95,15 @@ def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
 def variogram(part: StudyPart, say: Locale) -> str:
     """Draw the semivariogram of one space with its fit and envelope."""
     with mpl.rc_context(_style()):
-        return _to_svg(part.figure(say.words("similarity")), say)
+        figure = plot.plot_variogram(
+            part.envelope.variogram,
+            part.model,
+            part.envelope,
+            unit=part.unit,
+            words=say.words("similarity"),
+            **kinematic_curves(part),
+        )
+        return _to_svg(figure, say)
 
 
 def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
