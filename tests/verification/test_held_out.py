@@ -8,7 +8,7 @@ import pytest
 from truepose.errors import DataError
 from truepose.robots import load_robot
 from truepose.verification import RP_PER_STD, coverage, held_out, usual_groups
-from truepose.verification.iso9283 import pose_repeatability
+from truepose.verification.performance import pose_repeatability
 
 
 def test_a_perfect_predictor_leaves_the_noise() -> None:

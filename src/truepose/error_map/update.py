@@ -19,7 +19,14 @@ from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
 from truepose.predictors import Predictor
 from truepose.samples import Samples
-from truepose.verification.consistency import ConsistencyTest, Drift, Explanation, drift, explanations, holding
+from truepose.verification.consistency import (
+    ConsistencyTest,
+    Drift,
+    Explanation,
+    check_consistency,
+    drift,
+    explanations,
+)
 
 if TYPE_CHECKING:
     from truepose.error_map.map import ErrorMap
@@ -94,7 +101,7 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
     """
     residual, covariance, shared = _surprise(error_map, samples)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
-    found = holding(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
+    found = check_consistency(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
     found = replace(found, far=np.sort(order[found.far]).tolist())
     why = explanations(residual, covariance, _causes(error_map, samples)) if found.verdict != "holds" else []
 

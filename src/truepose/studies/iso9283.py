@@ -18,7 +18,7 @@ from truepose.errors import RobotError
 from truepose.geometry import apply_transform, make_transform, register
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples
-from truepose.verification import iso9283 as standard
+from truepose.verification import performance as standard
 
 EDGES_MM: Final = (1600.0, 1000.0, 630.0, 400.0, 250.0)
 """Edges of the standard's test cube."""
@@ -66,7 +66,7 @@ def iso9283(measurements: Samples, *, cell: Cell | None = None, registered: bool
     ([30, 30, 30, 30, 30], True)
     """
     p_cmd, rotation_cmd, tf_base_tracker = _registered(measurements, cell, registered)
-    return standard.figures(
+    return standard.performance_figures(
         standard.Attained(
             pose=_pose_names(measurements, p_cmd),
             p_cmd=p_cmd,

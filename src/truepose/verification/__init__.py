@@ -2,7 +2,7 @@
 
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
 from truepose.verification.held_out import RP_PER_STD, HeldOut, held_out, usual_groups
-from truepose.verification.iso9283 import Attained, Iso9283, PoseFigures
+from truepose.verification.performance import Attained, Iso9283, PoseFigures
 
 __all__ = [
     "RP_PER_STD",

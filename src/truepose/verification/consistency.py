@@ -89,7 +89,9 @@ class Explanation:
     evidence: float
 
 
-def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None) -> ConsistencyTest:
+def check_consistency(
+    residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None
+) -> ConsistencyTest:
     """Test whether a model holds.
 
     Parameters
@@ -111,9 +113,9 @@ def holding(residual: FloatArray, covariance: FloatArray, shared: FloatArray | N
     --------
     >>> import numpy as np
     >>> residual = np.random.default_rng(0).normal(scale=0.03, size=(40, 3))
-    >>> holding(residual, np.tile(0.03**2 * np.eye(3), (40, 1, 1))).verdict
+    >>> check_consistency(residual, np.tile(0.03**2 * np.eye(3), (40, 1, 1))).verdict
     'holds'
-    >>> holding(2 * residual, np.tile(0.03**2 * np.eye(3), (40, 1, 1))).verdict
+    >>> check_consistency(2 * residual, np.tile(0.03**2 * np.eye(3), (40, 1, 1))).verdict
     'does not hold'
     """
     n = len(residual)
@@ -137,7 +139,7 @@ def explanations(residual: FloatArray, covariance: FloatArray, causes: Mapping[s
     Parameters
     ----------
     residual, covariance
-        As `holding`.
+        As `check_consistency`.
     causes : mapping of str to (n, 3, k) array
         Columns: what one unit of each coefficient adds to the residuals [mm].
     """
@@ -186,7 +188,7 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
     Parameters
     ----------
     residual, covariance
-        As `holding`.
+        As `check_consistency`.
     quantity : (n,) array
 
     Raises

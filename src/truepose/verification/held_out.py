@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError, TrueposeError
-from truepose.predictors.selection.folds import block_folds, branch_folds
+from truepose.predictors.folds import block_folds, branch_folds
 from truepose.robots import Robot
 from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
 

@@ -7,13 +7,13 @@ import pytest
 
 from truepose.errors import DataError
 from truepose.verification import Attained
-from truepose.verification.iso9283 import (
+from truepose.verification.performance import (
     crossings,
-    distance,
-    drift,
-    figures,
+    distance_figures,
     path_figures,
+    performance_figures,
     pose_accuracy,
+    pose_drift,
     pose_repeatability,
 )
 
@@ -40,13 +40,13 @@ def test_repeatability_by_hand() -> None:
 def test_distance_by_hand() -> None:
     """Attained 100.1, 100.2, 100.3 of 100: AD = 0.2, S = 0.1, RD = 0.3."""
     p_1, p_2 = np.zeros((3, 3)), np.array([[100.1, 0, 0], [0, 100.2, 0], [0, 0, 100.3]])
-    assert distance(p_1, p_2, 100.0) == pytest.approx((0.2, 0.3))
+    assert distance_figures(p_1, p_2, 100.0) == pytest.approx((0.2, 0.3))
 
 
 def test_drift_by_hand() -> None:
     """Blocks of four: AP goes 0, 0.3, 0.2, RP 0.1, 0.1, 0.2."""
     p = np.concatenate([SQUARE, SQUARE + np.array([0.3, 0, 0]), 2.0 * SQUARE + np.array([0, 0.2, 0])])
-    assert drift(np.zeros((12, 3)), p, cycles=4) == pytest.approx((0.3, 0.1))
+    assert pose_drift(np.zeros((12, 3)), p, cycles=4) == pytest.approx((0.3, 0.1))
 
 
 def test_path_by_hand() -> None:
@@ -97,7 +97,7 @@ def test_a_complete_measurement_lacks_little() -> None:
         direction=np.append(direction, np.zeros(20, dtype=int)),
         time=np.append(time, np.zeros(20)),
     )
-    found = figures(measured)
+    found = performance_figures(measured)
     assert found.missing == ()
     assert [pose.name for pose in found.poses] == ["P1", "P2", "P3", "P4", "P5"]
     assert {pose.n for pose in found.poses} == {90}
@@ -114,7 +114,7 @@ def test_a_complete_measurement_lacks_little() -> None:
 
 def test_what_is_missing_is_said_with_the_standards_number() -> None:
     names, p_cmd = cube(3)
-    found = figures(attained(names[:-5], p_cmd[:-5] + np.linspace(0, 0.1, 10)[:, None], p_cmd[:-5]))
+    found = performance_figures(attained(names[:-5], p_cmd[:-5] + np.linspace(0, 0.1, 10)[:, None], p_cmd[:-5]))
     ways = "the directions of approach are not recorded; the standard asks for 3 perpendicular ones at P1, P2 and P4"
     assert found.missing == (
         "AP, RP: 5 of 5 poses have fewer than 30 cycles (pose P1: 2); the standard asks for 30",
@@ -129,4 +129,4 @@ def test_what_is_missing_is_said_with_the_standards_number() -> None:
 
 def test_no_pose_repeated() -> None:
     with pytest.raises(DataError, match="none of 4 poses is repeated; ISO 9283 asks for 30 cycles of each of 5 poses"):
-        figures(attained(list("abcd"), SQUARE, SQUARE))
+        performance_figures(attained(list("abcd"), SQUARE, SQUARE))

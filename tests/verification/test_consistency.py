@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.verification.consistency import drift, explanations, holding
+from truepose.verification.consistency import check_consistency, drift, explanations
 
 STD = 0.03
 
@@ -21,7 +21,7 @@ def independent(n):
 
 
 def test_a_model_that_holds_is_seldom_called_wrong(rng):
-    found = [holding(*correlated(10, rng)) for _ in range(300)]
+    found = [check_consistency(*correlated(10, rng)) for _ in range(300)]
     assert np.mean([h.p_chi_square < 0.05 for h in found]) == pytest.approx(0.05, abs=0.04)
     assert np.mean([h.p_white < 0.05 for h in found]) == pytest.approx(0.05, abs=0.04)
     assert sum(h.verdict != "holds" for h in found) < 12
@@ -30,7 +30,7 @@ def test_a_model_that_holds_is_seldom_called_wrong(rng):
 
 def test_both_forms_of_the_covariance_agree(rng):
     residual = rng.normal(scale=STD, size=(8, 3))
-    a, b = holding(residual, independent(8)), holding(residual, STD**2 * np.eye(24))
+    a, b = check_consistency(residual, independent(8)), check_consistency(residual, STD**2 * np.eye(24))
     assert (a.n, a.far, a.verdict) == (b.n, b.far, b.verdict)
     assert (a.ratio, a.p_chi_square, a.p_white) == pytest.approx((b.ratio, b.p_chi_square, b.p_white))
 
@@ -40,25 +40,25 @@ def test_what_predictions_share_is_allowed_for(rng):
     covariance = np.tile(2 * STD**2 * np.eye(3), (15, 1, 1))
     shared = np.full((15, 3), STD**2)
     found = [
-        holding(rng.normal(scale=STD, size=(15, 3)) + rng.normal(scale=STD, size=3), covariance, shared)
+        check_consistency(rng.normal(scale=STD, size=(15, 3)) + rng.normal(scale=STD, size=3), covariance, shared)
         for _ in range(300)
     ]
     assert np.mean([h.p_chi_square < 0.05 for h in found]) < 0.09
     assert np.mean([h.p_chi_square < 0.01 for h in found]) < 0.03
-    assert holding(rng.normal(scale=4 * STD, size=(15, 3)), covariance, shared).verdict == "does not hold"
+    assert check_consistency(rng.normal(scale=4 * STD, size=(15, 3)), covariance, shared).verdict == "does not hold"
 
 
 def test_one_gross_reading_is_named(rng):
     residual = rng.normal(scale=STD, size=(20, 3))
     residual[7] += [0.0, 0.4, 0.0]
-    found = holding(residual, independent(20))
+    found = check_consistency(residual, independent(20))
     assert found.verdict == "does not hold"
     assert found.far == [7]
 
 
 def test_what_changes_slowly_is_not_white(rng):
     residual = 0.7 * STD * rng.normal(size=(60, 3)) + 0.7 * STD * np.sin(np.arange(60) / 10)[:, None]
-    found = holding(residual, independent(60))
+    found = check_consistency(residual, independent(60))
     assert found.p_chi_square > 0.05
     assert found.p_white < 1e-3
     assert found.verdict != "holds"
@@ -93,8 +93,8 @@ def test_drift_and_its_interval(rng):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: holding(np.zeros((3, 2)), independent(3)), r"residuals \(3, 2\) and covariance \(3, 3, 3\)"),
-        (lambda: holding(np.zeros((3, 3)), 0 * independent(3)), "is not positive definite"),
+        (lambda: check_consistency(np.zeros((3, 2)), independent(3)), r"residuals \(3, 2\) and covariance \(3, 3, 3\)"),
+        (lambda: check_consistency(np.zeros((3, 3)), 0 * independent(3)), "is not positive definite"),
         (lambda: drift(np.zeros((5, 3)), independent(5), np.ones(5)), "changes by 0 show no drift"),
     ],
 )

@@ -129,13 +129,13 @@ def pose_repeatability(p: FloatArray) -> float:
     return float(length.mean() + 3.0 * length.std(ddof=1))
 
 
-def distance(p_1: FloatArray, p_2: FloatArray, commanded: float) -> tuple[float, float]:
+def distance_figures(p_1: FloatArray, p_2: FloatArray, commanded: float) -> tuple[float, float]:
     """Return AD = D̄ − D_c and RD = 3 S_D [mm] of attained pairs (n, 3), (n, 3) [mm], n > 1."""
     attained = np.linalg.norm(p_1 - p_2, axis=1)
     return float(attained.mean() - commanded), float(3.0 * attained.std(ddof=1))
 
 
-def drift(p_cmd: FloatArray, p: FloatArray, cycles: int = DRIFT_CYCLES) -> tuple[float, float]:
+def pose_drift(p_cmd: FloatArray, p: FloatArray, cycles: int = DRIFT_CYCLES) -> tuple[float, float]:
     """Return dAP = max |AP_0 − AP_t| and dRP = max |RP_0 − RP_t| [mm] over blocks of cycles in the order of time."""
     blocks = [slice(k, k + cycles) for k in range(0, len(p) - cycles + 1, cycles)]
     ap = np.array([pose_accuracy(p_cmd[block], p[block]) for block in blocks])
@@ -195,7 +195,7 @@ def crossings(p_cmd: FloatArray, p: FloatArray) -> FloatArray:
     return nearest
 
 
-def figures(attained: Attained) -> Iso9283:
+def performance_figures(attained: Attained) -> Iso9283:
     """Return all figures that the measurements give.
 
     Raises
@@ -292,7 +292,7 @@ def _distance(attained: Attained, poses: list[str], missing: list[str]) -> dict[
         )
     p_1, p_2 = (attained.p[attained.of(name)] for name in pair)
     n = min(len(p_1), len(p_2))
-    ad, rd = distance(p_1[:n], p_2[:n], float(np.linalg.norm(centre[pair[0]] - centre[pair[1]])))
+    ad, rd = distance_figures(p_1[:n], p_2[:n], float(np.linalg.norm(centre[pair[0]] - centre[pair[1]])))
     if n < CYCLES:
         missing.append(f"AD, RD: {n} pairs; the standard asks for {CYCLES}")
     return {"AD_mm": ad, "RD_mm": rd, "AD_poses": pair}
@@ -313,7 +313,7 @@ def _drift(attained: Attained, poses: list[str], missing: list[str]) -> dict[str
     hours = float(np.ptp(attained.time[rows])) / 3600.0
     if hours < DRIFT_HOURS:
         missing.append(f"drift: over {hours:.3g} hours; {wanted}")
-    d_ap, d_rp = drift(attained.p_cmd[rows], attained.p[rows])
+    d_ap, d_rp = pose_drift(attained.p_cmd[rows], attained.p[rows])
     return {"dAP_mm": d_ap, "dRP_mm": d_rp, "drift_pose": name, "drift_hours": hours}
 
 
