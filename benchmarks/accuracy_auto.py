@@ -9,7 +9,7 @@ from benchmarks import accuracy
 from benchmarks.accuracy_virtual import TEST, measured, spoiled
 from benchmarks.held_out import Figures, Page, held_out
 from truepose import Cell, Samples, VirtualCell, read_samples
-from truepose.predictors.selection.choose import QUICK
+from truepose.predictors.selection.choice import QUICK
 
 PAGE = "accuracy-auto"
 

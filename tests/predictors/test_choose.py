@@ -18,9 +18,21 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import truepose as tp
 from truepose.errors import DataError
 from truepose.numerics.threads import threads
-from truepose.predictors import ArmContext, InverseDistance, KinematicKriging, OrdinaryKriging, PositionalErrors, choose
+from truepose.predictors import (
+    ArmContext,
+    InverseDistance,
+    KinematicKriging,
+    OrdinaryKriging,
+    PositionalErrors,
+    rank_predictors,
+)
 from truepose.predictors.selection import cross_validation
-from truepose.predictors.selection.ranking import HeldOut, difference_intervals, figures, take
+from truepose.predictors.selection.ranking import (
+    CandidateResiduals,
+    best_candidate,
+    difference_intervals,
+    residual_figures,
+)
 
 PLAIN = ("registration", "idw", "ordinary-kriging")
 
@@ -66,7 +78,7 @@ def test_outer_loop_pays_for_choosing(rng):
     """Many candidates that are all alike on noise: the best of them looks better than what choosing leaves."""
     x = rng.uniform(0, 1000, (40, 3))
     noise = PositionalErrors({"cartesian": x}, rng.normal(size=x.shape))
-    choice = choose(noise, ["registration", "idw", "nearest", "grid-cell", "radial-basis", "ordinary-kriging"])
+    choice = rank_predictors(["registration", "idw", "nearest", "grid-cell", "radial-basis", "ordinary-kriging"], noise)
     assert choice.expected["mean_mm"] >= min(row["mean_mm"] for row in choice.ranking)
     assert choice.ranking[0]["predictor"] in ("registration", "ordinary-kriging")  # a constant; nothing to learn
 
@@ -87,16 +99,16 @@ def test_workers_change_nothing(virtual, samples):
 
 def test_a_candidate_that_fails_says_why(errors):
     joints = PositionalErrors({**errors.coordinates, "joint": np.zeros((80, 6))}, errors.e)
-    choice = choose(joints, ["idw", "calibration-network"], splits=["points"])  # passed over: no arm is known
+    choice = rank_predictors(["idw", "calibration-network"], joints, splits=["points"])  # passed over: no arm is known
     assert [row["predictor"] for row in choice.ranking] == ["idw"]
     few = PositionalErrors(
         {"cartesian": errors.coordinates["cartesian"][:6], "joint": np.zeros((6, 6))}, errors.e[:6], arm=ARM
     )
-    choice = choose(few, ["registration", "kinematic-kriging"], folds=2)
+    choice = rank_predictors(["registration", "kinematic-kriging"], few, folds=2)
     assert choice.ranking[-1]["predictor"] == "kinematic-kriging"
     assert "3 samples are too few for kinematic Kriging" in choice.ranking[-1]["note"]
     with pytest.raises(DataError, match=r"no candidate could be fitted; kinematic-kriging failed: 3 samples are"):
-        choose(few, ["kinematic-kriging"], folds=2)
+        rank_predictors(["kinematic-kriging"], few, folds=2)
 
 
 ARM = ArmContext(tp.load_robot("kuka-kr150-2"), np.eye(4))
@@ -104,7 +116,7 @@ ARM = ArmContext(tp.load_robot("kuka-kr150-2"), np.eye(4))
 
 def test_a_child_that_dies_is_an_error(errors):
     with pytest.raises(DataError, match="one of 2 worker processes died"):
-        choose(Deadly({"cartesian": errors.coordinates["cartesian"]}, errors.e), ["idw"], workers=2)
+        rank_predictors(["idw"], Deadly({"cartesian": errors.coordinates["cartesian"]}, errors.e), workers=2)
 
 
 class Deadly(PositionalErrors):
@@ -120,8 +132,8 @@ class Deadly(PositionalErrors):
 def test_gross_readings_do_not_decide(errors):
     e = errors.e.copy()
     e[[5, 40]] += 30.0
-    choice = choose(PositionalErrors(errors.coordinates, e), PLAIN)
-    clean = choose(errors, PLAIN)
+    choice = rank_predictors(PLAIN, PositionalErrors(errors.coordinates, e))
+    clean = rank_predictors(PLAIN, errors)
     assert choice.predictor_name == clean.predictor_name == "ordinary-kriging"
     assert np.flatnonzero(choice.gross).tolist() == [5, 40]
     assert choice.expected["mean_mm"] == pytest.approx(clean.expected["mean_mm"], rel=0.2)
@@ -140,7 +152,7 @@ def test_gross_readings_do_not_decide(errors):
 )
 def test_what_cannot_be(errors, candidates, options, message):
     with pytest.raises(DataError, match=message):
-        choose(errors, candidates, **options)
+        rank_predictors(candidates, errors, **options)
 
 
 def test_without_a_cell_positions_are_enough(samples):
@@ -157,7 +169,7 @@ def held_out(rng):
     std = np.array([1.0, 0.2, 0.2])[:, None, None, None] * np.ones((3, 2, 200, 3))
     residual = std * rng.normal(size=std.shape)
     std[2] /= 3
-    return HeldOut(("a", "b", "c"), ("points", "blocks"), residual, std)
+    return CandidateResiduals(("a", "b", "c"), ("points", "blocks"), residual, std)
 
 
 @pytest.mark.parametrize("factor", [0.97, 1.03])
@@ -166,16 +178,16 @@ def test_of_level_candidates_the_honest_one_is_taken(held_out, factor):
     worse = difference_intervals(held_out, 1)
     assert worse[0, 0] > 1.0
     assert worse[2, 0] < 0 < worse[2, 1]
-    assert take(held_out) == 1
+    assert best_candidate(held_out) == 1
 
 
 def test_what_is_clearly_better_is_taken_though_it_is_too_sure(held_out):
     held_out.residual[2] *= 0.8
-    assert take(held_out) == 2
+    assert best_candidate(held_out) == 2
 
 
 def test_figures(held_out):
-    found = figures(held_out.residual[1], held_out.std[1], held_out.splits)
+    found = residual_figures(held_out.residual[1], held_out.std[1], held_out.splits)
     assert found["within_95"] == pytest.approx(0.95, abs=0.02)
     expected = 0.2 * np.sqrt(8 / np.pi)  # mean length of a normal vector
     assert found["mean_mm"] == pytest.approx(expected, rel=0.05)
@@ -192,7 +204,7 @@ def test_an_interrupt_ends_the_workers(errors):
     started = set()
     others = set(multiprocessing.active_children())
     with pytest.raises(KeyboardInterrupt):
-        choose(errors, ["registration"], workers=2, progress=interrupt)
+        rank_predictors(["registration"], errors, workers=2, progress=interrupt)
     assert len(started - others) == 2
     assert not set(multiprocessing.active_children()) - others
 
@@ -210,7 +222,7 @@ def test_workers_end_with_a_killed_parent(tmp_path):
 _KILLED = """
 import multiprocessing, os, signal
 import numpy as np
-from truepose.predictors import PositionalErrors, choose
+from truepose.predictors import PositionalErrors, rank_predictors
 from truepose.predictors.selection import cross_validation
 
 def kill(line):
@@ -220,7 +232,7 @@ def kill(line):
 if __name__ == "__main__":
     cross_validation.cores = lambda: 2
     x = np.random.default_rng(0).uniform(0, 1000, (80, 3))
-    choose(PositionalErrors({"cartesian": x}, np.sin(x / 400)), ["registration"], workers=2, progress=kill)
+    rank_predictors(["registration"], PositionalErrors({"cartesian": x}, np.sin(x / 400)), workers=2, progress=kill)
 """
 
 
@@ -228,7 +240,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("usable", [2, 3])
 def test_threads_times_workers(errors, monkeypatch, tmp_path, usable):
     monkeypatch.setattr(cross_validation, "cores", lambda: usable)
-    choose(Noting(errors.coordinates, errors.e, folder=tmp_path), ["registration"], workers=8)
+    rank_predictors(["registration"], Noting(errors.coordinates, errors.e, folder=tmp_path), workers=8)
     notes = [json.loads(path.read_text("utf-8")) for path in tmp_path.iterdir()]
     assert 1 <= len(notes) <= usable  # a quick worker may do all there is before another has started
     assert all(count == 1 for note in notes for count in note)

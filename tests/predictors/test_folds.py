@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.predictors.selection.folds import block_folds, branch_folds, point_folds, random_folds, split_samples
+from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds, split_samples
 from truepose.robots import load_robot
 
 

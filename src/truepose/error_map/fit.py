@@ -16,7 +16,7 @@ from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import CellSamples
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.predictors import choose
+from truepose.predictors import rank_predictors
 from truepose.samples import Samples
 
 
@@ -73,7 +73,9 @@ def fit_cell(
     ranking: list[dict[str, Any]] = []
     expected: dict[str, Any] = {}
     if predictor == "auto":
-        choice = choose(measured, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress)
+        choice = rank_predictors(
+            candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+        )
         ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
         model, gross = choice.predictor, choice.gross
     else:

@@ -12,8 +12,7 @@ from truepose.cell import Cell
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.geometry import Registration, register
-from truepose.predictors import ArmContext, Choice, PositionalErrors
-from truepose.predictors import choose as choose_among
+from truepose.predictors import ArmContext, Choice, PositionalErrors, rank_predictors
 from truepose.robots import Robot
 from truepose.samples import Samples
 
@@ -117,7 +116,7 @@ def choose(
     cell : Cell, optional
         Without it commanded positions must be there, and candidates that know the arm are passed over.
     splits, folds, rng, workers, progress
-        See `truepose.predictors.selection.choose`.
+        See `truepose.predictors.rank_predictors`.
 
     Returns
     -------
@@ -139,8 +138,8 @@ def choose(
     'idw'
     """
     registrable = BareSamples(samples) if cell is None else CellSamples(cell, cell.load_robot(), samples)
-    return choose_among(
-        registrable, candidates, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+    return rank_predictors(
+        candidates, registrable, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
     )
 
 

@@ -8,6 +8,7 @@ from truepose.predictors.baselines.nearest import GridCell, Nearest
 from truepose.predictors.baselines.radial_basis import RadialBasis
 from truepose.predictors.baselines.registration_only import RegistrationOnly
 from truepose.predictors.calibration import KinematicCalibration
+from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging.local import LocalKriging
 from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging, UniversalKriging
@@ -16,9 +17,8 @@ from truepose.predictors.kriging.vector import VectorKriging
 from truepose.predictors.orientation import PosePredictor
 from truepose.predictors.registry import PREDICTORS, ArmContext, make_predictor
 from truepose.predictors.residual_network import ResidualNetwork
-from truepose.predictors.selection.choose import Choice, choose
+from truepose.predictors.selection.choice import Choice, rank_predictors
 from truepose.predictors.selection.cross_validation import PositionalErrors
-from truepose.predictors.selection.folds import block_folds, branch_folds, point_folds, random_folds
 
 __all__ = [
     "PREDICTORS",
@@ -44,8 +44,8 @@ __all__ = [
     "VectorKriging",
     "block_folds",
     "branch_folds",
-    "choose",
     "make_predictor",
     "point_folds",
     "random_folds",
+    "rank_predictors",
 ]

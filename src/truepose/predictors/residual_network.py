@@ -14,7 +14,7 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, Predictor
 from truepose.predictors.calibration import KinematicCalibration
-from truepose.predictors.selection.folds import random_folds
+from truepose.predictors.folds import random_folds
 from truepose.robots import Robot
 
 Layers = tuple[FloatArray, FloatArray, FloatArray, FloatArray]

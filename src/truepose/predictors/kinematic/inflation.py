@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
+from truepose.predictors.folds import random_folds
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import search
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import Design, Terms, take
-from truepose.predictors.selection.folds import random_folds
 
 FOLDS: Final = 5
 MOST: Final = 250

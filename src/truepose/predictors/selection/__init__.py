@@ -1,1 +1,1 @@
-"""The choice among predictors by nested cross-validation."""
+"""Choose among predictors by nested cross-validation."""

@@ -1,4 +1,4 @@
-"""Fits of many candidates to many parts of the samples, in this process or in several, with the same results."""
+"""Fit many candidates to many parts of the samples, in one process or in several, with the same results."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ _FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 
 @dataclass(frozen=True, eq=False)
 class PositionalErrors:
-    """Errors of samples, and what predictors may know of them.
+    """Positional errors of samples with their coordinates, noise and arm: the input of predictors.
 
     Attributes
     ----------
     coordinates : mapping
-        ``cartesian``: commanded positions (n, 3) [mm]; ``joint``: joints (n, dof) [rad], where there are any.
+        The commanded positions ``cartesian`` (n, 3) [mm], and the joints ``joint`` (n, dof) [rad] where known.
     e : (n, 3) array [mm], base frame
+        The positional errors.
     noise_std : (n, 3) array [mm], optional
-        Standard deviation of the readings.
+        The standard deviations of the readings.
     arm : ArmContext, optional
-        For candidates that know the arm.
+        The arm, for predictors that need it.
     """
 
     coordinates: Mapping[str, FloatArray]
@@ -55,11 +56,11 @@ class PositionalErrors:
         return len(self.e)
 
     def registered_by(self, rows: IntArray | slice) -> PositionalErrors:
-        """Return the errors of all samples when only these rows are known: the same, as they are registered already."""
+        """Return the errors themselves: they are registered already."""
         return self
 
     def fit(self, name: str, rows: IntArray | slice = slice(None)) -> tuple[Predictor, FloatArray]:
-        """Return a predictor fitted to some rows, and how gross each of these is, see `fit_without_gross`."""
+        """Return a predictor fitted to some rows, and how gross each of them is, see `fit_without_gross`."""
         model = make_predictor(name, arm=self.arm)
         if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
@@ -67,20 +68,20 @@ class PositionalErrors:
         return model, fit_without_gross(model, self.coordinates[PREDICTORS[name].space][rows], self.e[rows], noise)
 
     def supports(self, name: str) -> bool:
-        """Return whether a predictor can be fitted: its coordinates are there, and the arm if it needs one."""
+        """Return whether a predictor can be fitted: its coordinates are known, and the arm if it needs one."""
         predictor = PREDICTORS[name]
         return predictor.space in self.coordinates and not (predictor.family.arm_parameters and self.arm is None)
 
 
 class Registrable(Protocol):
-    """Samples whose errors are after a registration, which may be done anew with some of the rows."""
+    """Samples whose registration can be repeated with some of the rows."""
 
     def registered_by(self, rows: IntArray | slice) -> PositionalErrors:
         """Return the errors of all samples after a registration with these rows."""
 
 
 @dataclass(frozen=True)
-class Task:
+class FoldFit:
     """A candidate fitted to all samples but one fold of a split."""
 
     candidate: str
@@ -89,23 +90,24 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What became of a task.
+class FoldResult:
+    """The result of a `FoldFit`.
 
     Attributes
     ----------
-    task : Task
+    fit : FoldFit
+        The fit.
     rows : (m,) array of int
-        Samples held out.
+        The held-out samples.
     residual, std : (m, 3) arrays [mm]
-        Of these; the standard deviation holds the noise of the reading.
+        Their residuals and predicted standard deviations, reading noise included.
     inner : mapping of str to (residual, std)
-        For each split: the samples of the fit, each predicted without its fold, (n − m, 3) [mm].
+        For each split: the same of the samples of the fit, each predicted without its fold, (n − m, 3) [mm].
     note : str
-        Why there is nothing, if so.
+        The reason of a failure; empty for a success.
     """
 
-    task: Task
+    fit: FoldFit
     rows: IntArray
     residual: FloatArray
     std: FloatArray
@@ -115,30 +117,30 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All that tasks have in common."""
+    """The data that all fits share."""
 
     samples: Registrable
     splits: Mapping[str, IntArray]
-    _registered: dict[tuple[str, int], PositionalErrors] = field(default_factory=dict)  # once for all candidates
+    _registered: dict[tuple[str, int], PositionalErrors] = field(default_factory=dict)  # shared by all candidates
 
-    def run(self, task: Task) -> Outcome:
-        """Fit, and predict what was held out; BLAS in one thread, so that the result is the same everywhere."""
-        label = self.splits[task.split]
-        out, known = np.flatnonzero(label == task.fold), np.flatnonzero(label != task.fold)
+    def run(self, fit: FoldFit) -> FoldResult:
+        """Fit, and predict the held-out samples."""
+        label = self.splits[fit.split]
+        out, known = np.flatnonzero(label == fit.fold), np.flatnonzero(label != fit.fold)
         nothing = np.full((len(out), 3), np.nan)
         try:
             with blas_threads(0):  # one thread, in workers and without them: the sums are the same
-                return self._outcome(task, out, known)
+                return self._result(fit, out, known)
         except _FAILURES as error:
-            return Outcome(task, out, nothing, nothing, note=f"failed: {error}")
+            return FoldResult(fit, out, nothing, nothing, note=f"failed: {error}")
 
-    def _outcome(self, task: Task, out: IntArray, known: IntArray) -> Outcome:
-        key = task.split, task.fold
+    def _result(self, fit: FoldFit, out: IntArray, known: IntArray) -> FoldResult:
+        key = fit.split, fit.fold
         if key not in self._registered:
             self._registered[key] = self.samples.registered_by(known)
         errors = self._registered[key]
-        model, gross = errors.fit(task.candidate, known)
-        x = errors.coordinates[PREDICTORS[task.candidate].space]
+        model, gross = errors.fit(fit.candidate, known)
+        x = errors.coordinates[PREDICTORS[fit.candidate].space]
 
         def held_out(rows: IntArray) -> tuple[FloatArray, FloatArray]:
             if not len(rows):
@@ -151,66 +153,68 @@ class Job:
         for name, label in self.splits.items():
             kept, residual, std = gross == 0, np.full((len(known), 3), np.nan), np.full((len(known), 3), np.nan)
             block = label[known[kept]]
-            if (block == block[0]).all():  # of two branches one is left: each sample from the others
+            if (block == block[0]).all():  # only one branch remains: leave out single samples
                 block = np.arange(len(block))
             residual[~kept], std[~kept] = held_out(known[~kept])
-            with suppress(*_FAILURES):  # too few for this candidate: it stays NaN, and is not chosen
+            with suppress(*_FAILURES):  # too few samples for this candidate: NaN excludes it from the inner choice
                 residual[kept], std[kept] = model.leave_blocks_out(block)
             inner[name] = residual, std
-        return Outcome(task, out, *held_out(out), inner)
+        return FoldResult(fit, out, *held_out(out), inner)
 
 
 def cross_validate(
     job: Job, candidates: Sequence[str], *, workers: int = 1, progress: Callable[[str], Any] = str
-) -> list[Outcome]:
+) -> list[FoldResult]:
     """Run every candidate on every fold of every split; the result does not depend on the number of workers.
 
     Parameters
     ----------
     job : Job
+        The samples and their splits.
     candidates : sequence of str
+        The names of the predictors.
     workers : int
-        Processes, with one thread each; at most as many as processors that this process may use. They are started
-        anew: a script that asks for more than one needs the usual ``if __name__ == "__main__":``.
+        The number of processes, each with one thread; never more than the processors available to this process.
+        A script that asks for more than one needs the usual ``if __name__ == "__main__":``.
     progress : callable
-        Takes a line after each fit.
+        A function that receives a line after each fit.
 
     Returns
     -------
-    list of Outcome
-        In the order of candidates, splits and folds.
+    list of FoldResult
+        The results, in the order of candidates, splits and folds.
 
     Raises
     ------
     DataError
-        If a worker died.
+        If a worker process died.
     """
-    tasks = [
-        Task(name, split, int(fold))
+    fits = [
+        FoldFit(name, split, int(fold))
         for name in candidates
         for split, label in job.splits.items()
         for fold in np.unique(label)
     ]
-    found: dict[Task, Outcome] = {}
-    with _runner(job, min(workers, cores(), len(tasks))) as run:
-        for outcome in run(tasks):
-            found[outcome.task] = outcome
-            progress(f"Cross-validation: {len(found)} of {len(tasks)} fits, {outcome.task.candidate}")
-    return [found[task] for task in tasks]
+    found: dict[FoldFit, FoldResult] = {}
+    with _runner(job, min(workers, cores(), len(fits))) as run:
+        for result in run(fits):
+            found[result.fit] = result
+            progress(f"Cross-validation: {len(found)} of {len(fits)} fits, {result.fit.candidate}")
+    return [found[fit] for fit in fits]
 
 
 @contextmanager
-def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[Task]], Iterator[Outcome]]]:
-    """Yield what runs tasks, in any order; all worker processes have ended when the context is left."""
+def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[FoldFit]], Iterator[FoldResult]]]:
+    """Yield a function that runs fits in any order; all worker processes have ended when the context is left."""
     if workers <= 1:
-        yield lambda tasks: map(job.run, tasks)
+        yield lambda fits: map(job.run, fits)
         return
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, _context(), _start, (job,))
 
-    def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
-        # the last candidates are the slowest: they go first, so that no worker waits for them in the end
-        futures = [pool.submit(_work, task) for task in reversed(tasks)]
+    def run(fits: Sequence[FoldFit]) -> Iterator[FoldResult]:
+        # the last candidates are the slowest: start them first, so that no worker waits for them at the end
+        futures = [pool.submit(_work, fit) for fit in reversed(fits)]
         return (future.result() for future in as_completed(futures))
 
     try:
@@ -222,13 +226,13 @@ def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[Task]], Itera
         pool.shutdown(cancel_futures=True)  # waits until the pool itself has seen the end of each process
         if isinstance(error, BrokenProcessPool):
             raise DataError(
-                f"cross-validation: one of {workers} worker processes died, perhaps for want of memory; take 1"
+                f"cross-validation: one of {workers} worker processes died, perhaps out of memory; use 1 worker"
             ) from None
         raise
 
 
 def _context() -> multiprocessing.context.BaseContext:
-    """Return how processes start: from a server that has imported the code once, where the system has that."""
+    """Return the way to start processes: a server that has imported the code once, where the system supports it."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -245,6 +249,6 @@ def _start(job: Job) -> None:
     _job = job
 
 
-def _work(task: Task) -> Outcome:
+def _work(fit: FoldFit) -> FoldResult:
     assert _job is not None
-    return _job.run(task)
+    return _job.run(fit)

@@ -1,4 +1,4 @@
-"""Held-out residuals of candidates into a ranking: figures, bootstrap intervals, and which candidate to take."""
+"""Compare candidates by their held-out residuals: figures, bootstrap intervals, and the best candidate."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ import numpy as np
 from truepose._typing import BoolArray, FloatArray
 
 _BOOTSTRAPS: Final = 1000
-_GROSS: Final = 10.0  # times the median of the best candidate: no candidate predicts it
+_GROSS: Final = 10.0  # times the median of the best candidate
 _LEVEL: Final = 0.05
 _INSIDE_95: Final = 1.95996
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class CandidateResiduals:
     """Each sample predicted by each candidate without its fold, in each split.
 
     Attributes
     ----------
     names : tuple of str
-        Of the c candidates; all of them have finite residuals.
+        The c candidates; all of them have finite residuals.
     splits : tuple of str
+        The s splits.
     residual, std : (c, s, n, 3) arrays [mm]
+        The residuals and their predicted standard deviations, reading noise included.
     """
 
     names: tuple[str, ...]
@@ -40,35 +42,36 @@ class HeldOut:
 
     @property
     def log_density(self) -> FloatArray:
-        """Log density that each candidate gave to each reading, its components taken for independent, (c, s, n)."""
+        """Log density of each reading as each candidate predicts it, components independent, (c, s, n)."""
         std = np.maximum(self.std, np.finfo(float).tiny)
         density: FloatArray = -(0.5 * (self.residual / std) ** 2 + np.log(std) + 0.5 * np.log(2 * np.pi)).sum(axis=3)
         return density
 
     @property
     def gross(self) -> BoolArray:
-        """Readings that no candidate predicts in any split: they say nothing about candidates, (n,)."""
+        """Readings that no candidate predicts in any split, (n,); they do not help to compare candidates."""
         length = self.length
         typical = np.median(length, axis=2).min(axis=0)  # (s,)
         beyond: BoolArray = (length.min(axis=0) > _GROSS * typical[:, None]).all(axis=0)
         return beyond
 
-    def without(self, rows: BoolArray) -> HeldOut:
-        """Return these figures without some samples."""
-        return HeldOut(self.names, self.splits, self.residual[:, :, ~rows], self.std[:, :, ~rows])
+    def without(self, rows: BoolArray) -> CandidateResiduals:
+        """Return the residuals without some samples."""
+        return CandidateResiduals(self.names, self.splits, self.residual[:, :, ~rows], self.std[:, :, ~rows])
 
 
-def score(held_out: HeldOut) -> FloatArray:
-    """Return what candidates are ranked by, lower is better: mean length over all samples and splits, (c,) [mm]."""
+def score(held_out: CandidateResiduals) -> FloatArray:
+    """Return the score of each candidate: the mean residual length over samples and splits, (c,) [mm]."""
     mean: FloatArray = held_out.length.mean(axis=(1, 2))
     return mean
 
 
-def take(held_out: HeldOut, *, rng: int = 0) -> int:
-    """Return the index of the candidate to take.
+def best_candidate(held_out: CandidateResiduals, *, rng: int = 0) -> int:
+    """Return the index of the best candidate.
 
-    Candidates within 5 % of the best whose difference may be chance are level; of these the one is taken that gave the
-    readings the highest density: it judges the standard deviation, too, and tells candidates apart from fewer samples.
+    Candidates are level if they are within 5 % of the lowest score and the difference may be chance. Among level
+    candidates the highest density of the readings decides: it also rates the standard deviations, and it separates
+    candidates with fewer samples.
     """
     mean = score(held_out)
     level = difference_intervals(held_out, int(np.argmin(mean)), rng=rng)[:, 0] <= 0.0
@@ -77,27 +80,30 @@ def take(held_out: HeldOut, *, rng: int = 0) -> int:
     return int(np.argmax(np.where(level, density, -np.inf)))
 
 
-def difference_intervals(held_out: HeldOut, reference: int, *, rng: int = 0) -> FloatArray:
-    """Return 95 % bootstrap intervals of how much worse each candidate is than a reference, paired, (c, 2) [mm]."""
+def difference_intervals(held_out: CandidateResiduals, reference: int, *, rng: int = 0) -> FloatArray:
+    """Return paired 95 % bootstrap intervals of the difference between each candidate and a reference, (c, 2) [mm]."""
     per_sample = held_out.length.mean(axis=1)
     return _intervals(per_sample - per_sample[reference], rng)
 
 
-def figures(residual: FloatArray, std: FloatArray, splits: tuple[str, ...], *, rng: int = 0) -> dict[str, Any]:
-    """Return the figures of one candidate as plain values.
+def residual_figures(residual: FloatArray, std: FloatArray, splits: tuple[str, ...], *, rng: int = 0) -> dict[str, Any]:
+    """Return the accuracy figures of one candidate as plain values.
 
     Parameters
     ----------
     residual, std : (s, n, 3) arrays [mm]
+        The residuals and their predicted standard deviations in each split.
     splits : tuple of str
+        The names of the splits.
     rng : int
-        Of the bootstrap, over samples.
+        The seed of the bootstrap over samples.
 
     Returns
     -------
     dict
-        ``mean_mm`` over samples and splits with ``mean_interval_mm``, its interval; ``p95_mm``; ``mean_mm`` and
-        ``p95_mm`` of each split in ``splits``; ``within_95``: share of components in their predicted 95 % intervals.
+        ``mean_mm`` over samples and splits and its interval ``mean_interval_mm``; ``p95_mm``; ``splits`` with
+        ``mean_mm`` and ``p95_mm`` of each split; ``within_95``, the share of components in their predicted 95 %
+        intervals.
     """
     length = np.linalg.norm(residual, axis=2)
     return {

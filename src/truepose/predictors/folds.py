@@ -1,4 +1,4 @@
-"""Folds for cross-validation: random points, blocks of space, branches of the arm (theory, verification, (14))."""
+"""Divide samples into folds for cross-validation: random points, blocks of space, branches of the arm (theory (14))."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from truepose.errors import DataError
 from truepose.robots import Robot
 
 SPLITS: Final = ("points", "blocks", "branches")
-"""Names of the ways to divide samples into folds."""
+"""The names of the ways to divide samples into folds."""
 
 _SAME_PLACE: Final = 1e-3  # of the spread of each coordinate
 
@@ -24,27 +24,42 @@ _SAME_PLACE: Final = 1e-3  # of the spread of each coordinate
 def random_folds(n: int, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
     """Return the fold of each of n samples, sizes equal to within one.
 
+    Parameters
+    ----------
+    n : int
+        The number of samples.
+    folds : int
+        The number of folds.
+    rng : Generator or int
+        The seed.
+
     Returns
     -------
-    (n,) array of int, 0 … folds − 1
+    (n,) array of int
+        Folds from 0 to folds − 1.
     """
     _check(n, folds)
     return np.random.default_rng(rng).permutation(np.arange(n) % folds)
 
 
 def point_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
-    """Return the fold of each sample when folds are random points, repeats of a point in the same fold.
+    """Return the fold of each sample for random folds that keep repeats of a point together.
 
-    Points nearer to each other than a thousandth of the spread are repeats: one would tell what the other will be.
+    Points nearer to each other than a thousandth of the spread count as repeats.
 
     Parameters
     ----------
     x : (n, d) array
-        Positions [mm] or joints [rad].
+        The positions [mm] or joints [rad].
+    folds : int
+        The number of folds.
+    rng : Generator or int
+        The seed.
 
     Returns
     -------
-    (n,) array of int, 0 … folds − 1
+    (n,) array of int
+        Folds from 0 to folds − 1.
     """
     points = _scaled(x)
     n = len(points)
@@ -58,20 +73,25 @@ def point_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
 
 
 def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int = 0) -> IntArray:
-    """Return the fold of each sample when folds are compact blocks of space, sizes equal to within one.
+    """Return the fold of each sample for compact blocks of space, sizes equal to within one.
 
-    Samples near each other resemble each other, so random folds flatter an interpolator; blocks ask it for a region
-    that it has not seen. The samples are cut across their widest extent, and both parts again, until the blocks are as
-    many as the folds; coordinates count by their spread, and are turned at random first.
+    Neighbouring samples have similar errors, so random folds favour an interpolator; blocks ask it to predict a region
+    that it has not seen. After a random rotation of the scaled coordinates, the samples are cut across their widest
+    extent, and so is each part, until there are as many blocks as folds.
 
     Parameters
     ----------
     x : (n, d) array
-        Positions [mm] or joints [rad].
+        The positions [mm] or joints [rad].
+    folds : int
+        The number of folds.
+    rng : Generator or int
+        The seed.
 
     Returns
     -------
-    (n,) array of int, 0 … folds − 1
+    (n,) array of int
+        Folds from 0 to folds − 1.
     """
     scaled = _scaled(x)
     n, d = scaled.shape
@@ -92,16 +112,19 @@ def block_folds(x: ArrayLike, folds: int = 5, *, rng: np.random.Generator | int 
 
 
 def branch_folds(robot: Robot, q: ArrayLike) -> IntArray:
-    """Return the branch of the inverse kinematics on which each sample is, as its fold.
+    """Return the branch of the inverse kinematics of each sample as its fold.
 
     Parameters
     ----------
     robot : Robot
+        The nominal robot.
     q : (n, dof) array [rad]
+        The joints of the samples.
 
     Returns
     -------
-    (n,) array of int, 0 … number of branches − 1
+    (n,) array of int
+        Branches, numbered from 0.
 
     Raises
     ------
@@ -128,23 +151,25 @@ def split_samples(
     folds: int = 5,
     rng: np.random.Generator | int = 0,
 ) -> dict[str, IntArray]:
-    """Return the folds of samples for several splits by name.
+    """Return the folds of the samples for each named split.
 
     Parameters
     ----------
     splits : sequence of str
-        Of `SPLITS`: random points, blocks of the workspace, branches of the arm (their number is that of the folds).
+        Names from `SPLITS`: random points, blocks of the workspace, branches of the arm (one fold per branch).
     coordinates : mapping
-        ``cartesian``: positions (n, 3) [mm]; ``joint``: joints (n, dof) [rad], where there are any.
+        The positions ``cartesian`` (n, 3) [mm], and the joints ``joint`` (n, dof) [rad] where known.
     robot : Robot, optional
-        For branches.
+        The nominal robot, for branches.
     folds : int
+        The number of folds of points and blocks.
     rng : Generator or int
+        The seed of points and blocks.
 
     Raises
     ------
     DataError
-        If there is no such split, or fewer samples than folds.
+        If a split is not known, or there are fewer samples than folds.
     """
     position, q = coordinates["cartesian"], coordinates.get("joint")
     place = position if q is None else np.column_stack([position, q])
@@ -173,4 +198,4 @@ def _scaled(x: ArrayLike) -> FloatArray:
 
 def _check(n: int, folds: int) -> None:
     if not 2 <= folds <= n:
-        raise DataError(f"{folds} folds of {n} samples: at least 2 folds and as many samples as folds are needed")
+        raise DataError(f"got {folds} folds of {n} samples; expected at least 2 folds and as many samples as folds")
