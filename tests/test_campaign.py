@@ -175,6 +175,27 @@ def test_a_small_creep_is_a_warning(virtual: VirtualCell, sound: Samples, tmp_pa
     assert told in run("validate", made, tmp_path / "test.csv").out
 
 
+@pytest.mark.promise("a drift too uncertain to be named widens the deviation of the map; noise alone does not")
+def test_a_suspected_drift_widens_the_deviation(virtual: VirtualCell, record_property: Any):
+    campaigns = [virtual.measure(virtual.design(60, seed=seed), seed=seed) for seed in range(8)]
+    plain = [checked(virtual.cell, samples) for samples in campaigns]
+    assert sum(found.suspected_drift == 0.0 for found in plain) >= 7
+    faint = [checked(virtual.cell, creeping(samples, 0.06)) for samples in campaigns]
+    unnamed = [found for found in faint if not found.changes]
+    assert len(unnamed) >= 4
+    suspected = np.array([found.suspected_drift for found in unnamed])
+    assert np.mean(suspected > 0.0) >= 0.75
+    assert np.median(suspected) == pytest.approx(0.06, rel=0.3)
+    i = next(i for i, found in enumerate(faint) if found.suspected_drift > 0.0)
+    sound, drifting = (
+        tp.fit_cell(virtual.cell, each, "registration") for each in (campaigns[i], creeping(campaigns[i], 0.06))
+    )
+    added = (2.0 * faint[i].suspected_drift) ** 2
+    assert np.sum(drifting.unexplained - drifting.predictor.nugget_) > 0.5 * added
+    assert drifting.unexplained.sum() > sound.unexplained.sum() + 0.5 * added
+    record_property("cases", len(campaigns))
+
+
 @pytest.mark.promise("fit and import refuse the same campaigns, and --accept-campaign takes them")
 def test_the_command_line_refuses_and_accepts(virtual: VirtualCell, sound: Samples, tmp_path: Path, run: Any):
     cell, samples = tmp_path / "cell.toml", tmp_path / "samples.csv"

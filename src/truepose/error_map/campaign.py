@@ -17,7 +17,15 @@ from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot
 from truepose.samples import Samples
 from truepose.verification import RP_PER_STD
-from truepose.verification.campaign import FEWEST, Campaign, Change, changes, noise, reference_change
+from truepose.verification.campaign import (
+    FEWEST,
+    Campaign,
+    Change,
+    changes,
+    noise,
+    reference_change,
+    suspected_drift,
+)
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
@@ -47,12 +55,15 @@ class CampaignCheck:
         Root mean square displacement above which a fault stops the fit.
     tested : int
         Samples that were tested; 0 where there are too few.
+    suspected_drift : float [mm]
+        Root mean square displacement of a drift that is too uncertain to be named; it widens the map's deviation.
     """
 
     changes: list[Change]
     words: list[str]
     limit: float
     tested: int
+    suspected_drift: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as a map keeps them."""
@@ -60,7 +71,8 @@ class CampaignCheck:
             {**asdict(change), "rows": list(change.rows), "words": words, "stops": change.size > self.limit}
             for change, words in zip(self.changes, self.words, strict=True)
         ]
-        return {"tested": self.tested, "limit_mm": self.limit, "faults": faults}
+        drift = {"suspected_drift_mm": self.suspected_drift}
+        return {"tested": self.tested, "limit_mm": self.limit, **drift, "faults": faults}
 
     def refuse(self, source: str, accepted: tuple[str, ...] = ()) -> None:
         """Raise where a fault is above the limit and its kind is not accepted.
@@ -105,6 +117,8 @@ def check_campaign(
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
     with blas_threads(len(samples)):
         found = changes(campaign)
+        named = any(change.kind in ("drift", "moved") for change in found)
+        suspected = 0.0 if named else suspected_drift(campaign)
     before, after = _references(samples, order)
     others = np.setdiff1d(np.arange(len(samples)), after)
     std = noise(campaign[others]) if len(before) and len(others) >= FEWEST else _stated(cell, samples, registration)
@@ -117,7 +131,7 @@ def check_campaign(
     stated, repeatability = cell.correction.max_std_mm, cell.robot.repeatability_mm
     limit = stated or max(_LEAST_LIMIT, 2.0 * (repeatability or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
-    return CampaignCheck(found, [_sentence(change) for change in found], limit, tested)
+    return CampaignCheck(found, [_sentence(change) for change in found], limit, tested, suspected)
 
 
 def _stated(cell: Cell, samples: Samples, registration: Registration) -> float | None:

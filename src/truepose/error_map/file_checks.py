@@ -74,6 +74,7 @@ class _Fault(_Told):
 class _Campaign(_Told):
     tested: int = Field(0, ge=0)
     limit_mm: float = Field(0.0, ge=0.0)
+    suspected_drift_mm: float = Field(0.0, ge=0.0)
     faults: list[_Fault] = Field(default_factory=list)
 
 

@@ -74,8 +74,9 @@ class ErrorMap:
     excluded : list of dict
         Samples left out of the fit, by ``row``, with the reason.
     campaign : dict
-        What the tests of the measuring campaign found: ``tested`` samples, ``limit_mm`` and ``faults``, each with its
-        ``words``; see `truepose.error_map.campaign.CampaignCheck`. Empty for a map that was saved before such tests.
+        What the tests of the measuring campaign found: ``tested`` samples, ``limit_mm``, ``suspected_drift_mm`` and
+        ``faults``, each with its ``words``; see `truepose.error_map.campaign.CampaignCheck`. Empty for a map that was
+        saved before such tests.
     p_flange_sampled : (3,) array [mm], optional
         Where the samples were measured, if the tool has been changed since: see `update`.
     arm_check : ArmCheck
@@ -205,11 +206,12 @@ class ErrorMap:
         The predictor's nugget less what is known of repeatability; the noise of readings is not in the nugget where it
         is known. What is not known is not taken off, and counts as error of the arm. A nugget is taken one standard
         error larger than it was estimated: near the repeatability, the difference is mostly that error. A drift that
-        the tests of the campaign found comes on top, also below their limit, and twice: it goes on after the campaign,
-        as an arm does that warmed up while it was measured.
+        the tests of the campaign found or suspect comes on top, also below their limit, and twice: it goes on after the
+        campaign, as an arm does that warmed up while it was measured.
         """
         faults = self.campaign.get("faults", [])
-        drift = sum((2.0 * fault["size"]) ** 2 for fault in faults if fault["kind"] in ("drift", "moved")) / 3.0
+        sizes = [fault["size"] for fault in faults if fault["kind"] in ("drift", "moved")]
+        drift = sum((2.0 * size) ** 2 for size in (*sizes, self.campaign.get("suspected_drift_mm", 0.0))) / 3.0
         nugget, known = self._nugget_and_known
         return np.asarray(nugget - known + drift)
 

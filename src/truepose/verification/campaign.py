@@ -182,16 +182,10 @@ def changes(campaign: Campaign) -> list[Change]:
 
     Faults are added one at a time, the most significant first, and each is tested beside those found before.
     """
-    n = len(campaign)
-    if n < FEWEST:
-        return []
-    rows = _thinned(n)
-    part = campaign[rows]
-    if not (keep := _sound(part)).all():
-        rows = rows[keep]
-        part = campaign[rows]
+    rows = _tested_rows(campaign)
     if len(rows) < FEWEST:
         return []
+    part = campaign[rows]
     found: list[_Cause] = []
     for _ in _KINDS:
         known = [cause.columns for cause in found]
@@ -205,6 +199,31 @@ def changes(campaign: Campaign) -> list[Change]:
         found.append(min(tested, key=lambda one: one[0])[1])
     told = [_change(part, one, [other.columns for other in found if other is not one]) for one in found]
     return [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in told]
+
+
+def suspected_drift(campaign: Campaign) -> float:
+    """Return the root mean square displacement of a drift that is too uncertain to be named as a fault [mm].
+
+    Zero where a drift as large as the estimate has a chance of 1 % or more without a drift. The square of the estimate
+    is reduced by its variance, so that noise does not add to it.
+    """
+    rows = _tested_rows(campaign)
+    if len(rows) < FEWEST or np.ptp(campaign.when) == 0:
+        return 0.0
+    part = campaign[rows]
+    drift = _Cause("drift", 0, part.growing)
+    if part.field.chance(drift.columns) >= _WORTH:
+        return 0.0
+    model = _fit(part, [drift.columns])
+    mean_square = np.einsum("nap,naq->pq", part.rigid, part.rigid) / len(part)
+    excess = model.theta @ mean_square @ model.theta - np.trace(mean_square @ model.covariance)
+    return float(np.sqrt(max(excess, 0.0)))
+
+
+def _tested_rows(campaign: Campaign) -> IntArray:
+    """Return the samples that tests use: at most `_MOST`, none that is gross."""
+    rows = _thinned(len(campaign))
+    return rows[_sound(campaign[rows])] if len(rows) >= FEWEST else rows
 
 
 def _thinned(n: int) -> IntArray:
