@@ -18,8 +18,8 @@ import pytest
 
 from truepose._io import files
 from truepose.errors import FileError, RecoveryWarning
+from truepose.programs import corrected as corrected_module
 from truepose.programs import history
-from truepose.programs import record as sidecar
 from truepose.programs.core.source import Source
 
 HOW = ("fails", "killed", "stops", "fails from then on", "interrupted before", "interrupted after", "signal")
@@ -99,8 +99,9 @@ class Case:
             program=program,
             hashes={s.path: Source(s.path, self.new(s)).sha256 for s in self.sources},
             content=lambda source: [self.new(source)],
+            write_records=lambda a, b: (a.write(b"record"), b.write(b"record")),
         )
-        names = [path.name for path in sidecar.names(program)]  # type: ignore[arg-type]
+        names = [path.name for path in corrected_module.names(program)]  # type: ignore[arg-type]
         in_place = where == "in place"
         kept = [f"{path.name}.original" for path in self.paths] if in_place else []
         self.goals = [(folder if in_place else self.out) / name for name in (*kept, *names)]
@@ -121,9 +122,9 @@ class Case:
 
     def write(self) -> None:
         if self.where == "in place":
-            sidecar.write_in_place([self.corrected])
+            corrected_module.write_in_place([self.corrected])
         else:
-            sidecar.write([self.corrected], self.out, force=True)
+            corrected_module.write([self.corrected], self.out, force=True)
 
     def check_safe(self) -> None:
         """Require that no program is lost: what is not the original has its original beside it."""
@@ -170,7 +171,6 @@ def fast_folder(tmp_path: Path) -> Iterator[Path]:
 def light(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     with monkeypatch.context() as patch:
         patch.setattr(history, "remember", lambda _: None)
-        patch.setattr(sidecar, "_write_records", lambda _, a, b: (a.write(b"record"), b.write(b"record")))
         yield patch
 
 
@@ -366,7 +366,7 @@ def test_the_next_run_to_a_folder(fast_folder: Path, monkeypatch: pytest.MonkeyP
         killed_at(case, patch, "replace", 1)
         assert list(case.out.glob("*.src"))
         with pytest.warns(RecoveryWarning, match="as they were before it"):
-            sidecar.write([case.corrected], case.out)
+            corrected_module.write([case.corrected], case.out)
         assert case.is_corrected()
 
 

@@ -21,7 +21,7 @@ import truepose as tp
 from truepose.cell import load_cell
 from truepose.errors import FileError, TrueposeError
 from truepose.programs import read_program
-from truepose.programs.krl.config import read_config_dat
+from truepose.programs.krl.controller import read_config_dat
 from truepose.report.records import read_record
 from truepose.robots import load_robot
 from truepose.samples import Samples, append_columns, read_poses, read_samples, write_samples

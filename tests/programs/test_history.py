@@ -8,7 +8,7 @@ import pytest
 
 from truepose.errors import FileError, RefusedError
 from truepose.programs import correct_program
-from truepose.programs.record import write
+from truepose.programs.corrected import write
 
 N = 12
 

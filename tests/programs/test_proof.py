@@ -13,8 +13,8 @@ from tests.programs.corpus import CORPUS
 from tests.programs.test_corpus import lay
 
 from truepose.errors import DataError, RefusedError, TrueposeError
-from truepose.programs import FrameTable, Program, correct_program, read_program
-from truepose.programs.core import outcomes, proof
+from truepose.programs import FrameTable, Program, correct_program, proof, read_program
+from truepose.programs.core import outcomes
 from truepose.programs.core.digits import written
 from truepose.programs.core.source import Source, replaced
 from truepose.programs.krl import reader as krl

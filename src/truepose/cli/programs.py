@@ -168,7 +168,7 @@ def correct(
     from truepose.error_map import load_map
     from truepose.errors import DataError
     from truepose.programs import Coverage, correct_program, read_programs
-    from truepose.programs.record import write, write_in_place
+    from truepose.programs.corrected import write, write_in_place
 
     if in_place and out is not None:
         raise DataError("--out has no effect with --in-place; give one of them")
@@ -317,7 +317,7 @@ def unread(errors: Sequence[FileError]) -> FileError:
 def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
     """Refuse programs that would be written over each other."""
     from truepose.errors import RefusedError
-    from truepose.programs.record import names
+    from truepose.programs.corrected import names
 
     taken: dict[str, Path] = {}
     for one in corrected:

@@ -1,9 +1,11 @@
 """Robot programs: read as targets, corrected in place, byte-exact."""
 
-from truepose.programs.core.outcomes import Outcome
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions, Target
-from truepose.programs.correct import CorrectedProgram, Corrector, correct_program
-from truepose.programs.coverage import Coverage
+from truepose.programs.core.outcomes import Coverage, Outcome
+from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.target import Target
+from truepose.programs.correct import Corrector, correct_program
+from truepose.programs.corrected import CorrectedProgram
+from truepose.programs.frame_table import FrameTable
 from truepose.programs.reading import Reading, read_program, read_programs
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Final
 
 from truepose.cell import Cell
 from truepose.errors import RefusedError
-from truepose.programs.core.targets import Program
+from truepose.programs.core.program import Program
 from truepose.programs.reading import dialect_of
 from truepose.robots import Robot, to_toml
 

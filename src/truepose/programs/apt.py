@@ -23,8 +23,8 @@ from truepose.programs.core.points import (
     leave_held,
     numbers_at,
 )
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
 _GOTO: Final = ("GOTO", "FROM")
@@ -54,7 +54,7 @@ class _Statement(NamedTuple):
     pieces: list[tuple[bytes, int]]
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read APT or CL data.
 
     Raises

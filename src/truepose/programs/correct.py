@@ -1,15 +1,15 @@
 """A program with its targets corrected: what each target becomes, the patches, and the proof.
 
 The error map speaks of the robot's base frame; the difference command − target is turned into each target's own frame
-and added to its digits. Nothing else changes, which `truepose.programs.core.proof` requires on every run.
+and added to its digits. Nothing else changes, which `truepose.programs.proof` requires on every run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,29 +17,29 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.units import parse_share
 from truepose._typing import FloatArray, IntArray
+from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
-from truepose.programs import record as sidecar
 from truepose.programs.agreement import check_cell, check_maker
 from truepose.programs.core.columns import Columns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
 from truepose.programs.core.orientations import turned
-from truepose.programs.core.outcomes import DONE, Outcomes, digit_step
-from truepose.programs.core.paths import Continuity, Paths
-from truepose.programs.core.proof import proven_hashes
-from truepose.programs.core.source import Source, printable, unified_diff
+from truepose.programs.core.outcomes import DONE, Coverage, Outcomes, digit_step
+from truepose.programs.core.paths import Paths
+from truepose.programs.core.program import IDENTITY, Program, ReadOptions
+from truepose.programs.core.source import printable
 from truepose.programs.core.target import Verdict
-from truepose.programs.core.targets import IDENTITY, FrameTable, Program, ReadOptions
-from truepose.programs.coverage import Coverage
+from truepose.programs.corrected import CorrectedProgram
+from truepose.programs.frame_table import FrameTable
+from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
+from truepose.programs.record import check_not_corrected
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
-    from truepose.compensation import LimitsInForce
     from truepose.robots import Robot
 
-Policy = Literal["refuse", "skip", "clip"]
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # refused targets that a message names
 _ROUNDED: Final = 1e-9  # [mm; deg] by doubles, beside the half digit
@@ -90,105 +90,6 @@ class Corrector(Protocol):
         on_guard: Policy,
         orientation: bool = False,
     ) -> CorrectionsLike: ...
-
-
-@dataclass(frozen=True, eq=False)
-class CorrectedProgram:
-    """A corrected program, not yet written.
-
-    Attributes
-    ----------
-    program : Program
-        The original.
-    targets : Outcomes
-    on_guard : {"refuse", "skip", "clip"}
-    resolution : float [mm]
-    map_hash : str, optional
-    hashes : dict of Path to str
-        SHA-256 of every file as it becomes, proven.
-    limits : LimitsInForce
-        The settings of ``[correction]`` that held, with their origin.
-    continuity : Continuity
-        What the correction does to the paths through the targets.
-    warnings : tuple of str
-        What a user should look at.
-    map_path : Path, optional
-        The file that the map was read from; corrected programs are remembered beside it.
-    """
-
-    program: Program
-    targets: Outcomes
-    on_guard: Policy
-    resolution: float
-    map_hash: str | None
-    hashes: dict[Path, str]
-    limits: LimitsInForce
-    continuity: Continuity
-    warnings: tuple[str, ...] = ()
-    map_path: Path | None = None
-
-    def content(self, source: Source) -> Iterator[bytes]:
-        """Yield a file as it becomes, piece by piece."""
-        for _, _, piece, _ in self.targets.pieces(source, self.resolution):
-            yield piece
-
-    @property
-    def files(self) -> dict[Path, bytes]:
-        """Every file of the program by its original path, changed or not."""
-        return {source.path: b"".join(self.content(source)) for source in self.program.sources}
-
-    @property
-    def coverage(self) -> Coverage:
-        """How many motion targets there are, and how many of them are corrected."""
-        return Coverage.of([self.targets])
-
-    def summary(self) -> dict[str, Any]:
-        """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
-        return {**self.targets.summary(), "motion_targets": self.coverage.targets}
-
-    def sidecar(self) -> dict[str, Any]:
-        """Return the record of this correction for JSON; see `truepose.programs.record`."""
-        return sidecar.record(self)
-
-    def to_csv(self) -> str:
-        """Return the targets as CSV, units in the names."""
-        return sidecar.to_csv(self)
-
-    def diff(self) -> str:
-        """Return what changes as a unified diff, decoded as latin-1."""
-        files = self.files
-        return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
-
-    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
-        """Write every file of the program and its record (JSON and CSV) to a folder, all or none; return their paths.
-
-        Parameters
-        ----------
-        out_dir : str or Path
-        force : bool
-            Overwrite the results of an earlier run. The program itself is never overwritten.
-
-        Raises
-        ------
-        FileError
-            If a file exists already, is the program itself, or cannot be written; the folder is as it was then.
-        """
-        return sidecar.write([self], Path(out_dir), force=force)
-
-    def write_in_place(self, *, force: bool = False) -> list[Path]:
-        """Write over the program; each file that changes is kept as it was beside it, with ``.original`` added.
-
-        Parameters
-        ----------
-        force : bool
-            Overwrite the record of an earlier run. A kept original is never overwritten.
-
-        Raises
-        ------
-        FileError
-            If a kept original or a record is there already, or a file cannot be written; the program is as it was then.
-        """
-        return sidecar.write_in_place([self], force=force)
 
 
 def correct_program(
@@ -264,7 +165,7 @@ def correct_program(
     program = _read(path, cell or getattr(error_map, "cell", None), frames, options, orientation)
     warnings = _check_robot(error_map, program, cell, other_maker)
     map_path: Path | None = getattr(error_map, "path", None)
-    sidecar.check_not_corrected(program, map_path)
+    check_not_corrected(program, map_path)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
         _refuse(program, _reasons(program, "refuse"))

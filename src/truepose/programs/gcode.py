@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from truepose.errors import FileError
 from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.source import Source, Span, is_broken, parse_number
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions, frame_key
 
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
 _EXPONENT = rb"[EeDd][+-]?+[0-9]*+"
@@ -78,7 +78,7 @@ _RETURNS: Final = 20
 _ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read G-code.
 
     Raises
@@ -100,7 +100,7 @@ class _Return:
 
 
 class _Reader:
-    def __init__(self, source: Source, frames: FrameTable, options: ReadOptions) -> None:
+    def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         self._source, self._frames, self._options = source, frames, options
         self._points: list[Point] = []
         self._circles: list[list[Point]] = []

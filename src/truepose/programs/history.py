@@ -13,21 +13,19 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import FloatArray
 from truepose.errors import FileError, RefusedError
-
-if TYPE_CHECKING:
-    from truepose.programs.core.targets import Program
-    from truepose.programs.correct import CorrectedProgram
+from truepose.programs.core.outcomes import Outcomes
+from truepose.programs.core.program import Program
 
 HashArray = NDArray[np.uint64]
 _KEPT: Final = 1024
@@ -42,6 +40,17 @@ class _Entry:
     file: str
     after: str
     positions: HashArray
+
+
+class Correction(Protocol):
+    """The parts of a corrected program that are remembered; see `truepose.programs.CorrectedProgram`."""
+
+    @property
+    def targets(self) -> Outcomes: ...  # noqa: D102
+    @property
+    def hashes(self) -> Mapping[Path, str]: ...  # noqa: D102
+    @property
+    def map_path(self) -> Path | None: ...  # noqa: D102
 
 
 def stores(map_path: Path | None) -> list[Path]:
@@ -63,7 +72,7 @@ def _own() -> list[Path]:
     return [folder / "truepose" / "corrected.jsonl"]
 
 
-def remember(corrected: Sequence[CorrectedProgram]) -> None:
+def remember(corrected: Sequence[Correction]) -> None:
     """Add programs to the stores; before they are written, so that none is ever there unrecorded.
 
     Raises
@@ -88,10 +97,10 @@ def remember(corrected: Sequence[CorrectedProgram]) -> None:
             warnings.warn(str(problem), UserWarning, stacklevel=2)
 
 
-def _lines(corrected: CorrectedProgram) -> Iterator[str]:
+def _lines(corrected: Correction) -> Iterator[str]:
     """Yield one line per file that changes."""
     date = datetime.now(UTC).isoformat(timespec="seconds")
-    for source in corrected.program.sources:
+    for source in corrected.targets.program.sources:
         if (after := corrected.hashes[source.path]) == source.sha256:
             continue
         entry = {
@@ -105,10 +114,10 @@ def _lines(corrected: CorrectedProgram) -> Iterator[str]:
         yield f"\n{json.dumps(entry)}\n"
 
 
-def _written(corrected: CorrectedProgram, path: Path) -> HashArray:
+def _written(corrected: Correction, path: Path) -> HashArray:
     """Return the smallest hashes of the positions that changed in a file."""
     kept = np.empty(0, np.uint64)
-    for first, columns in corrected.program.targets.chunks(path):
+    for first, columns in corrected.targets.program.targets.chunks(path):
         after = corrected.targets.after[first : first + len(columns), :3]
         changed = np.isfinite(after).all(axis=1) & (after != columns.values[:, :3]).any(axis=1)
         kept = np.unique(np.concatenate([kept, _hashes(after[changed])]))[:_KEPT]

@@ -10,8 +10,8 @@ from truepose.errors import FileError
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, Shift
 from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source, printable
-from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
 
 _OF_ALL_JOBS: Final = Problem(
     "refuse", "P variables are those of all jobs: another may move to it or write it; say that none does (--whole-task)"
@@ -34,7 +34,7 @@ _KEYS: Final = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _BASES: Final = ("BASE", "ROBOT")
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a .jbi file.
 
     Raises
@@ -59,7 +59,7 @@ class _Reader:
         self._changed: dict[tuple[str, Key | None], int] = {}
         self._modal: dict[str, str] = {}
 
-    def program(self, path: Path, frames: FrameTable) -> Program:
+    def program(self, path: Path, frames: KnownFrames) -> Program:
         data, section, ended = self._source.data, "", False
         instructions: list[tuple[int, bytes]] = []
         if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):

@@ -13,7 +13,8 @@ from typing import Final
 
 from truepose._io.files import check_regular, path_exists, recover
 from truepose.errors import FileError
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions
+from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.frame_table import FrameTable
 from truepose.programs.robot_base import standing
 
 _KRL: Final = (".src", ".dat")
@@ -211,9 +212,16 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
 
 
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
+    """Read the KRL modules of a folder; a ``$config.dat`` among them gives tools and bases, too."""
     from truepose.programs.krl.reader import read_project
 
-    return [_again(partial(read_project, folder, files, standing(frames, folder, "krl"), options), options)]
+    def read() -> Program:
+        configs = [file for file in files if file.name.lower() == "$config.dat"]
+        known = frames.with_config_dat(configs[0]) if configs else frames
+        return read_project(folder, files, known, options)
+
+    frames = standing(frames, folder, "krl")
+    return [_again(read, options)]
 
 
 def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:

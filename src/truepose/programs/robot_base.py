@@ -18,8 +18,8 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.source import Source, parse_number
-from truepose.programs.core.targets import FrameTable
-from truepose.programs.krl.machine import robot_root
+from truepose.programs.frame_table import FrameTable
+from truepose.programs.krl.controller import robot_root
 
 _LEVELS: Final = 5
 """Folders above a program that may be those of its controller's backup."""

@@ -14,8 +14,8 @@ from typing import Final
 from truepose.errors import DataError
 from truepose.geometry import ANGLES, euler
 from truepose.programs.core.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _ORIENTATIONS: Final = {
     ("a_deg", "b_deg", "c_deg"): "kuka",
@@ -28,7 +28,7 @@ _UNITS: Final = {"mm": 1.0, "m": 1000.0}
 _TEXT: Final = ("name", "frame", "tool", "motion")
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a CSV file of targets.
 
     Raises

@@ -14,8 +14,8 @@ from truepose.errors import FileError
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, InForce
 from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source, printable
-from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
 _NUMBERED = re.compile(rb"[ \t]*(\d*)[ \t]*:")
@@ -84,7 +84,7 @@ class _Move(NamedTuple):
     problem: Problem | None
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a .ls file.
 
     Raises
@@ -109,7 +109,7 @@ class _Reader:
         self._changed: dict[tuple[str, Key | None], int] = {}
         self._tracked = ""
 
-    def program(self, path: Path, frames: FrameTable) -> Program:
+    def program(self, path: Path, frames: KnownFrames) -> Program:
         instructions, position_start, position_end = self._sections()
         self._read_positions(position_start, position_end)
         labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}

@@ -19,8 +19,8 @@ from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, InForce, State
 from truepose.programs.core.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 
 _PIECE = re.compile(
     rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
@@ -65,7 +65,7 @@ class _Named(NamedTuple):
     writes: list[tuple[int, str]]
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a .script file.
 
     Raises
@@ -90,7 +90,7 @@ class _Reader:
         self._outer: dict[str, str] = {}
         self._assigned: list[tuple[str, int, str]] = []
 
-    def program(self, path: Path, frames: FrameTable) -> Program:
+    def program(self, path: Path, frames: KnownFrames) -> Program:
         routines = self._routines()
         if not any(_MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
             raise FileError(self._source.path, "has neither a def nor a motion: it is no URScript")

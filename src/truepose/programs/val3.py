@@ -30,8 +30,8 @@ from truepose.programs.core.points import (
     Use,
     numbers_at,
 )
+from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.core.targets import FrameTable, Key, Program, ReadOptions
 
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -65,13 +65,13 @@ class _Value:
         return self.attributes[key][0].decode("latin-1") if key in self.attributes else ""
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions, *, folder: Path | None = None) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path | None = None) -> Program:
     """Read a .dtx file.
 
     Parameters
     ----------
     path : Path
-    frames : FrameTable
+    frames : KnownFrames
     options : ReadOptions
     folder : Path, optional
         Holds all applications that may use public data of the file.

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, overload
+from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import BoolArray, FloatArray, IntArray
+from truepose.errors import RefusedError
 from truepose.programs.core.columns import Columns
 from truepose.programs.core.digits import written
 from truepose.programs.core.orientations import DEGREES, STEPS, count
+from truepose.programs.core.program import Program, linked
 from truepose.programs.core.source import Source, Span, apply_patches
 from truepose.programs.core.target import Target
-from truepose.programs.core.targets import Program, linked
 
 DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
 """Verdicts of outcomes by their codes."""
@@ -223,3 +224,49 @@ def digit_step(columns: Columns, axis: int, resolution: float) -> tuple[float, f
 
 def _longest(vectors: FloatArray) -> float:
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+
+
+class Coverage(NamedTuple):
+    """How many targets motions go to, and how many of them are corrected."""
+
+    corrected: int
+    targets: int
+
+    @classmethod
+    def of(cls, programs: Iterable[Outcomes]) -> Coverage:
+        """Count the motion targets of programs; a point that no motion goes to is none."""
+        corrected = targets = 0
+        for outcomes in programs:
+            done = outcomes.corrected
+            for first, columns in outcomes.program.targets.chunks():
+                kinds, which = columns.shared()
+                moved_to = np.array([bool(target.motions) for target in kinds])[which]
+                targets += int(np.count_nonzero(moved_to))
+                corrected += int(np.count_nonzero(moved_to & done[first : first + len(columns)]))
+        return cls(corrected, targets)
+
+    def __str__(self) -> str:
+        nominal = self.targets - self.corrected
+        stay = "stays" if nominal == 1 else "stay"
+        return f"{self.corrected} of {self.targets} motion targets corrected, {nominal} {stay} nominal"
+
+    def check(self, required: float, where: object) -> None:
+        """Refuse a program that has too few corrected targets.
+
+        Parameters
+        ----------
+        required : float
+            The share of the motion targets, 0 to 1.
+        where : object
+            The program, for the message.
+
+        Raises
+        ------
+        RefusedError
+            If fewer are corrected.
+        """
+        if self.corrected < required * self.targets - 1e-9:
+            raise RefusedError(
+                f"{where}: {self}, but {100 * required:g} % must be corrected (require); nothing is written: "
+                "see why with 'truepose check', or require less"
+            )

@@ -16,8 +16,8 @@ import numpy as np
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
 from truepose.programs.core.outcomes import Outcomes
+from truepose.programs.core.program import Program
 from truepose.programs.core.source import printable
-from truepose.programs.core.targets import Program
 
 SMALLEST_LIMIT: Final = 0.1
 """[mm] No default limit is below this."""

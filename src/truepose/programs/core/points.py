@@ -16,9 +16,9 @@ from typing import Final, NamedTuple
 from truepose._typing import FloatArray
 from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, Stretch, Targets
+from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
 from truepose.programs.core.source import Source, Span, parse_number
 from truepose.programs.core.target import Target, Verdict
-from truepose.programs.core.targets import FrameTable, Key, ReadOptions, frame_key, linked
 
 AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
@@ -175,7 +175,7 @@ class Judge:
 
     Parameters
     ----------
-    frames : FrameTable
+    frames : KnownFrames
     options : ReadOptions
     controller : str
         Whose orientation numbers the points have.
@@ -189,7 +189,7 @@ class Judge:
 
     def __init__(
         self,
-        frames: FrameTable,
+        frames: KnownFrames,
         options: ReadOptions,
         controller: str,
         *,

@@ -13,12 +13,12 @@ from typing import Final
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, InForce
 from truepose.programs.core.points import FileLine
+from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import ReadOptions
 from truepose.programs.krl import runs as krl_runs
+from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, shown, statements
-from truepose.programs.krl.machine import is_null
 from truepose.programs.krl.motions import MotionReader, Settings
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Numbers, Variable

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from truepose.programs.core.flow import Flow, InForce
 from truepose.programs.core.points import Visit
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import Target, Verdict
+from truepose.programs.core.target import Target, Verdict
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, closing_brace, parse_point, shown, split_commas, strip
 from truepose.programs.krl.names import Names, element

@@ -15,8 +15,9 @@ from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import Frames, InForce, State
 from truepose.programs.core.points import Visit
+from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import FrameTable, ReadOptions, Target, Verdict
+from truepose.programs.core.target import Target, Verdict
 from truepose.programs.krl.lexer import CARTESIAN, Aggregate
 
 Index = tuple[int, ...] | None
@@ -106,7 +107,7 @@ class Judge:
 
     Parameters
     ----------
-    frames : FrameTable
+    frames : KnownFrames
     options : ReadOptions
     states : sequence of State
         What may be in force at each node of the program.
@@ -122,7 +123,7 @@ class Judge:
 
     def __init__(
         self,
-        frames: FrameTable,
+        frames: KnownFrames,
         options: ReadOptions,
         states: Sequence[State],
         ambient: State,

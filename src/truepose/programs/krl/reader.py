@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core.points import Visit, in_order
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions, Target
-from truepose.programs.krl.config import read_config_dat
+from truepose.programs.core.target import Target
 from truepose.programs.krl.lexer import LEXER
 from truepose.programs.krl.module import Module, Shared
 from truepose.programs.krl.motions import Goal
@@ -21,17 +20,16 @@ from truepose.programs.krl.points import Judge, Variable, at
 from truepose.programs.krl.runs import Run
 
 _HOME: Final = re.compile(r"X?HOME\d*", re.I)
-_CONFIG: Final = "$config.dat"
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a KRL program.
 
     Parameters
     ----------
     path : Path
         The .src, or the .dat beside it. A .src with inline targets alone needs no .dat.
-    frames : FrameTable
+    frames : KnownFrames
     options : ReadOptions
 
     Raises
@@ -51,15 +49,15 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
     return _program(path, [module], shared, frames)
 
 
-def read_project(folder: Path, files: Iterable[Path], frames: FrameTable, options: ReadOptions) -> Program:
+def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, options: ReadOptions) -> Program:
     """Read the modules of a folder as one program, whose GLOBAL points and routines all of them may use.
 
     Parameters
     ----------
     folder : Path
     files : iterable of Path
-        Every .src and .dat; tools and bases of a ``$config.dat`` among them are used where `frames` have none.
-    frames : FrameTable
+        Every .src and .dat.
+    frames : KnownFrames
     options : ReadOptions
 
     Raises
@@ -75,11 +73,6 @@ def read_project(folder: Path, files: Iterable[Path], frames: FrameTable, option
             shown = f"{kind[ending].relative_to(folder)} is another module of this name"
             raise FileError(file, f"{shown}; give the folder of one controller at a time")
         kind[ending] = file
-    config = found.get(_CONFIG.upper().removesuffix(".DAT"), {}).get(".dat")
-    if config is not None:
-        tools, bases = read_config_dat(config)
-        bases = {key: frames.bases[0] @ tf for key, tf in bases.items()}  # it gives them in the world
-        frames = replace(frames, tools={**tools, **frames.tools}, bases={**bases, **frames.bases})
     shared = Shared(options, project=True)
 
     def source(kind: dict[str, Path], ending: str) -> Source | None:
@@ -120,7 +113,7 @@ def _check_pair(module: Module) -> None:
             )
 
 
-def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: FrameTable) -> Program:
+def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: KnownFrames) -> Program:
     """Judge what was read, and put it in order."""
     ambient = shared.flow.solve()
     whole = shared.project or shared.options.whole_task

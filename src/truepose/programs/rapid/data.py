@@ -11,8 +11,8 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.points import Frame, Point, Problem
+from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, is_broken, parse_number
-from truepose.programs.core.targets import ReadOptions
 from truepose.programs.rapid.syntax import Token, Value, is_list
 
 _UNUSED_AXIS: Final = 8.9e9  # 9E9 says that there is no such axis

@@ -10,13 +10,12 @@ from typing import Final
 from truepose.errors import FileError
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import UNSET, BlockError, InForce
-from truepose.programs.core.points import FileLine, Place, Point, Problem, at
+from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import Source
-from truepose.programs.core.targets import frame_key
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import frame_data, robtarget
 from truepose.programs.rapid.motions import MotionReader
-from truepose.programs.rapid.names import Datum, Read, Routine, Scope, Task, Variable, late_bound
+from truepose.programs.rapid.names import Datum, ModuleNames, Routine, Scope, Task, Variable, late_bound
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -42,8 +41,6 @@ class Module:
     source : Source
     name : str
         In upper case.
-    own : Scope
-        What is LOCAL.
     """
 
     def __init__(self, source: Source, task: Task) -> None:
@@ -53,16 +50,11 @@ class Module:
         self.name = next((_module_name(s) for s in self._statements if "MODULE" in [t.text for t in s[:2]]), "")
         if not self.name:
             raise FileError(source.path, "has no MODULE: it is no RAPID module")
-        self.own, self._inner = Scope(), Scope()
+        self._names = ModuleNames(source, task)
         self._open: list[tuple[str, int]] = []
         self._key = ""
         self._initial: list[tuple[list[Token], int]] = []
-        self._motions = MotionReader(self)
-
-    @property
-    def task(self) -> Task:
-        """The task that it belongs to."""
-        return self._task
+        self._motions = MotionReader(self._names)
 
     def declare(self) -> None:
         """Read the declarations of the module; values that name other data are kept for `read`."""
@@ -85,7 +77,7 @@ class Module:
             If the file is broken; with its line.
         """
         for tokens, line in self._initial:
-            self.read_by(tokens, line)
+            self._names.read_by(tokens, line)
         line = 1
         try:
             for statement in self._statements:
@@ -94,31 +86,6 @@ class Module:
                 self._statement(statement, line)
         except BlockError as error:
             raise self.source.error(line, f"{error}; correct the file") from None
-
-    def place(self, line: int) -> Place:
-        """Return a line, with the file's name if the task has several."""
-        return FileLine(self.source.path.name, line) if self._task.named else line
-
-    def find(self, name: str) -> Variable | None:
-        """Return the robtarget of a name."""
-        for scope in (self._inner, self.own, self._task.scope):
-            if (variable := scope.points.get(name)) is not None:
-                return variable
-            if name in scope.others:
-                return None
-        return None
-
-    def find_frame(self, name: str) -> Datum | None:
-        """Return the tool or workobject of a name, as a module declares it."""
-        return self.own.frames.get(name) or self._task.scope.frames.get(name)
-
-    def find_routine(self, name: str) -> Routine | None:
-        """Return the routine of a name."""
-        return self.own.routines.get(name) or self._task.scope.routines.get(name)
-
-    def is_inner(self, name: str) -> bool:
-        """Return whether a name is of the routine that is being read, and no robtarget."""
-        return name in self._inner.others
 
     def _routine(self) -> bool:
         return any(word != "MODULE" for word, _ in self._open)
@@ -144,12 +111,12 @@ class Module:
         kind, name = head[0].text, _routine_name(head)
         line = self.source.line(statement[0].start)
         local = statement[0].text == "LOCAL"
-        table = (self.own if local else self._task.scope).routines
+        table = (self._names.own if local else self._task.scope).routines
         if (old := table.get(name)) is not None:
             remedy = "; give the files of one task at a time" if self._task.named else "; give another name"
             raise self.source.error(line, f"{name} is defined twice, first in {at(old.place)}{remedy}")
         key = f"{self.name}:{name}" if local else name
-        table[name] = Routine(key, kind, syntax.parameters(head), self.place(line))
+        table[name] = Routine(key, kind, syntax.parameters(head), self._names.place(line))
         self._task.routines.append(table[name])
 
     def _statement(self, statement: list[Token], line: int) -> None:
@@ -162,7 +129,7 @@ class Module:
             if self._key == "MAIN":
                 flow.again()
             flow.end_routine()
-            self._inner = Scope()
+            self._names.inner = Scope()
         elif word in DATA:
             if self._routine():
                 self._declare(statement)
@@ -173,7 +140,7 @@ class Module:
 
     def _begin_routine(self, head: list[Token]) -> None:
         name = _routine_name(head)
-        routine = self.find_routine(name)
+        routine = self._names.find_routine(name)
         assert routine is not None  # it was declared
         self._key = routine.key
         # in a whole task, what nothing calls is a start
@@ -181,7 +148,7 @@ class Module:
         self._flow.begin_routine(routine.key, outside=outside)
         if head[0].text == "TRAP":
             self._flow.interrupt_program()
-        self._inner = Scope(others={parameter.name for parameter in routine.parameters})
+        self._names.inner = Scope(others={parameter.name for parameter in routine.parameters})
 
     def _control(self, statement: list[Token], line: int) -> bool:
         """Follow a statement that steers the program; False if it is none."""
@@ -189,16 +156,16 @@ class Module:
         is_mark = statement[-1].text == ":"
         if word == "IF" and statement[-1].text != "THEN":
             condition, instruction = syntax.split_compact_if(statement)
-            self.read_by(condition, line)
+            self._names.read_by(condition, line)
             flow.begin("IF", line)
             if instruction:
                 self._statement(instruction, line)
             flow.end("ENDIF", "IF")
         elif word in ("IF", "TEST", "FOR", "WHILE"):
-            self.read_by(rest, line)
+            self._names.read_by(rest, line)
             flow.begin("SWITCH" if word == "TEST" else word, line)
         elif word in ("ELSEIF", "ELSE"):
-            self.read_by(rest, line)
+            self._names.read_by(rest, line)
             flow.branch("ELSE", last=word == "ELSE")
         elif word in ("CASE", "DEFAULT") and is_mark:
             flow.branch(word, last=word == "DEFAULT")
@@ -209,7 +176,7 @@ class Module:
         elif word in HANDLERS and (len(statement) == 1 or statement[1].text == "(") and self._routine():
             flow.part()
         elif statement[0].kind == "word" and word in ("RETURN", "EXIT", "EXITCYCLE", "RAISE", "TRYNEXT", "RETRY"):
-            self.read_by(rest, line)
+            self._names.read_by(rest, line)
             self._leave(word)
         elif word == "GOTO" and len(statement) == 2:
             flow.goto(statement[1].text)
@@ -237,12 +204,12 @@ class Module:
         name = statement[0].text
         arguments = syntax.arguments(statement[1:])
         code = self.source.data[statement[0].start : statement[-1].end]
-        shifts.follow(self._flow, shifts.RAPID, code, self.place(line))
+        shifts.follow(self._flow, shifts.RAPID, code, self._names.place(line))
         if name in DISPLACEMENTS:
             self._displace(name, line)
-            self.read_by(statement[1:], line)
+            self._names.read_by(statement[1:], line)
         elif name in JOINT_MOTIONS:
-            self.read_by(statement[1:], line)
+            self._names.read_by(statement[1:], line)
             self._motions.joint(statement[0], line)
         elif statement[0].kind == "word" and (m := MOTION.fullmatch(name)) and len(arguments) > 2:
             self._motions.read(statement[0], m[1] == "C", arguments, line)
@@ -251,7 +218,7 @@ class Module:
 
     def _displace(self, name: str, line: int) -> None:
         """Take an instruction that displaces the motions behind it, or ends that."""
-        text = f"{name} ({at(self.place(line))})"
+        text = f"{name} ({at(self._names.place(line))})"
         if DISPLACEMENTS[name] == "ipo":
             self._flow.change(ipo="BASE" if name.endswith("OFF") else text)
         else:
@@ -265,9 +232,9 @@ class Module:
             by_name, arguments = statement[1:end], syntax.arguments(statement[end + 1 :])
         positional = [a.tokens for a in arguments if not a.name]
         self._motions.unknown(statement, positional, line)
-        how = f"passed to {self.shown([statement[0]])}"
-        named = any(len(t) == 1 and self.find(t[0].text) is not None for t in positional)
-        self.read_by(statement[1:], line, how if named else "read")
+        how = f"passed to {self._names.shown([statement[0]])}"
+        named = any(len(t) == 1 and self._names.find(t[0].text) is not None for t in positional)
+        self._names.read_by(statement[1:], line, how if named else "read")
         if name in LOADS:
             self._load(statement, line)
         elif name in ("SETDATAVAL", "SETALLDATAVAL", "GETDATAVAL"):
@@ -275,17 +242,17 @@ class Module:
         elif late or name == "CALLBYVAR":
             by_name = by_name if late else (positional or [[]])[0]
             self._late_call(by_name, by_number=not late, line=line)
-            self._hand_over(None, arguments, line)
+            self._names.hand_over(None, arguments, line)
         elif statement[0].kind == "word":
             self._procedure(name, arguments, line)
 
     def _procedure(self, name: str, arguments: list[Argument], line: int) -> None:
-        routine = self.find_routine(name)
+        routine = self._names.find_routine(name)
         if routine is not None:
             self._flow.call(routine.key, "")
-            self._hand_over(routine, arguments, line)
+            self._names.hand_over(routine, arguments, line)
         elif name not in INSTRUCTIONS and not MOTION.fullmatch(name) and not self._task.whole:
-            self._hand_over(None, arguments, line)
+            self._names.hand_over(None, arguments, line)
             self._unknown_call(f"{name}() was called, which is not in this file", line)
 
     def _late_call(self, expression: list[Token], *, by_number: bool, line: int) -> None:
@@ -299,72 +266,39 @@ class Module:
 
     def _unknown_call(self, text: str, line: int) -> None:
         if not self._options.calls_keep_frames:
-            text = f"{text} ({at(self.place(line))})"
+            text = f"{text} ({at(self._names.place(line))})"
             self._flow.change(ipo=text, tool=InForce("call", text))
-
-    def _hand_over(self, routine: Routine | None, arguments: list[Argument], line: int) -> None:
-        """Note the names that a routine is given and may change: tools and workobjects among them."""
-        required = [p for p in routine.parameters if not p.optional] if routine else []
-        named = {p.name: p for p in routine.parameters} if routine else {}
-        place = 0
-        for argument in arguments:
-            parameter = named.get(argument.name)
-            if not argument.name:
-                parameter = required[place] if place < len(required) else None
-                place += 1
-            writable = routine is None or parameter is None or parameter.writable
-            if writable and len(argument.tokens) == 1 and argument.tokens[0].kind == "word":
-                self._change(argument.tokens[0].text, line)
-
-    def _change(self, name: str, line: int) -> None:
-        """Note that a tool or workobject of this name may change here."""
-        if not self.is_inner(name):
-            for kind in ("tool", "base"):
-                self._task.changed.setdefault((kind, frame_key(name)), self.place(line))
 
     def _load(self, statement: list[Token], line: int) -> None:
         """Note that a module is loaded at run time, unless it is among those at hand."""
         texts = [token.text[1:-1].replace("\\", "/") for token in statement if token.kind == "text"]
         name = texts[-1].rpartition("/")[2].rpartition(":")[2].lower() if texts else ""
         if name not in self._task.files and not self._task.loads:
-            self._task.loads = f"{self.cased(statement[0])} ({at(self.place(line))})"
+            self._task.loads = f"{self._names.cased(statement[0])} ({at(self._names.place(line))})"
 
     def _by_name(self, name: str, positional: list[list[Token]], line: int) -> None:
         """Take an instruction that reads or writes data whose name is a text."""
         start, exact = late_bound(positional[0]) if positional and name != "SETALLDATAVAL" else ("", False)
         if name == "GETDATAVAL":
-            self._task.read_by_name.append((start if exact else "", self.place(line)))
+            self._task.read_by_name.append((start if exact else "", self._names.place(line)))
         elif exact:
-            self._change(start, line)
+            self._names.change(start, line)
         else:
             for kind in ("tool", "base"):
-                self._task.changed.setdefault((kind, None), self.place(line))
+                self._task.changed.setdefault((kind, None), self._names.place(line))
 
     def _assign(self, statement: list[Token], position: int, line: int) -> None:
         left, right = statement[:position], statement[position + 1 :]
-        self.read_by(right, line)
+        self._names.read_by(right, line)
         name = left[0].text
-        if (variable := self.find(name)) is not None:
+        if (variable := self._names.find(name)) is not None:
             index = syntax.constant_index(_braces(left))
             how = "component set" if any(t.text == "." for t in left) else "assigned"
             for key, point in variable.elements.items():
                 if index is None or not index or key == index:
-                    point.writes.append((self.place(line), how))
+                    point.writes.append((self._names.place(line), how))
         elif len(left) == 1 or any(t.text in _PARTS for t in left):
-            self._change(name, line)
-
-    def read_by(self, items: list[Token], line: int, how: str = "read by arithmetic") -> None:
-        """Note the points that code reads and the functions that it calls."""
-        for i, token in enumerate(items):
-            if token.kind != "word" or (i > 0 and items[i - 1].text in (".", "\\")):
-                continue
-            if i > 1 and items[i - 2].text == "DIM":
-                continue  # the size of an array, not its values
-            if (variable := self.find(token.text)) is not None:
-                self._task.reads.append(Read(variable, self.place(line), how))
-            elif i + 1 < len(items) and items[i + 1].text == "(" and (called := self.find_routine(token.text)):
-                self._flow.call(called.key, "")
-                self._hand_over(called, syntax.arguments(_in_brackets(items[i + 1 :])), line)
+            self._names.change(name, line)
 
     def _declare(self, statement: list[Token]) -> None:
         """Take a declaration of a robtarget, a tool or a workobject."""
@@ -373,7 +307,7 @@ class Module:
             return
         kind, type_, name = statement[0].text, statement[1].text, statement[2].text
         inner = self._routine()
-        scope = self._inner if inner else self.own if local else self._task.scope
+        scope = self._names.inner if inner else self._names.own if local else self._task.scope
         line = self.source.line(statement[0].start)
         position = syntax.position_of(":=", statement)
         parsed = syntax.value(statement[position + 1 :]) if position else []
@@ -385,9 +319,9 @@ class Module:
         if type_ != "ROBTARGET":
             return
         if (old := scope.points.get(name)) is not None:
-            text = f"{self.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
+            text = f"{self._names.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
             raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
-        variable = Variable(self.cased(statement[2]), self.place(line), kind, not (inner or local))
+        variable = Variable(self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local))
         scope.points[name] = variable
         self._task.variables.append(variable)
         dimensions = (
@@ -397,10 +331,10 @@ class Module:
             self._element(variable, index, element, line)
 
     def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int) -> None:
-        kind, frame, problem = frame_data(type_.lower(), self.cased(token), parsed)
+        kind, frame, problem = frame_data(type_.lower(), self._names.cased(token), parsed)
         if (old := scope.frames.get(token.text)) is not None:
             problem = problem or Problem("refuse", f"{frame.text} is declared twice ({at(old.place)}); keep one")
-        scope.frames[token.text] = Datum(kind, frame, problem, self.place(line))
+        scope.frames[token.text] = Datum(kind, frame, problem, self._names.place(line))
 
     def _element(self, variable: Variable, index: tuple[int, ...], element: Value, line: int) -> None:
         suffix = "{" + ",".join(map(str, index)) + "}" if index else ""
@@ -416,15 +350,6 @@ class Module:
             point.problem = Problem("skip", f"{variable.kind}: the controller may write it; make it CONST")
         variable.elements[index] = point
         self._task.points.append(point)
-
-    def shown(self, items: list[Token]) -> str:
-        """Return code for a message."""
-        text = self.source.data[items[0].start : items[-1].end].decode("latin-1") if items else ""
-        return "".join(c if c.isprintable() else " " for c in text[:40]) + ("…" if len(text) > 40 else "")
-
-    def cased(self, token: Token) -> str:
-        """Return a word as the file has it."""
-        return self.source.data[token.start : token.end].decode("latin-1")
 
 
 def _without_scope(statement: list[Token]) -> list[Token]:
@@ -446,13 +371,3 @@ def _braces(items: list[Token]) -> list[Token]:
     start = next((i for i, token in enumerate(items) if token.text == "{"), len(items))
     end = next((i for i, token in enumerate(items) if token.text == "}"), start)
     return items[start : end + 1]
-
-
-def _in_brackets(items: list[Token]) -> list[Token]:
-    """Return what stands between the bracket that comes first and the one that closes it."""
-    depth = 0
-    for k, token in enumerate(items):
-        depth += (token.text == "(") - (token.text == ")")
-        if depth == 0:
-            return items[1:k]
-    return items[1:]

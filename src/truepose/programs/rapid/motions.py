@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use
 from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import robtarget
-from truepose.programs.rapid.names import Move, Variable
+from truepose.programs.rapid.names import ModuleNames, Move, Variable
 from truepose.programs.rapid.syntax import Argument, Token, is_list
 from truepose.programs.rapid.words import OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
-
-if TYPE_CHECKING:
-    from truepose.programs.rapid.module import Module
 
 _CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run time")
 
@@ -21,13 +16,13 @@ _CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run tim
 class MotionReader:
     """Reads the motions of one module."""
 
-    def __init__(self, module: Module) -> None:
-        self._module, self._task = module, module.task
-        self._source, self._options = module.source, module.task.options
+    def __init__(self, names: ModuleNames) -> None:
+        self._names, self._task = names, names.task
+        self._source, self._options = names.source, names.task.options
 
     def joint(self, token: Token, line: int) -> None:
         """Take a motion to joints."""
-        name = f"{self._module.cased(token)}:{line}"
+        name = f"{self._names.cased(token)}:{line}"
         self._add(Point(name, self._source, line, problem=JOINTS), self._use(token.text, token, line))
 
     def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> None:
@@ -37,14 +32,14 @@ class MotionReader:
             len(t) == 1 and SPEED.fullmatch(t[0].text) for t in positional
         )
         if literal or (shape and len(positional) > 3):
-            word = self._module.cased(statement[0])
-            reason = f"looks like a motion that is not known: {self._module.shown(statement)}"
+            word = self._names.cased(statement[0])
+            reason = f"looks like a motion that is not known: {self._names.shown(statement)}"
             point = Point(f"{word}:{line}", self._source, line, problem=Problem("refuse", reason))
             self._add(point, self._use(word, statement[0], line))
 
     def read(self, token: Token, circle: bool, arguments: list[Argument], line: int) -> None:
         """Take a motion."""
-        word = self._module.cased(token)
+        word = self._names.cased(token)
         positional = [a.tokens for a in arguments if not a.name]
         if token.text.startswith("SEARCH"):
             positional = positional[2:]
@@ -83,16 +78,16 @@ class MotionReader:
     def _frame(self, kind: str, items: list[Token]) -> tuple[Frame | None, Problem | None]:
         """Return the tool or workobject that an argument names, and why it cannot be used."""
         what = "tool" if kind == "tooldata" else "workobject"
-        if len(items) != 1 or items[0].kind != "word" or self._module.is_inner(items[0].text):
-            shown = self._module.shown(items)
+        if len(items) != 1 or items[0].kind != "word" or self._names.is_inner(items[0].text):
+            shown = self._names.shown(items)
             return None, Problem("refuse", f"{what} {shown} is known at run time only")
         name = items[0].text
         if name in ("TOOL0", "WOBJ0"):
             return Frame(name.lower(), 0), None
-        datum = self._module.find_frame(name)
+        datum = self._names.find_frame(name)
         if datum is not None and datum.kind == kind:
             return datum.frame, datum.problem
-        text = self._module.cased(items[0])
+        text = self._names.cased(items[0])
         return Frame(text, text), None
 
     def _goal(self, items: list[Token], line: int, use: Use, k: int, goals: int) -> list[Point]:
@@ -109,18 +104,18 @@ class MotionReader:
             return self._named(items, name, line, use)
         self._offset(items, use, line)
         function = items[0].text if items and items[0].kind == "word" else ""
-        reason = "target computed at run time: " + self._module.shown(items)
+        reason = "target computed at run time: " + self._names.shown(items)
         if function in OFFSETS and self._options.offsets:
-            reason = f"offset from a point that is corrected: {self._module.shown(items)}"
+            reason = f"offset from a point that is corrected: {self._names.shown(items)}"
         point = Point(name, self._source, line, problem=Problem("skip", reason))
         return [self._add(point, use)]
 
     def _named(self, items: list[Token], name: str, line: int, use: Use) -> list[Point]:
-        variable = self._module.find(items[0].text)
+        variable = self._names.find(items[0].text)
         if variable is None:
-            known = self._module.is_inner(items[0].text)
+            known = self._names.is_inner(items[0].text)
             reason = "target known at run time only" if known else "declared in another module"
-            point = Point(self._module.cased(items[0]), self._source, line, problem=Problem("skip", reason))
+            point = Point(self._names.cased(items[0]), self._source, line, problem=Problem("skip", reason))
             return [self._add(point, use)]
         index = syntax.constant_index(items[1:])
         if not variable.elements:
@@ -138,7 +133,7 @@ class MotionReader:
         """Note the points in an expression: moved to with an offset, or read."""
         function = items[0].text if items and items[0].kind == "word" else ""
         if function not in OFFSETS or len(items) < 4:
-            self._module.read_by(items, line)
+            self._names.read_by(items, line)
             return
         pieces = syntax.split(items[2:-1])
         first = pieces[0]
@@ -150,12 +145,12 @@ class MotionReader:
             except ValueError:
                 known = False
         for piece in pieces[1:]:
-            self._module.read_by(piece, line)
+            self._names.read_by(piece, line)
         if first and first[0].text in OFFSETS:
             self._offset(first, use, line)
             return
-        if not first or (variable := self._module.find(first[0].text)) is None:
-            self._module.read_by(first, line)
+        if not first or (variable := self._names.find(first[0].text)) is None:
+            self._names.read_by(first, line)
             return
         variable.offset_known = variable.offset_known and known
         if size**0.5 >= variable.offset:
@@ -171,7 +166,7 @@ class MotionReader:
         return Problem("skip", "")  # the words follow when the largest offset is known
 
     def _use(self, word: str, token: Token, line: int) -> Use:
-        return Use(word, self._module.place(line), section=self._task.flow.section, order=token.start)
+        return Use(word, self._names.place(line), section=self._task.flow.section, order=token.start)
 
     def _add(self, point: Point, use: Use) -> Point:
         point.uses.append(use)

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from truepose.programs.core.flow import Flow
-from truepose.programs.core.points import Frame, Place, Point, Problem, Use
-from truepose.programs.core.targets import Key, ReadOptions
-from truepose.programs.rapid.syntax import Parameter, Token
+from truepose.programs.core.points import FileLine, Frame, Place, Point, Problem, Use
+from truepose.programs.core.program import Key, ReadOptions, frame_key
+from truepose.programs.core.source import Source
+from truepose.programs.rapid import syntax
+from truepose.programs.rapid.syntax import Argument, Parameter, Token
 
 
 @dataclass(slots=True, eq=False)
@@ -136,3 +138,103 @@ def late_bound(expression: list[Token]) -> tuple[str, bool]:
     if expression and expression[0].kind == "text":
         return expression[0].text[1:-1].upper(), len(expression) == 1
     return "", False
+
+
+class ModuleNames:
+    """The names that one module sees, and what its statements do with them.
+
+    Parameters
+    ----------
+    source : Source
+        The file of the module.
+    task : Task
+        The task that it belongs to.
+
+    Attributes
+    ----------
+    own : Scope
+        The names that the module declares with LOCAL.
+    inner : Scope
+        The names of the routine that is being read.
+    """
+
+    def __init__(self, source: Source, task: Task) -> None:
+        self.source, self.task = source, task
+        self.own, self.inner = Scope(), Scope()
+
+    def place(self, line: int) -> Place:
+        """Return a line, with the file's name if the task has several."""
+        return FileLine(self.source.path.name, line) if self.task.named else line
+
+    def find(self, name: str) -> Variable | None:
+        """Return the robtarget of a name."""
+        for scope in (self.inner, self.own, self.task.scope):
+            if (variable := scope.points.get(name)) is not None:
+                return variable
+            if name in scope.others:
+                return None
+        return None
+
+    def find_frame(self, name: str) -> Datum | None:
+        """Return the tool or workobject of a name, as a module declares it."""
+        return self.own.frames.get(name) or self.task.scope.frames.get(name)
+
+    def find_routine(self, name: str) -> Routine | None:
+        """Return the routine of a name."""
+        return self.own.routines.get(name) or self.task.scope.routines.get(name)
+
+    def is_inner(self, name: str) -> bool:
+        """Return whether a name is of the routine that is being read, and no robtarget."""
+        return name in self.inner.others
+
+    def read_by(self, items: list[Token], line: int, how: str = "read by arithmetic") -> None:
+        """Note the points that code reads and the functions that it calls."""
+        for i, token in enumerate(items):
+            if token.kind != "word" or (i > 0 and items[i - 1].text in (".", "\\")):
+                continue
+            if i > 1 and items[i - 2].text == "DIM":
+                continue  # the size of an array, not its values
+            if (variable := self.find(token.text)) is not None:
+                self.task.reads.append(Read(variable, self.place(line), how))
+            elif i + 1 < len(items) and items[i + 1].text == "(" and (called := self.find_routine(token.text)):
+                self.task.flow.call(called.key, "")
+                self.hand_over(called, syntax.arguments(_in_brackets(items[i + 1 :])), line)
+
+    def hand_over(self, routine: Routine | None, arguments: list[Argument], line: int) -> None:
+        """Note the names that a routine is given and may change: tools and workobjects among them."""
+        required = [p for p in routine.parameters if not p.optional] if routine else []
+        named = {p.name: p for p in routine.parameters} if routine else {}
+        place = 0
+        for argument in arguments:
+            parameter = named.get(argument.name)
+            if not argument.name:
+                parameter = required[place] if place < len(required) else None
+                place += 1
+            writable = routine is None or parameter is None or parameter.writable
+            if writable and len(argument.tokens) == 1 and argument.tokens[0].kind == "word":
+                self.change(argument.tokens[0].text, line)
+
+    def change(self, name: str, line: int) -> None:
+        """Note that a tool or workobject of this name may change here."""
+        if not self.is_inner(name):
+            for kind in ("tool", "base"):
+                self.task.changed.setdefault((kind, frame_key(name)), self.place(line))
+
+    def shown(self, items: list[Token]) -> str:
+        """Return code for a message."""
+        text = self.source.data[items[0].start : items[-1].end].decode("latin-1") if items else ""
+        return "".join(c if c.isprintable() else " " for c in text[:40]) + ("…" if len(text) > 40 else "")
+
+    def cased(self, token: Token) -> str:
+        """Return a word as the file has it."""
+        return self.source.data[token.start : token.end].decode("latin-1")
+
+
+def _in_brackets(items: list[Token]) -> list[Token]:
+    """Return what stands between the bracket that comes first and the one that closes it."""
+    depth = 0
+    for k, token in enumerate(items):
+        depth += (token.text == "(") - (token.text == ")")
+        if depth == 0:
+            return items[1:k]
+    return items[1:]

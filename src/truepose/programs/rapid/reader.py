@@ -15,9 +15,9 @@ from typing import Final
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.points import Judge, Problem, at
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.core.targets import FrameTable, Program, ReadOptions
 from truepose.programs.rapid.module import Module
 from truepose.programs.rapid.names import Task, Variable
 
@@ -28,7 +28,7 @@ _ALONE: Final = Problem(
 )
 
 
-def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
+def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a RAPID module by itself: the whole task only if `options` says so.
 
     Raises
@@ -41,7 +41,7 @@ def read(path: Path, frames: FrameTable, options: ReadOptions) -> Program:
 
 
 def read_tasks(
-    tasks: Sequence[tuple[Path, Sequence[Path]]], frames: FrameTable, options: ReadOptions, *, whole: bool = True
+    tasks: Sequence[tuple[Path, Sequence[Path]]], frames: KnownFrames, options: ReadOptions, *, whole: bool = True
 ) -> list[Program]:
     """Read the tasks of one controller, each from its modules.
 
@@ -51,7 +51,7 @@ def read_tasks(
     ----------
     tasks : sequence of (path, paths)
         The path that stands for the task, and those of its modules.
-    frames : FrameTable
+    frames : KnownFrames
     options : ReadOptions
     whole : bool
         The files are all modules of the task.

@@ -1,41 +1,22 @@
-"""What every dialect's reader hands on: targets with their place, frame and use, and the controller's frames."""
+"""A program as a reader understood it, the options of reading, and the frames that readers use."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
-from truepose.errors import DataError
-from truepose.geometry.transforms import check_transforms, invert_transform
 from truepose.programs.core.columns import Columns, Targets
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import Target, Verdict
+from truepose.programs.core.target import Verdict
 
-if TYPE_CHECKING:
-    from truepose.cell import Cell
-
-__all__ = [
-    "IDENTITY",
-    "FloatArray",
-    "FrameTable",
-    "Key",
-    "Program",
-    "ReadOptions",
-    "Target",
-    "Targets",
-    "Verdict",
-    "frame_key",
-    "linked",
-]
 Key = int | str
-"""Of a tool or base: controllers number them or name them."""
-_SAME_MM: Final = 1e-3
+"""The number or name of a tool or base."""
 IDENTITY: Final = np.eye(4)
 IDENTITY.flags.writeable = False
 
@@ -76,115 +57,24 @@ class ReadOptions:
     whole_task: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class FrameTable:
-    """The controller's tools and bases, by number or by name. Number 0 is the null frame on every controller.
+class KnownFrames(Protocol):
+    """The controller's tools and bases as readers use them; see `truepose.FrameTable`."""
 
-    Parameters
-    ----------
-    tools : mapping of int or str to (4, 4) array [mm]
-        Flange to tool.
-    bases : mapping of int or str to (4, 4) array [mm]
-        Robot base to the frame that targets are given in. Number 0 is the controller's world.
-    tool, base : int or str, optional
-        In force where a program sets none.
-    in_world : set of int or str
-        The bases that are given in the controller's world instead, as ``$config.dat`` has them.
-    tf_world_base : (4, 4) array [mm], optional
-        Where the robot stands in that world, once it is known; see `standing_at`.
+    @property
+    def tools(self) -> Mapping[Key, FloatArray]:
+        """Transforms from flange to tool, (4, 4) [mm], by number or name."""
 
-    Raises
-    ------
-    DataError
-        If a frame is not a rigid transform, or the one in force is not among those given.
+    @property
+    def bases(self) -> Mapping[Key, FloatArray]:
+        """Transforms from the robot's base to each frame, (4, 4) [mm], by number or name; 0 is the world."""
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> sorted(FrameTable(tools={3: np.eye(4)}).tools)
-    [0, 3]
-    """
+    @property
+    def tool(self) -> Key | None:
+        """The tool in force where a program sets none."""
 
-    tools: Mapping[Key, FloatArray] = field(default_factory=dict)
-    bases: Mapping[Key, FloatArray] = field(default_factory=dict)
-    tool: Key | None = None
-    base: Key | None = None
-    in_world: frozenset[Key] = frozenset()
-    tf_world_base: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        for kind in ("tools", "bases"):
-            given = {frame_key(n): check_transforms(f"{kind} {n}", tf) for n, tf in getattr(self, kind).items()}
-            object.__setattr__(self, kind, {0: IDENTITY, **given})
-        for which, kind in (("tool", "tools"), ("base", "bases")):
-            if (given_default := getattr(self, which)) is None:
-                continue
-            key = frame_key(given_default)
-            if key not in (known := getattr(self, kind)):
-                shown = ", ".join(map(str, known))
-                raise DataError(f"{which} {key} is not among those given ({shown}); give it in [frames.{kind}.{key}]")
-            object.__setattr__(self, which, key)
-
-    @classmethod
-    def from_config_dat(cls, path: str | Path) -> Self:
-        """Return the tools and bases of a KUKA ``$config.dat``; see `truepose.programs.krl.config.read_config_dat`."""
-        from truepose.programs.krl.config import read_config_dat
-
-        tools, bases = read_config_dat(path)
-        return cls(tools, bases, in_world=frozenset(bases))
-
-    @classmethod
-    def from_cell(
-        cls, cell: Cell, config_dat: str | Path | None = None, tool: Key | None = None, base: Key | None = None
-    ) -> Self:
-        """Return the frames that a cell file gives, those of its ``$config.dat`` included; the cell file's own win.
-
-        Parameters
-        ----------
-        cell : Cell
-        config_dat : str or Path, optional
-            Another ``$config.dat``, which wins over that of the cell.
-        tool, base : int or str, optional
-            In force where a program sets none.
-        """
-        known = [cls.from_config_dat(path) for path in (cell.config_dat, config_dat) if path is not None]
-        tools = {key: tf for table in known for key, tf in table.tools.items()}
-        bases = {key: tf for table in known for key, tf in table.bases.items()}
-        own = {frame_key(key): tf for key, tf in cell.bases.items()}
-        in_world = frozenset(key for table in known for key in table.in_world) - own.keys()
-        table = cls({**tools, **cell.tools}, {**bases, **own}, tool, base, in_world)
-        return table.standing_at(invert_transform(own[0]), "[frames.bases.0] of the cell file") if 0 in own else table
-
-    def standing_at(self, tf_world_base: FloatArray, where: str) -> Self:
-        """Return the frames as seen from a robot that stands somewhere in its controller's world.
-
-        Base 0, which is the world, and the bases that are given in it change; those of a cell file do not.
-
-        Parameters
-        ----------
-        tf_world_base : (4, 4) array [mm]
-        where : str
-            Who says so; for messages.
-
-        Raises
-        ------
-        DataError
-            If another place is known already.
-        """
-        if self.tf_world_base is not None:
-            if not np.allclose(self.tf_world_base, tf_world_base, rtol=0.0, atol=_SAME_MM):
-                known, new = (
-                    ", ".join(f"{x:g}" for x in tf[:3, 3].round(3) + 0.0) for tf in (self.tf_world_base, tf_world_base)
-                )
-                raise DataError(
-                    f"{where}: the robot stands at ({new}) mm in its controller's world or is turned there, but "
-                    f"({known}) mm was said before; make them agree ([frames.bases.0] of the cell file is the world as "
-                    "seen from the robot)"
-                )
-            return self
-        tf_base_world = invert_transform(check_transforms(where, tf_world_base))
-        bases = {key: tf_base_world @ tf if key in self.in_world else tf for key, tf in self.bases.items()}
-        return replace(self, bases={**bases, 0: tf_base_world}, in_world=frozenset(), tf_world_base=tf_world_base)
+    @property
+    def base(self) -> Key | None:
+        """The base in force where a program sets none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,221 @@
+"""A corrected program, and the files that are written for it: the program itself and its record."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from truepose._io import files
+from truepose.compensation import LimitsInForce, Policy
+from truepose.errors import FileError
+from truepose.programs import history
+from truepose.programs.core.outcomes import Coverage, Outcomes
+from truepose.programs.core.paths import Continuity
+from truepose.programs.core.program import Program
+from truepose.programs.core.source import Source, unified_diff
+from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, TARGETS, head_csv, rows
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedProgram:
+    """A corrected program, not yet written.
+
+    Attributes
+    ----------
+    program : Program
+        The original.
+    targets : Outcomes
+    on_guard : {"refuse", "skip", "clip"}
+    resolution : float [mm]
+    map_hash : str, optional
+    hashes : dict of Path to str
+        SHA-256 of every file as it becomes, proven.
+    limits : LimitsInForce
+        The settings of ``[correction]`` that held, with their origin.
+    continuity : Continuity
+        What the correction does to the paths through the targets.
+    warnings : tuple of str
+        What a user should look at.
+    map_path : Path, optional
+        The file that the map was read from; corrected programs are remembered beside it.
+    """
+
+    program: Program
+    targets: Outcomes
+    on_guard: Policy
+    resolution: float
+    map_hash: str | None
+    hashes: dict[Path, str]
+    limits: LimitsInForce
+    continuity: Continuity
+    warnings: tuple[str, ...] = ()
+    map_path: Path | None = None
+
+    def content(self, source: Source) -> Iterator[bytes]:
+        """Yield a file as it becomes, piece by piece."""
+        for _, _, piece, _ in self.targets.pieces(source, self.resolution):
+            yield piece
+
+    @property
+    def files(self) -> dict[Path, bytes]:
+        """Every file of the program by its original path, changed or not."""
+        return {source.path: b"".join(self.content(source)) for source in self.program.sources}
+
+    @property
+    def coverage(self) -> Coverage:
+        """How many motion targets there are, and how many of them are corrected."""
+        return Coverage.of([self.targets])
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
+        return {**self.targets.summary(), "motion_targets": self.coverage.targets}
+
+    def sidecar(self) -> dict[str, Any]:
+        """Return the record of this correction for JSON; see `truepose.programs.record`."""
+        targets = [json.loads(line) for lines, _ in rows(self.targets, self.continuity) for line in lines]
+        return {**self._head(), "targets": targets}
+
+    def _head(self) -> dict[str, Any]:
+        """Return the record without the targets."""
+        return {
+            "format": FORMAT,
+            "schema": SCHEMA,
+            "program": str(self.program.path),
+            "files": [
+                {
+                    "file": str(source.path),
+                    "sha256_before": source.sha256,
+                    "sha256_after": self.hashes[source.path],
+                }
+                for source in self.program.sources
+            ],
+            "map_sha256": self.map_hash,
+            "on_guard": self.on_guard,
+            "limits": self.limits.to_dict(),
+            "resolution_mm": self.resolution,
+            "summary": self.summary(),
+            "continuity": self.continuity.summary(),
+            "warnings": list(self.warnings),
+        }
+
+    def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
+        """Write both records, some thousand targets at a time; the JSON has one line per target."""
+        head = json.dumps(self._head(), indent=1, ensure_ascii=False)
+        json_file.write(_encoded(head.removesuffix("\n}") + f",\n{TARGETS}\n"))
+        csv_file.write(_encoded(head_csv(self.targets)))
+        between = ""
+        for lines, cells in rows(self.targets, self.continuity):
+            json_file.write(_encoded(between + ",\n".join(lines)))
+            csv_file.write(_encoded("".join(cells)))
+            between = ",\n"
+        json_file.write(b"\n ]\n}\n")
+
+    def to_csv(self) -> str:
+        """Return the targets as CSV, units in the names."""
+        lines = [line for _, cells in rows(self.targets, self.continuity) for line in cells]
+        return head_csv(self.targets) + "".join(lines)
+
+    def diff(self) -> str:
+        """Return what changes as a unified diff, decoded as latin-1."""
+        files = self.files
+        return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
+
+    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
+        """Write every file of the program and its record (JSON and CSV) to a folder, all or none; return their paths.
+
+        Parameters
+        ----------
+        out_dir : str or Path
+        force : bool
+            Overwrite the results of an earlier run. The program itself is never overwritten.
+
+        Raises
+        ------
+        FileError
+            If a file exists already, is the program itself, or cannot be written; the folder is as it was then.
+        """
+        return write([self], Path(out_dir), force=force)
+
+    def write_in_place(self, *, force: bool = False) -> list[Path]:
+        """Write over the program; each file that changes is kept as it was beside it, with ``.original`` added.
+
+        Parameters
+        ----------
+        force : bool
+            Overwrite the record of an earlier run. A kept original is never overwritten.
+
+        Raises
+        ------
+        FileError
+            If a kept original or a record is there already, or a file cannot be written; the program is as it was then.
+        """
+        return write_in_place([self], force=force)
+
+
+def names(program: Program) -> list[Path]:
+    """Return all files that a correction of this program writes, as seen from the output folder."""
+    *sources, last = (*program.names(), program.path)
+    # the record of a project is named after its folder, that of a program lies beside it
+    here = Path(last.resolve().name) if last.is_dir() else last.relative_to(program.folder).with_suffix("")
+    records = [here.with_name(f"{here.name}{ending}") for ending in (SUFFIX, ".corrections.csv")]
+    return [*sources, *records]
+
+
+def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False) -> list[Path]:
+    """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
+    changed = [s for one in corrected for s in one.program.sources if one.hashes[s.path] != s.sha256]
+    for source in changed:
+        if source.path.is_symlink():
+            raise FileError(source.path, "is a link; name the file itself")
+    for source in (s for one in corrected for s in one.program.sources):
+        if files.read_bytes(source.path) != source.data:
+            raise FileError(source.path, "changed while it was being corrected; run again")
+    backups = [_original(source.path) for source in changed]
+    for backup in backups:
+        if backup.exists() or backup.is_symlink():
+            raise FileError(backup, "is there already, and would be lost; move it away")
+    records = [[one.program.folder / name for name in names(one.program)[-2:]] for one in corrected]
+    files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
+    history.remember(corrected)
+    # copies and records first: a program that is corrected is never without them
+    with files.Commit() as commit:
+        for backup, source in zip(backups, changed, strict=True):
+            with commit.open(backup, like=source.path) as file:
+                file.write(source.data)
+        for one, (json_path, csv_path) in zip(corrected, records, strict=True):
+            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
+                one.write_records(json_file, csv_file)
+        for one in corrected:
+            for source in (s for s in one.program.sources if one.hashes[s.path] != s.sha256):
+                with commit.open(source.path, expected=source.sha256) as file:
+                    file.writelines(one.content(source))
+    return [*(source.path for source in changed), *chain.from_iterable(records), *backups]
+
+
+def _original(path: Path) -> Path:
+    return path.with_name(path.name + ".original")
+
+
+def write(corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False) -> list[Path]:
+    """Write the files of programs and their records, all or none; see `CorrectedProgram.write`."""
+    paths = [[out_dir / name for name in names(one.program)] for one in corrected]
+    sources = [source.path for one in corrected for source in one.program.sources]
+    files.check_outputs(*chain.from_iterable(paths), force=force, inputs=sources)
+    history.remember(corrected)
+    with files.Commit() as commit:
+        for one, goals in zip(corrected, paths, strict=True):
+            *programs, json_path, csv_path = goals
+            for source, goal in zip(one.program.sources, programs, strict=True):
+                with commit.open(goal, like=source.path) as file:
+                    file.writelines(one.content(source))
+            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
+                one.write_records(json_file, csv_file)
+    return list(chain.from_iterable(paths))
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text

@@ -1,0 +1,147 @@
+"""The controller's tools and bases: given by the user, by the cell file, or by KUKA's ``$config.dat``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from truepose._typing import FloatArray
+from truepose.errors import DataError
+from truepose.geometry.transforms import check_transforms, invert_transform
+from truepose.programs.core.program import IDENTITY, Key, frame_key
+from truepose.programs.krl.controller import read_config_dat
+
+if TYPE_CHECKING:
+    from truepose.cell import Cell
+
+_SAME_MM: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTable:
+    """The controller's tools and bases, by number or by name. Number 0 is the null frame on every controller.
+
+    Parameters
+    ----------
+    tools : mapping of int or str to (4, 4) array [mm]
+        Flange to tool.
+    bases : mapping of int or str to (4, 4) array [mm]
+        Robot base to the frame that targets are given in. Number 0 is the controller's world.
+    tool, base : int or str, optional
+        In force where a program sets none.
+    in_world : set of int or str
+        The bases that are given in the controller's world instead, as ``$config.dat`` has them.
+    tf_world_base : (4, 4) array [mm], optional
+        Where the robot stands in that world, once it is known; see `standing_at`.
+
+    Raises
+    ------
+    DataError
+        If a frame is not a rigid transform, or the one in force is not among those given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sorted(FrameTable(tools={3: np.eye(4)}).tools)
+    [0, 3]
+    """
+
+    tools: Mapping[Key, FloatArray] = field(default_factory=dict)
+    bases: Mapping[Key, FloatArray] = field(default_factory=dict)
+    tool: Key | None = None
+    base: Key | None = None
+    in_world: frozenset[Key] = frozenset()
+    tf_world_base: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for kind in ("tools", "bases"):
+            given = {frame_key(n): check_transforms(f"{kind} {n}", tf) for n, tf in getattr(self, kind).items()}
+            object.__setattr__(self, kind, {0: IDENTITY, **given})
+        for which, kind in (("tool", "tools"), ("base", "bases")):
+            if (given_default := getattr(self, which)) is None:
+                continue
+            key = frame_key(given_default)
+            if key not in (known := getattr(self, kind)):
+                shown = ", ".join(map(str, known))
+                raise DataError(f"{which} {key} is not among those given ({shown}); give it in [frames.{kind}.{key}]")
+            object.__setattr__(self, which, key)
+
+    @classmethod
+    def from_config_dat(cls, path: str | Path) -> Self:
+        """Return the tools and bases of a KUKA ``$config.dat``.
+
+        Parameters
+        ----------
+        path : str or Path
+            The path of the file.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read, defines no tool or base, or defines one twice; the error names the line.
+        """
+        tools, bases = read_config_dat(path)
+        return cls(tools, bases, in_world=frozenset(bases))
+
+    @classmethod
+    def from_cell(
+        cls, cell: Cell, config_dat: str | Path | None = None, tool: Key | None = None, base: Key | None = None
+    ) -> Self:
+        """Return the frames that a cell file gives, those of its ``$config.dat`` included; the cell file's own win.
+
+        Parameters
+        ----------
+        cell : Cell
+        config_dat : str or Path, optional
+            Another ``$config.dat``, which wins over that of the cell.
+        tool, base : int or str, optional
+            In force where a program sets none.
+        """
+        known = [cls.from_config_dat(path) for path in (cell.config_dat, config_dat) if path is not None]
+        tools = {key: tf for table in known for key, tf in table.tools.items()}
+        bases = {key: tf for table in known for key, tf in table.bases.items()}
+        own = {frame_key(key): tf for key, tf in cell.bases.items()}
+        in_world = frozenset(key for table in known for key in table.in_world) - own.keys()
+        table = cls({**tools, **cell.tools}, {**bases, **own}, tool, base, in_world)
+        return table.standing_at(invert_transform(own[0]), "[frames.bases.0] of the cell file") if 0 in own else table
+
+    def standing_at(self, tf_world_base: FloatArray, where: str) -> Self:
+        """Return the frames as seen from a robot that stands somewhere in its controller's world.
+
+        Base 0, which is the world, and the bases that are given in it change; those of a cell file do not.
+
+        Parameters
+        ----------
+        tf_world_base : (4, 4) array [mm]
+        where : str
+            Who says so; for messages.
+
+        Raises
+        ------
+        DataError
+            If another place is known already.
+        """
+        if self.tf_world_base is not None:
+            if not np.allclose(self.tf_world_base, tf_world_base, rtol=0.0, atol=_SAME_MM):
+                known, new = (
+                    ", ".join(f"{x:g}" for x in tf[:3, 3].round(3) + 0.0) for tf in (self.tf_world_base, tf_world_base)
+                )
+                raise DataError(
+                    f"{where}: the robot stands at ({new}) mm in its controller's world or is turned there, but "
+                    f"({known}) mm was said before; make them agree ([frames.bases.0] of the cell file is the world as "
+                    "seen from the robot)"
+                )
+            return self
+        tf_base_world = invert_transform(check_transforms(where, tf_world_base))
+        bases = {key: tf_base_world @ tf if key in self.in_world else tf for key, tf in self.bases.items()}
+        return replace(self, bases={**bases, 0: tf_base_world}, in_world=frozenset(), tf_world_base=tf_world_base)
+
+    def with_config_dat(self, path: Path) -> Self:
+        """Return these frames, and those of a project's ``$config.dat`` where these have none of that number."""
+        tools, bases = read_config_dat(path)
+        bases = {key: self.bases[0] @ tf for key, tf in bases.items()}  # the file gives them in the world
+        return replace(self, tools={**tools, **self.tools}, bases={**bases, **self.bases})
