@@ -201,7 +201,7 @@ def test_ranges_along_axes_are_recovered(rng, rotation):
 def test_refusals_of_axes(bins):
     with pytest.raises(DataError, match="ranges='each' needs semivariograms along directions"):
         fit_variogram(bins, "spherical", ranges="each")
-    with pytest.raises(DataError, match="no semivariogram came"):
+    with pytest.raises(DataError, match="expected a semivariogram, or several along different directions, got"):
         fit_variogram([], "spherical")
     with pytest.raises(KrigingError, match=r"family \['sphere'\] is not known"):
         fit_variogram(bins, "sphere+gaussian")

@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 from truepose.errors import DataError, KrigingError, VariogramWarning
 from truepose.similarity import VariogramModel, fit_likelihood
 from truepose.similarity.likelihood import _Problem
-from truepose.similarity.structures import Structures
+from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.trend import polynomial
 
 FAMILIES = {"spherical": None, "exponential": None, "gaussian": None, "matern32": None, "cubic": None, "hole": None}
@@ -22,7 +22,7 @@ FAMILIES |= {"exponential+gaussian": None, "matern32+stable+exponential": None}
 def problem(rng, family="matern52", method="reml", ranges="each", n=25, d=3, common=False, drift="linear"):
     x, e = rng.random((n, d)), rng.standard_normal((n, 2)) * [1.0, 3.0]
     F = np.empty((n, 0)) if drift == "none" else polynomial(x, drift)
-    return _Problem(Structures.of(family, ranges, d), method, common, x, e, F)
+    return _Problem(Parametrisation.of(family, ranges, d), method, common, x, e, F)
 
 
 @settings(max_examples=40, deadline=None)
@@ -50,7 +50,7 @@ def test_gradient(seed, d, family, method, ranges, common):
 
 
 def covariance(p, theta):
-    model = p.structures.model(theta[:-1], nugget=np.exp(theta[-1]), sill=1.0)
+    model = p.parameters.model(theta[:-1], nugget=np.exp(theta[-1]), sill=1.0)
     return model.covariance_between(p.points, p.points) + model.nugget * np.eye(len(p.points))
 
 
@@ -144,7 +144,7 @@ def test_finds_turned_axes():
     true = VariogramModel("exponential", nugget=0.05, sill=1.0, range=(0.5, 0.1), rotation=(0, 0, np.pi / 6))
     e = np.linalg.cholesky(true.covariance_between(x, x) + 0.05 * np.eye(250)) @ rng.standard_normal((250, 3))
     found = fit_likelihood(x, e, "exponential", ranges="rotated")
-    longest = found._axes()[:, np.argmax(found.range)]
+    longest = found.axes()[:, np.argmax(found.range)]
     assert abs(longest @ [np.cos(np.pi / 6), np.sin(np.pi / 6)]) > np.cos(np.radians(6))
     np.testing.assert_allclose(sorted(found.range), [0.1, 0.5], rtol=0.35)
     assert 0 < found.fit.standard_error["rotation_z"] < 0.1
@@ -190,7 +190,7 @@ def test_shape_is_fitted(drawn):
 
 def test_bounds_hit_are_told(rng):
     x = np.linspace(0, 1, 60)[:, None]
-    with pytest.warns(VariogramWarning, match="no nugget can be told"):
+    with pytest.warns(VariogramWarning, match="the nugget is not identifiable"):
         assert fit_likelihood(x, x + 0 * x, "matern52").fit.bounds_hit["nugget"] == "lower"
     with pytest.warns(VariogramWarning, match="the semivariogram is flat"):
         noise = fit_likelihood(rng.random((80, 3)), rng.standard_normal((80, 3)), "matern32")

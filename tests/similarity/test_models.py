@@ -255,7 +255,7 @@ def test_refusals_of_use():
     anisotropic = VariogramModel("spherical", sill=1, range=(1.0, 2.0))
     with pytest.raises(KrigingError, match="0 or more"):
         VariogramModel("spherical", sill=1, range=1).semivariance([-1.0])
-    with pytest.raises(KrigingError, match="along which direction"):
+    with pytest.raises(KrigingError, match="pass the direction of the distances"):
         anisotropic.semivariance(1.0)
     with pytest.raises(DataError, match="vector of 2 numbers"):
         anisotropic.semivariance(1.0, [0.0, 0.0])
@@ -263,3 +263,12 @@ def test_refusals_of_use():
         anisotropic.check_dimensions(3)
     with pytest.raises(KrigingError, match="must be about z"):
         VariogramModel("gaussian", sill=1.0, range=(3.0, 1.0), rotation=(1, 0, 0)).check_dimensions(2)
+
+
+def test_positional_arguments_and_repr():
+    model = VariogramModel("spherical", 0.01, 1.0, 500)
+    assert model == VariogramModel("spherical", nugget=0.01, sill=1.0, range=500)
+    assert repr(model) == "VariogramModel('spherical', nugget=0.01, sill=1.0, range=500.0)"
+    rich = VariogramModel("stable", 0.0, 1 / 3, (1.0, 2.0), shape=1.5, rotation=(0, 0, 0.1)) + model
+    assert repr(rich).startswith("VariogramModel('stable', nugget=0.01, sill=0.333333, range=(1.0, 2.0), shape=1.5")
+    assert eval(repr(rich), {"VariogramModel": VariogramModel}).plus == rich.plus

@@ -45,18 +45,18 @@ def test_no_sill_within_the_samples(family: str):
 
 @pytest.mark.promise("fit_variogram warns where a parameter ends at its bound, and names it")
 @pytest.mark.parametrize(
-    ("gamma", "told"),
+    ("gamma", "remark"),
     [
         (lambda h: np.full_like(h, 2.0), "flat"),
-        (lambda h: 1 - np.exp(-((h / 150.0) ** 2)), "no nugget can be told"),
+        (lambda h: 1 - np.exp(-((h / 150.0) ** 2)), "the nugget is not identifiable"),
         (lambda h: 0.01 + 1e-3 * h**1.7, "no sill within the samples"),
     ],
 )
-def test_bounds(gamma: Any, told: str):
+def test_bounds(gamma: Any, remark: str):
     ev = experimental_variogram(X, SMOOTH)
-    with pytest.warns(VariogramWarning, match=told):
+    with pytest.warns(VariogramWarning, match=remark):
         fitted = fit_variogram(replace(ev, vector=gamma(ev.lag)), "gaussian")
-    assert told in repr(fitted)
+    assert remark in repr(fitted)
 
 
 @pytest.mark.promise("fit_likelihood warns as fit_variogram does")

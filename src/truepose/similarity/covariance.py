@@ -82,6 +82,23 @@ def matern(nu: float, r: ArrayLike) -> FloatArray:
     return _bessel(nu, math.sqrt(2 * nu) * np.asarray(r, dtype=np.float64))
 
 
+def correlation_by_shape(family: str, r: FloatArray, shape: float) -> FloatArray:
+    """Return ∂ρ/∂shape at scaled distances r; by Matérn's ν in central differences of fourth order."""
+    safe = np.where(r > 0, r, 1.0)
+    if family == "stable":
+        power = safe**shape
+        return np.where(r > 0, -power * np.log(safe) * np.exp(-power), 0.0)
+    if family == "power":
+        return np.where(r > 0, -(safe**shape) * np.log(safe), 0.0)
+    if family == "rational":
+        q = r * r / (2 * shape)
+        return np.asarray((q / (1 + q) - np.log1p(q)) * (1 + q) ** -shape)
+    step = 2e-3 * shape
+    near = matern(shape + step, r) - matern(shape - step, r)
+    far = matern(shape + 2 * step, r) - matern(shape - 2 * step, r)
+    return np.asarray((8 * near - far) / (12 * step))
+
+
 def _bessel(nu: float, t: FloatArray) -> FloatArray:
     from scipy.special import gammaln, kve
 

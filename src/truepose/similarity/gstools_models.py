@@ -43,7 +43,7 @@ def as_variogram(model: Any) -> VariogramModel:
     --------
     >>> import gstools
     >>> as_variogram(gstools.Exponential(dim=3, var=2.0, len_scale=50.0, nugget=0.1))
-    VariogramModel(family='exponential', nugget=0.1, sill=2.0, range=50.0, shape=None, rotation=None, plus=())
+    VariogramModel('exponential', nugget=0.1, sill=2.0, range=50.0)
     """
     if isinstance(model, VariogramModel):
         return model

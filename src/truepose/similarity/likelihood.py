@@ -2,8 +2,8 @@
 
 The components share one correlation and have scales of their own (theory (9) with B diagonal), or one scale; the
 criteria have them in closed form. So the search is over ranges, shape and nugget ratio alone, with analytic gradients.
-Unlike the bins of a variogram this tells a small nugget from none under a smooth trend, on which a prediction's
-standard deviation hangs. Formulas and sources: `truepose.similarity.criteria`.
+Unlike the bins of a variogram, the likelihood distinguishes a small nugget from none under a smooth trend, and a
+prediction's standard deviation depends on it. Formulas and sources: `truepose.similarity.criteria`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,9 @@ from truepose.errors import DataError, KrigingError
 from truepose.numerics.threads import blas_threads, kernel_threads
 from truepose.similarity.criteria import METHODS, Judged, judge
 from truepose.similarity.experimental import check_points
+from truepose.similarity.fit_record import FitRecord, warn_of_remarks
 from truepose.similarity.model import VariogramModel
-from truepose.similarity.remarks import remarks_on, sill_is_beyond, warn_of
-from truepose.similarity.structures import Structures, by_parameters
+from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.trend import polynomial
 
 ROUGH_TO_SMOOTH: Final = ("exponential", "matern32", "matern52")
@@ -43,55 +43,33 @@ STEP: Final = 1e-4
 """Of the differences of gradients that give the standard errors, in logarithms of the parameters."""
 
 
-@dataclass(frozen=True, eq=False)
-class LikelihoodFit:
-    """How a model was fitted by likelihood.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LikelihoodFit(FitRecord):
+    """The record of a fit by likelihood.
+
+    The criterion in `candidates` is the log-likelihood; the largest wins. All families have equally many parameters,
+    except those with a shape. Standard errors are from the curvature of the criterion at its optimum; NaN for a
+    parameter at a bound, and for ``loo``.
 
     Attributes
     ----------
     log_likelihood : float
-        Logarithm of the criterion named by `method`, with its full constant. ``reml`` is the density of the n − p error
-        contrasts Aᵀe with orthonormal A, AᵀF = 0 (Harville 1974): it has the terms −½(n − p) log 2π and +½ log|FᵀF|,
-        and depends on the space that the drift spans, not on the scale of its columns. Software that leaves one of
-        these terms out differs by it. ``ml`` is the density of e, ``loo`` the product of n densities.
-    bounds_hit : dict of str to {"lower", "upper"}
-        Parameters that ended at a bound.
+        The logarithm of the criterion named by `method`, with its full constant. ``reml`` is the density of the n − p
+        error contrasts Aᵀe with orthonormal A, AᵀF = 0 (Harville 1974): it has the terms −½(n − p) log 2π and
+        +½ log|FᵀF|, and depends on the space that the drift spans, not on the scale of its columns. Software that
+        omits one of these terms differs by it. ``ml`` is the density of e, ``loo`` the product of n densities.
     samples : int
-        Samples used.
-    candidates : dict of str to float
-        The log-likelihood of every family tried; the largest wins. All have equally many parameters, but for a shape.
+        The number of samples used.
     method : str
         ``reml``, ``ml``, or ``loo`` (the product of the leave-one-out densities).
-    standard_error : dict of str to float
-        From the curvature of the criterion at its optimum; NaN for a parameter at a bound, and for ``loo``.
     scales : (c,) array [mm²]
-        Partial sill of each component.
-    fitted : dict
-        The model that was found, as `VariogramModel.to_dict` gives it: it stays when a value is replaced by hand.
-    practical_range, longest : float
-        Of that model, and the diagonal of the box that holds the samples.
+        The partial sill of each component.
     """
 
     log_likelihood: float
-    bounds_hit: dict[str, str]
     samples: int
-    candidates: dict[str, float]
     method: str = "reml"
-    standard_error: dict[str, float] = field(default_factory=dict)
     scales: FloatArray = field(default_factory=lambda: np.empty(0))
-    fitted: dict[str, Any] = field(default_factory=dict)
-    practical_range: float = math.nan
-    longest: float = math.nan
-
-    @property
-    def no_sill(self) -> bool:
-        """Whether the model has its sill beyond the samples only: sill and range are extrapolated."""
-        return sill_is_beyond(self.bounds_hit, self.practical_range, self.longest)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What bounds and range mean, in words."""
-        return remarks_on(self.bounds_hit, self.practical_range, self.longest)
 
 
 def fit_likelihood(
@@ -106,7 +84,7 @@ def fit_likelihood(
     common_scale: bool = False,
     largest: int | None = 300,
 ) -> VariogramModel:
-    """Return the model with the largest likelihood.
+    """Fit a variogram model to samples by maximum likelihood.
 
     Parameters
     ----------
@@ -126,21 +104,21 @@ def fit_likelihood(
     shape : float, optional
         Shape of a family that has one; fitted when not given.
     drift : {"none", "constant", "linear", "quadratic"} or (n, p) array_like
-        Of the mean.
+        The drift of the mean, by name or as columns.
     common_scale : bool
-        Give all components one scale.
+        Whether all components share one scale.
     largest : int, optional
-        Of more samples than this a random part is used, always the same one; all when None.
+        The largest number of samples used: of more, a random part with a fixed seed; all when None.
 
     Returns
     -------
     VariogramModel
-        Of the mean over the components, with its `fit` record.
+        The model of the mean over the components, with its `fit` record.
 
     Warns
     -----
     VariogramWarning
-        Once, of all `LikelihoodFit.remarks`: a parameter at its bound, or no sill within the samples.
+        Once, with all `LikelihoodFit.remarks`: a parameter at its bound, or no sill within the samples.
 
     Raises
     ------
@@ -155,7 +133,7 @@ def fit_likelihood(
     """
     points, errors = check_points(x, e)
     names = [family] if isinstance(family, str) else list(family)
-    structures = _structures(names, method, ranges, shape, points)
+    parameters = _parametrisations(names, method, ranges, shape, points)
     components = errors.shape[1]
     errors = errors[:, np.ptp(errors, axis=0) > 0]
     if errors.shape[1] == 0:
@@ -164,7 +142,7 @@ def fit_likelihood(
     if largest is not None and len(points) > largest:
         points, errors, columns = _part(largest, points, errors, columns)
     with blas_threads(len(points), LARGE), kernel_threads(len(points), LARGE):
-        problems = {name: _Problem(structures[name], method, common_scale, points, errors, columns) for name in names}
+        problems = {name: _Problem(parameters[name], method, common_scale, points, errors, columns) for name in names}
         found = {name: _optimum(problem) for name, problem in problems.items()}
         best = min(found, key=lambda name: found[name][0])
         optimum = found[best][1]
@@ -183,14 +161,15 @@ def fit_likelihood(
         practical_range=model.practical_range,
         longest=float(np.linalg.norm(np.ptp(points, axis=0))),
     )
-    return warn_of(replace(model, fit=record))
+    warn_of_remarks(model.family, record)
+    return replace(model, fit=record)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The criterion as a function of θ: the structures' parameters, then the logarithm of C0/C of the first."""
+    """The criterion as a function of θ: the parameters of all structures, then log C0/C of the first."""
 
-    structures: Structures
+    parameters: Parametrisation
     method: str
     common: bool
     points: FloatArray
@@ -201,40 +180,38 @@ class _Problem:
     def units(self) -> FloatArray:
         """Extent of the points: of all together, of each coordinate, or of all for each turned axis."""
         extent = np.ptp(self.points, axis=0)
-        if self.structures.ranges == "each":
+        if self.parameters.ranges == "each":
             return np.asarray(extent)
-        return np.full(self.structures.axes, float(np.linalg.norm(extent)))
+        return np.full(self.parameters.axes, float(np.linalg.norm(extent)))
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        own = self.structures.bounds(RANGES[0] * self.units, RANGES[1] * self.units)
+        own = self.parameters.bounds(RANGES[0] * self.units, RANGES[1] * self.units)
         return [*own, (math.log(RATIOS[0]), math.log(RATIOS[1]))]
 
     def start(self, reach: float, ratio: float) -> FloatArray:
-        wide = math.sqrt(self.structures.axes)  # with a range for each coordinate their distances add up
-        return np.append(self.structures.start(wide * reach * self.units), math.log(ratio))
+        wide = math.sqrt(self.parameters.axes)  # with a range for each coordinate their distances add up
+        return np.append(self.parameters.start(wide * reach * self.units), math.log(ratio))
 
     def loss(self, theta: FloatArray) -> tuple[float, FloatArray]:
         """Return the criterion and its gradient."""
         judged = self._judged(theta)
-        if judged is None:  # no model in 64 bits: as unlikely as can be
+        if judged is None:  # singular in 64 bits
             return 1e300, np.zeros_like(theta)
         return judged.loss, self.gradient(theta, judged)
 
     def gradient(self, theta: FloatArray, judged: Judged) -> FloatArray:
         """Return the derivative of the criterion by θ."""
-        from truepose.similarity.covariance import slope_moments
+        from truepose.numerics.kernels import DISTANCE
+        from truepose.similarity.covariance import correlation_by_shape, slope_moments
 
         gradient: list[float] = []
         half_trace = float(np.trace(judged.Q)) / 2
-        for k, part in enumerate(self.structures.parts(theta[:-1])):
+        for k, part in enumerate(self.parameters.parts(theta[:-1])):
             code, shape, u = part.kind.code, part.shape or 0.0, part.coordinates(self.points)
             moments = slope_moments(code, u, judged.Q, shape, full=part.rotation is not None)
-            own = by_parameters(part, moments)
-            if part.shape is not None and self.structures.shape is None:
-                from truepose.numerics.kernels import DISTANCE
-                from truepose.similarity.derivatives import correlation_by_shape
-
+            own = part.by_logarithms(moments).tolist()
+            if part.shape is not None and self.parameters.shape is None:
                 by_shape = correlation_by_shape(part.family, _correlations(DISTANCE, u, 0.0), shape)
                 own.append(shape * float((np.triu(judged.Q, 1) * by_shape).sum()))
             if k:
@@ -246,13 +223,13 @@ class _Problem:
         judged = self._judged(theta)
         if judged is None:
             raise KrigingError(
-                f"no {'+'.join(self.structures.families)} variogram has a regular covariance matrix here; use a "
+                f"no {'+'.join(self.parameters.families)} variogram has a regular covariance matrix here; use a "
                 "rougher family (matern52), or drop near points"
             )
         return judged
 
     def _judged(self, theta: FloatArray) -> Judged | None:
-        parts, n = self.structures.parts(theta[:-1]), len(self.points)
+        parts, n = self.parameters.parts(theta[:-1]), len(self.points)
         K: FloatArray | None = None
         for part in parts:
             rho = _correlations(part.kind.code, part.coordinates(self.points), part.shape or 0.0)
@@ -282,13 +259,13 @@ class _Problem:
     def model(self, theta: FloatArray, judged: Judged, components: int) -> VariogramModel:
         """Return the model of the mean over all components, those that do not vary included."""
         sill = float(judged.scale.sum()) / components
-        return self.structures.model(theta[:-1], math.exp(theta[-1]) * sill, sill)
+        return self.parameters.model(theta[:-1], math.exp(theta[-1]) * sill, sill)
 
     def uncertainty(
         self, theta: FloatArray, judged: Judged, model: VariogramModel
     ) -> tuple[dict[str, str], dict[str, float]]:
         """Return the bounds hit, and standard errors from the curvature of the criterion, by name."""
-        names = [*self.structures.names, "nugget"]
+        names = [*self.parameters.names, "nugget"]
         at = np.array(self.bounds)
         low, high = theta <= at[:, 0] + 1e-3, theta >= at[:, 1] - 1e-3
         hit = {name: "lower" if low[k] else "upper" for k, name in enumerate(names) if low[k] or high[k]}
@@ -323,11 +300,12 @@ def _optimum(problem: _Problem) -> tuple[float, FloatArray]:
     starts = [
         np.append(turned, log_ratio)
         for *theta, log_ratio in (problem.start(*start) for start in STARTS)
-        for turned in problem.structures.turned(np.array(theta))
+        for turned in problem.parameters.turned(np.array(theta))
     ]
     if n < 2 * PART:
         return min((_descend(problem, start) for start in starts), key=lambda result: result[0])
-    part = replace(problem, **_sub(problem, PART))
+    points, e, drift = _part(PART, problem.points, problem.e, problem.drift)
+    part = replace(problem, points=points, e=e, drift=drift)
     begin = min((_descend(part, start) for start in starts), key=lambda result: result[0])[1]
     H, _ = part.curvature(begin, part.judged(begin), np.arange(len(begin)))
     return _descend(problem, begin, 1 / np.sqrt(np.maximum(n / PART * H.diagonal(), 1.0)))
@@ -344,11 +322,6 @@ def _descend(problem: _Problem, start: FloatArray, unit: float | FloatArray = 1.
     bounds = list(zip(low / unit, high / unit, strict=True))
     found = minimize(loss, np.clip(start, low, high) / unit, jac=True, method="L-BFGS-B", bounds=bounds)
     return float(found.fun), np.asarray(found.x * unit)
-
-
-def _sub(problem: _Problem, size: int) -> dict[str, Any]:
-    points, e, drift = _part(size, problem.points, problem.e, problem.drift)
-    return {"points": points, "e": e, "drift": drift}
 
 
 def _part(size: int, *arrays: FloatArray) -> tuple[FloatArray, ...]:
@@ -372,12 +345,12 @@ def _drift(points: FloatArray, drift: str | ArrayLike) -> FloatArray:
     return columns
 
 
-def _structures(
+def _parametrisations(
     names: list[str], method: str, ranges: str, shape: float | None, points: FloatArray
-) -> dict[str, Structures]:
-    found = {name: Structures.of(name, ranges, points.shape[1], shape) for name in names}
+) -> dict[str, Parametrisation]:
+    found = {name: Parametrisation.of(name, ranges, points.shape[1], shape) for name in names}
     if not names:
-        raise KrigingError("no variogram family came; give at least one")
+        raise KrigingError("expected at least one variogram family, got none")
     if method not in METHODS:
         raise DataError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
     if len(points) < LEAST:

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray
-from truepose.errors import DataError, KrigingError
+from truepose.errors import KrigingError
 from truepose.similarity.families import FAMILIES, Family, check_shape, family_named
+from truepose.similarity.fit_record import FitRecord
+from truepose.similarity.structure import SingleStructure
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-    from truepose.similarity.fit import VariogramFit
-    from truepose.similarity.likelihood import LikelihoodFit
 
 __all__ = ["FAMILIES", "Family", "VariogramModel"]
 
@@ -27,7 +27,7 @@ UNROTATED: Final = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class VariogramModel:
+class VariogramModel(SingleStructure):
     """A semivariogram γ(h) = C0 + Σ C (1 − ρ(h/a)) for h > 0, γ(0) = 0: a nugget and one structure, or a sum of them.
 
     =========== ======================================== ===================== ==========
@@ -68,8 +68,8 @@ class VariogramModel:
         The axes of the ranges are the columns of this rotation; as a rotation vector. In two coordinates: about z.
     plus : sequence of VariogramModel
         Further structures (nested model); their nuggets are added to the nugget.
-    fit : VariogramFit or LikelihoodFit, optional
-        How the model was fitted; `fit_variogram` and `fit_likelihood` fill it.
+    fit : FitRecord, optional
+        The record of the fit that found the model; `fit_variogram` and `fit_likelihood` fill it.
 
     Raises
     ------
@@ -89,12 +89,12 @@ class VariogramModel:
 
     family: str
     nugget: float = 0.0
-    sill: float = field(kw_only=True, default=0.0)
-    range: float | tuple[float, ...] = field(kw_only=True, default=1.0)
+    sill: float = 0.0
+    range: float | tuple[float, ...] = 1.0
     shape: float | None = field(kw_only=True, default=None)
     rotation: tuple[float, ...] | None = field(kw_only=True, default=None)
     plus: tuple[VariogramModel, ...] = field(kw_only=True, default=())
-    fit: VariogramFit | LikelihoodFit | None = field(default=None, compare=False, repr=False, kw_only=True)
+    fit: FitRecord | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         kind = family_named(self.family)
@@ -118,19 +118,17 @@ class VariogramModel:
             raise KrigingError("variogram nugget and sill are both 0: nothing varies; give at least one of them")
 
     def __repr__(self) -> str:
-        """Return the parameters, and what a fit found remarkable about them."""
-        shown = ("family", "nugget", "sill", "range", "shape", "rotation", "plus")
-        parts = [f"{name}={getattr(self, name)!r}" for name in shown]
+        """Return the parameters that are set, to six digits, and the remarks of a fit."""
+        ranges = _short(self.range)
+        parts = [repr(self.family), f"nugget={_short(self.nugget)}", f"sill={_short(self.sill)}", f"range={ranges}"]
+        parts += [f"shape={_short(self.shape)}"] if self.shape is not None else []
+        parts += [f"rotation={_short(self.rotation)}"] if self.rotation is not None else []
+        parts += [f"plus={self.plus!r}"] if self.plus else []
         remarks = () if self.fit is None or self.overridden else self.fit.remarks
         parts += [f"remarks={remarks!r}"] if remarks else []
         return f"VariogramModel({', '.join(parts)})"
 
     # --- what it is -------------------------------------------------------------------------------------------------
-
-    @property
-    def kind(self) -> Family:
-        """The first structure's entry in the table of families."""
-        return FAMILIES[self.family]
 
     @property
     def structures(self) -> tuple[VariogramModel, ...]:
@@ -183,7 +181,7 @@ class VariogramModel:
         if self.isotropic:
             return (_first_crossing(self, None),)
         turned = next(part for part in self.structures if isinstance(part.range, tuple))
-        return tuple(_first_crossing(self, axis) for axis in turned._axes().T)
+        return tuple(_first_crossing(self, axis) for axis in turned.axes().T)
 
     def check_dimensions(self, d: int) -> None:
         """Raise KrigingError where a structure is not valid for, or not made for, d coordinates."""
@@ -198,7 +196,7 @@ class VariogramModel:
                     f"the variogram has {len(part.range)} ranges, but there are {d} coordinates; give one, or {d}"
                 )
             if part.rotation is not None:
-                part._axes()
+                part.axes()
 
     # --- values -----------------------------------------------------------------------------------------------------
 
@@ -215,7 +213,7 @@ class VariogramModel:
         h = _distances(h)
         gamma = np.where(h == 0, 0.0, self.nugget)
         for part in self.structures:
-            gamma = gamma + part.sill * (1 - part._correlation(part._scaled(h, direction)))
+            gamma = gamma + part.sill * (1 - part.correlation(part.scaled_distance(h, direction)))
         return gamma
 
     def semivariance_between(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -225,7 +223,7 @@ class VariogramModel:
         gamma = np.where((x == y).all(axis=1), 0.0, self.nugget)
         for part in self.structures:
             r = np.linalg.norm(part.coordinates(x - y), axis=1)
-            gamma = gamma + part.sill * (1 - part._correlation(r))
+            gamma = gamma + part.sill * (1 - part.correlation(r))
         return gamma
 
     def covariance(self, h: ArrayLike, direction: ArrayLike | None = None) -> FloatArray:
@@ -239,7 +237,7 @@ class VariogramModel:
         h = _distances(h)
         total = np.zeros_like(h)
         for part in self.structures:
-            total = total + part.sill * part._correlation(part._scaled(h, direction))
+            total = total + part.sill * part.correlation(part.scaled_distance(h, direction))
         return total
 
     def covariance_between(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -258,14 +256,12 @@ class VariogramModel:
 
     def slope(self, h: ArrayLike, direction: ArrayLike | None = None) -> FloatArray:
         """Return dγ/dh [mm² per unit of h] at distances h > 0."""
-        from truepose.similarity.covariance import slope_over_distance
-
         h = _distances(h)
         slope = np.zeros_like(h)
         for part in self.structures:
-            per_h = part._scaled(1.0, direction)
+            per_h = part.scaled_distance(1.0, direction)
             r = h * per_h
-            slope -= part.sill * slope_over_distance(part.kind.code, r, part.shape or 0.0) * r * per_h
+            slope -= part.sill * part.slope_over_distance(r) * r * per_h
         return slope
 
     def derivatives(self, h: ArrayLike, direction: ArrayLike | None = None) -> dict[str, FloatArray]:
@@ -275,14 +271,11 @@ class VariogramModel:
         ``rotation_x`` …; for the k-th structure (k = 2 …) the same with ``_of_k``. By ν of a Matérn model in central
         differences of fourth order, the others in closed form.
         """
-        from truepose.similarity.derivatives import structure_derivatives
-
         h = _distances(h)
         found = {"nugget": np.where(h == 0, 0.0, 1.0)}
         for k, part in enumerate(self.structures, 1):
             suffix = "" if k == 1 else f"_of_{k}"
-            named = structure_derivatives(part, h, direction)
-            found |= {name + suffix: value for name, value in named.items()}
+            found |= {name + suffix: value for name, value in part.structure_derivatives(h, direction).items()}
         return found
 
     # --- others made of it ------------------------------------------------------------------------------------------
@@ -350,47 +343,6 @@ class VariogramModel:
         """Return the model that `to_dict` described."""
         return cls(**values | {"plus": tuple(cls.from_dict(part) for part in values.get("plus", ()))})
 
-    # --- one structure ----------------------------------------------------------------------------------------------
-
-    def coordinates(self, x: FloatArray) -> FloatArray:
-        """Return points (n, d) in units of the first structure's ranges, along its axes: r is their plain distance."""
-        if self.rotation is not None:
-            x = x @ self._axes()[: x.shape[1], : x.shape[1]]
-        return np.asarray(x / np.asarray(self.range, dtype=np.float64))
-
-    def _axes(self) -> FloatArray:
-        """Return the axes of the first structure's ranges as columns."""
-        d = len(np.ravel(self.range))
-        if self.rotation is None:
-            return np.eye(d)
-        from scipy.spatial.transform import Rotation
-
-        if d == 2 and any(self.rotation[:2]):
-            raise KrigingError("a rotation of two coordinates must be about z: (0, 0, angle)")
-        return Rotation.from_rotvec(self.rotation).as_matrix()[:d, :d]
-
-    def _scaled(self, h: ArrayLike, direction: ArrayLike | None) -> FloatArray:
-        """Return r of distances h along a direction."""
-        if not isinstance(self.range, tuple):
-            return np.asarray(h, dtype=np.float64) / self.range
-        per_h = float(np.linalg.norm(self.coordinates(self._unit(direction)[None])))
-        return np.asarray(h, dtype=np.float64) * per_h
-
-    def _unit(self, direction: ArrayLike | None) -> FloatArray:
-        d = len(np.ravel(self.range))
-        if direction is None:
-            raise KrigingError(f"the variogram has {d} ranges; say along which direction the distances are")
-        axis = np.asarray(direction, dtype=np.float64)
-        length = np.linalg.norm(axis)
-        if axis.shape != (d,) or not 0 < length < math.inf:
-            raise DataError(f"direction is {axis}; expected a vector of {d} numbers that is not zero")
-        return np.asarray(axis / length)
-
-    def _correlation(self, r: FloatArray) -> FloatArray:
-        from truepose.similarity.covariance import correlation
-
-        return correlation(self.kind.code, r, self.shape or 0.0)
-
     def _require_sill(self) -> None:
         for part in self.structures:
             if not part.kind.bounded:
@@ -418,6 +370,13 @@ def _rotation_vector(rotation: Rotation | ArrayLike, several: bool) -> tuple[flo
     return tuple(vector.tolist())
 
 
+def _short(values: float | tuple[float, ...]) -> str:
+    """Return numbers to six digits, as Python would read them."""
+    if isinstance(values, tuple):
+        return f"({', '.join(_short(value) for value in values)}{',' * (len(values) == 1)})"
+    return repr(float(f"{values:.6g}"))
+
+
 def _distances(h: ArrayLike) -> FloatArray:
     array = np.asarray(h, dtype=np.float64)
     if not (array >= 0).all():
@@ -431,7 +390,9 @@ def _first_crossing(model: VariogramModel, direction: FloatArray | None) -> floa
 
     if not model.bounded:
         return math.inf
-    reach = [part.kind.practical_range(part.shape) / float(part._scaled(1.0, direction)) for part in model.structures]
+    reach = [
+        part.kind.practical_range(part.shape) / float(part.scaled_distance(1.0, direction)) for part in model.structures
+    ]
 
     def missing(h: float) -> float:
         return float(model.semivariance(h, direction)) - model.nugget - 0.95 * model.partial_sill

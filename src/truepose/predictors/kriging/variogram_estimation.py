@@ -11,7 +11,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.predictors.kriging.repeats import Points
 from truepose.similarity import VariogramModel, experimental_variogram, fit_likelihood, fit_variogram
-from truepose.similarity.remarks import without_warning
+from truepose.similarity.fit_record import without_warning
 
 SMALLEST_SCALE: Final = 1e-12
 """Variance of a component that does not vary, in units of the fitted model's."""

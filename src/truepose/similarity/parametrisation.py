@@ -1,14 +1,14 @@
-"""Which parameters a variogram of one or several structures has, and how a search sees them.
+"""The parametrisation of a variogram of one or several structures, which all fits share.
 
-A search sees numbers without bounds that matter: logarithms of ranges, of shapes and of the sills after the first (in
-units of the first), and rotation vectors. The names are those of `VariogramModel.derivatives`.
+A search works on a vector θ: logarithms of ranges, of shapes and of the sills after the first (in units of the first),
+and rotation vectors. The names are those of `VariogramModel.derivatives`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -17,10 +17,11 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.families import FAMILIES, check_shape, family_named
 from truepose.similarity.model import VariogramModel
+from truepose.similarity.structure import TURNS
 
 RANGES: Final = ("one", "each", "rotated")
 SHAPES: Final = (0.1, 20.0)
-"""Bounds of a shape that is searched for."""
+"""Bounds of a shape in θ."""
 SILLS: Final = (1e-4, 1e4)
 """Bounds of a sill in units of the first."""
 TURN: Final = 2 * math.pi
@@ -30,19 +31,19 @@ UNEQUAL: Final = (1.6, 1.0, 0.6)
 
 
 @dataclass(frozen=True)
-class Structures:
-    """The structures of a model whose parameters are searched for.
+class Parametrisation:
+    """The parameters of a model, as a vector θ.
 
     Parameters
     ----------
     families : tuple of str
-        With a sill, of one structure each.
+        The family of each structure; families with a sill.
     ranges : {"one", "each", "rotated"}
         One range for each structure, one for each coordinate, or one for each axis of a rotation.
     dimensions : int
-        Number of coordinates d.
+        The number of coordinates d.
     shape : float, optional
-        Of the families that have one; searched for when not given.
+        The shape of the families that have one; a part of θ when not given.
     """
 
     families: tuple[str, ...]
@@ -51,8 +52,8 @@ class Structures:
     shape: float | None = None
 
     @classmethod
-    def of(cls, name: str, ranges: str, dimensions: int, shape: float | None = None) -> Structures:
-        """Return the structures of a name such as "spherical" or "spherical+exponential".
+    def of(cls, name: str, ranges: str, dimensions: int, shape: float | None = None) -> Parametrisation:
+        """Return the parametrisation of a name such as "spherical" or "spherical+exponential".
 
         Raises
         ------
@@ -82,15 +83,15 @@ class Structures:
 
     @property
     def axes(self) -> int:
-        """Ranges of one structure."""
+        """Number of ranges of one structure."""
         return 1 if self.ranges == "one" else self.dimensions
 
     @property
     def turns(self) -> tuple[str, ...]:
-        """Names of the numbers of a rotation vector that are searched for."""
+        """Names of the numbers of a rotation vector in θ."""
         if self.ranges != "rotated":
             return ()
-        return ("rotation_z",) if self.dimensions == 2 else ("rotation_x", "rotation_y", "rotation_z")
+        return TURNS[-1:] if self.dimensions == 2 else TURNS
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -124,21 +125,13 @@ class Structures:
     def model(self, theta: FloatArray, nugget: float, sill: float) -> VariogramModel:
         """Return the whole model, with the sill of its first structure [mm²]."""
         first, *rest = (part.scaled(sill) for part in self.parts(theta))
-        return VariogramModel(
-            first.family,
-            nugget=nugget,
-            sill=first.sill,
-            range=first.range,
-            shape=first.shape,
-            rotation=first.rotation,
-            plus=tuple(rest),
-        )
+        return replace(first, nugget=nugget, plus=tuple(rest))
 
     def bounds(self, low: FloatArray, high: FloatArray) -> list[tuple[float, float]]:
         """Return the bounds of θ, given those of the practical ranges along each axis, (axes,)."""
         bounds: list[tuple[float, float]] = []
         for k, family in enumerate(self.families):
-            practical = self._practical(family)
+            practical = self.practical(family)
             bounds += zip(np.log(low / practical).tolist(), np.log(high / practical).tolist(), strict=True)
             bounds += [(-TURN, TURN)] * len(self.turns)
             if self._free(family):
@@ -149,16 +142,16 @@ class Structures:
         return bounds
 
     def start(self, practical: FloatArray, spread: float = 0.2) -> FloatArray:
-        """Return θ with practical ranges along each axis, (axes,): the last structure's; each one before is shorter."""
+        """Return θ with practical ranges of the last structure along each axis, (axes,); those before are shorter."""
         theta: list[float] = []
         for k, family in enumerate(self.families):
             reach = practical * spread ** (len(self.families) - 1 - k)
-            theta += np.log(reach / self._practical(family)).tolist()
+            theta += np.log(reach / self.practical(family)).tolist()
             theta += [0.0] * (len(self.turns) + self._free(family) + (k > 0))
         return np.array(theta)
 
     def turned(self, theta: FloatArray) -> Iterator[FloatArray]:
-        """Yield starts with unequal ranges, along the coordinates and half a right angle off."""
+        """Yield starts with unequal ranges, along the coordinates and at 45 degrees to them."""
         if not self.turns:
             yield theta
             return
@@ -180,35 +173,6 @@ class Structures:
     def _given(self, family: str) -> float | None:
         return self.shape if FAMILIES[family].shape is not None else None
 
-    def _practical(self, family: str) -> float:
+    def practical(self, family: str) -> float:
+        """Return the practical range of a family in units of its range; at shape 1 where the shape is free."""
         return FAMILIES[family].practical_range(1.0 if self._free(family) else self.shape)
-
-
-def by_parameters(part: VariogramModel, moments: FloatArray) -> list[float]:
-    """Return the derivatives of Σ W ρ by one structure's logarithms of ranges and by its rotation vector.
-
-    With M = Σ W (−ρ'/r) Δu Δuᵀ, Δu = Rᵀh/a: by log a_k it is M_kk (their sum for one range). A small rotation ω turns
-    the axes, so that ∂Δu = −[Rᵀω]× of Δu in units of the ranges, and the rotation vector φ gives ω = J(φ) dφ with the
-    left Jacobian of SO(3).
-
-    Parameters
-    ----------
-    part : VariogramModel
-    moments : (d, d) array
-        M.
-    """
-    from truepose.similarity.derivatives import left_jacobian
-
-    diagonal = moments.diagonal()
-    if not isinstance(part.range, tuple):
-        return [float(diagonal.sum())]
-    if part.rotation is None:
-        return [float(value) for value in diagonal]
-    d, a = len(diagonal), np.asarray(part.range)
-    turned = np.zeros((3, 3))
-    turned[:d, :d] = moments * a / a[:, None]
-    own = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
-    if d == 2:
-        return [*diagonal.tolist(), float(own[2])]
-    by_rotation = left_jacobian(np.asarray(part.rotation)).T @ part._axes() @ own
-    return [*diagonal.tolist(), *by_rotation.tolist()]
