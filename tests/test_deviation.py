@@ -140,8 +140,8 @@ def test_one_deviation_everywhere(turned, maps, record_property):
         assert min(float(np.nanmin(plane.std)) for plane in planes(error_map)) >= floor
         told = knowledge(error_map, suggestions=3)
         assert min(told.std_mm["mean"], *(row["std_mm"] for row in told.next_poses)) >= floor
-        recheck = error_map.recheck(virtual.measure(virtual.design(30, seed=9), seed=9))
-        assert recheck.holding.verdict == "holds"
+        found = tp.recheck(error_map, virtual.measure(virtual.design(30, seed=9), seed=9))
+        assert found.holding.verdict == "holds"
 
 
 @pytest.mark.promise("what a map cannot explain turns the tool, too: the deviation of orientation holds it")

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
-from truepose.error_map.target_joints import Follower
+from truepose.error_map.target_joints import BranchTracker
 from truepose.errors import DataError, IdentifiabilityError, RobotError
 from truepose.geometry import make_transform
 from truepose.robots import nearest_branch, status_turn
@@ -232,7 +232,7 @@ def test_guards_of_the_joints(virtual, turning, targets, samples):
     """Joint limits, singularities and KUKA's words: in joint space, and for maps in Cartesian space, too."""
     q = np.deg2rad([[10.0, -60, 80, 20, 40, 348.0], [10, -60, 80, 30, 0.02, 20], [10, -60, 80, 1e-5, 40, 20]])
     poses = virtual.robot.forward(q, tool=virtual.tf_flange_tool)
-    follower = Follower(
+    follower = BranchTracker(
         virtual.robot, poses, np.broadcast_to(virtual.tf_flange_tool, (3, 4, 4)), q, *_words(virtual, q)
     )
     follower.joints(poses[:, :3, 3] + [[0.0, 0.0, 0.0], [0, 0, 0], [0, -1.0, 0]], np.arange(3))
@@ -278,6 +278,75 @@ def test_maps_in_joint_space_guard(virtual, samples, targets):
     assert found.verdict.tolist() == ["refuse", "refuse", "refuse", "correct"]
     with pytest.raises(DataError, match=r"needs poses \(n, 4, 4\)"):
         fitted.correct(targets[:, :3, 3])
+
+
+@pytest.mark.parametrize("predictor", ["ordinary-kriging", "ordinary-kriging-joint"])
+def test_targets_as_poses_positions_joints_or_a_table(virtual, samples, targets, predictor):
+    fitted = tp.fit_cell(virtual.cell, samples, predictor)
+    q = virtual.reach(targets[:, :3, 3])
+    expected = fitted.correct(targets)
+    table = Poses(p_cmd=targets[:, :3, 3], rotation_cmd=Rotation.from_matrix(targets[:, :3, :3]))
+    given = [q, Poses(q=q), table, *([targets[:, :3, 3]] if predictor == "ordinary-kriging" else [])]
+    for poses in given:
+        found = fitted.correct(poses)
+        np.testing.assert_allclose(found.p_target, expected.p_target, atol=1e-6)
+        np.testing.assert_allclose(found.p_command, expected.p_command, atol=1e-6)
+        assert found.verdict.tolist() == expected.verdict.tolist()
+    tool = virtual.tf_flange_tool.copy()
+    tool[2, 3] += 20.0
+    longer = fitted.correct(q, tf_flange_tool=tool)
+    np.testing.assert_allclose(longer.p_target, virtual.robot.forward(q, tool=tool)[:, :3, 3], atol=1e-9)
+
+
+def test_targets_given_as_joints_keep_their_branch(virtual, samples):
+    """A wrist turned by half a turn is another configuration of the same pose, where nothing was measured."""
+    fitted = tp.fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
+    q = virtual.design(3, seed=8)
+    turned = q + [0.0, 0.0, 0.0, np.pi, 0.0, -np.pi]
+    turned[:, 4] *= -1.0
+    for flipped in (virtual.robot.forward(q) - virtual.robot.forward(turned)):
+        np.testing.assert_allclose(flipped, 0.0, atol=1e-6)
+    assert set(fitted.correct(q).verdict) == {"correct"}
+    assert all("outside the sampled region" in reason for reason in fitted.correct(turned).reason)
+
+
+def test_targets_of_another_shape(error_map, samples, targets):
+    with pytest.raises(DataError, match=r"joints \(n, 6\), all finite; got targets of shape \(4, 5\)"):
+        error_map.correct(np.zeros((4, 5)))
+    with pytest.raises(DataError, match=r"all finite; got targets of shape \(2, 3\)"):
+        error_map.correct(np.full((2, 3), np.nan))
+    with pytest.raises(DataError, match="status and turn cannot be combined with joints"):
+        error_map.correct(samples.q, status=np.zeros(len(samples), int))
+
+
+def test_poses_read_from_a_file_are_predicted(error_map, samples, tmp_path):
+    tp.write_samples(tmp_path / "poses.csv", tp.Poses(q=samples.q[:7]))
+    found = error_map.predict(tp.read_poses(tmp_path / "poses.csv"))
+    p, std = error_map.predict_measured(samples.q[:7])
+    np.testing.assert_allclose(found.p_measured, p, atol=1e-5)  # angles of the file are rounded
+    np.testing.assert_allclose(found.std_measured, std, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(found.std, axis=1), np.linalg.norm(std, axis=1), atol=1e-5)
+    assert repr(found).startswith("<Prediction of 7 poses: error ")
+    assert found.to_dict()["max_std_mm"] == pytest.approx(np.linalg.norm(std, axis=1).max(), abs=1e-5)
+
+
+def test_the_representation_of_a_map_fits_a_screen(error_map):
+    lines = repr(error_map).splitlines()
+    assert len(lines) <= 8
+    assert "kuka-kr" in lines[1]
+    assert "ordinary-kriging (Cartesian space)" in lines[2]
+    assert "100" in lines[3]
+    assert "mm at the samples (median)" in lines[4]
+    assert "better than none" in lines[5]
+
+
+def test_a_changed_map_is_not_the_map_of_the_file(error_map, tmp_path):
+    error_map.save(tmp_path / "m.truepose")
+    read = tp.load_map(tmp_path / "m.truepose")
+    assert (read.path, error_map.path) == (tmp_path / "m.truepose", None)
+    changed = read.changed(excluded=[{"row": 3, "reason": "taken out by hand"}])
+    assert changed.path is None
+    assert changed.hash != read.hash
 
 
 def test_positions_without_joints(virtual, samples):

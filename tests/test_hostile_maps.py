@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import truepose as tp
 from truepose._io import archive
-from truepose.error_map.file import from_bytes, to_bytes
+from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.errors import FileError
 
 Arrays = dict[str, np.ndarray]
@@ -40,7 +40,7 @@ def parts(good) -> tuple[dict[str, Any], Arrays]:
 def refused(data: bytes) -> str:
     """Return the message of a map that must be refused."""
     with pytest.raises(FileError) as caught:
-        from_bytes(data, "m.truepose")
+        from_bytes(data, "m.truepose", tp.ErrorMap)
     told = str(caught.value)
     assert told.startswith("m.truepose: ")
     assert told.isprintable()

@@ -99,7 +99,7 @@ def test_the_mark_is_kept_in_the_file_and_found_for_files_without(weak, targets,
 
 
 def test_new_samples_may_make_a_weak_map_a_good_one(virtual, weak):
-    more = weak.update(virtual.measure(virtual.design(60, seed=5), seed=5))
+    more = tp.update_map(weak, virtual.measure(virtual.design(60, seed=5), seed=5))
     assert more.known_worth is None
     assert not more.worth.weak
 

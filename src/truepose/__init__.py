@@ -13,7 +13,7 @@ from truepose._version import __version__
 
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
-    from truepose.error_map import ErrorMap, load_map
+    from truepose.error_map import ErrorMap, load_map, recheck, update_map
     from truepose.error_map.arm_check import check_point
     from truepose.error_map.fit import fit_cell
     from truepose.error_map.selection import choose
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     )
     from truepose.programs import correct_program, read_program
     from truepose.robots import Robot, list_robots, load_robot
-    from truepose.samples import Samples, read_samples, write_samples
+    from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
     from truepose.simulation import VirtualCell
     from truepose.studies.iso9283 import iso9283, iso9283_poses
@@ -56,6 +56,7 @@ _HOME = {
     "OrdinaryKriging": "predictors",
     "RadialBasis": "predictors",
     "ResidualNetwork": "predictors",
+    "Poses": "samples",
     "Robot": "robots",
     "Samples": "samples",
     "SimpleKriging": "predictors",
@@ -83,11 +84,14 @@ _HOME = {
     "load_robot": "robots",
     "permutation_envelope": "similarity",
     "plan": "planning",
+    "read_poses": "samples",
     "read_program": "programs",
     "read_readings": "trackers",
     "read_samples": "samples",
+    "recheck": "error_map",
     "register": "geometry",
     "register_with_tool": "geometry",
+    "update_map": "error_map",
     "write_readings": "trackers",
     "write_samples": "samples",
 }
@@ -102,6 +106,7 @@ __all__ = [
     "LocalKriging",
     "Nearest",
     "OrdinaryKriging",
+    "Poses",
     "RadialBasis",
     "ResidualNetwork",
     "Robot",
@@ -132,11 +137,14 @@ __all__ = [
     "load_robot",
     "permutation_envelope",
     "plan",
+    "read_poses",
     "read_program",
     "read_readings",
     "read_samples",
+    "recheck",
     "register",
     "register_with_tool",
+    "update_map",
     "write_readings",
     "write_samples",
 ]

@@ -46,7 +46,7 @@ def test_measuring_what_is_proposed_makes_surer_than_other_poses(kinematic):
     grid = virtual.design(200, seed=8)
     std = {}
     for name, q in (("proposed", proposed), ("others", virtual.design(64, seed=12)[rng.permutation(64)[:8]])):
-        updated = error_map.update(virtual.measure(q, seed=2))
+        updated = tp.update_map(error_map, virtual.measure(q, seed=2))
         std[name] = updated.predict_errors(replace(error_map.samples[:1], **_poses(virtual, grid)))[1].mean()
     assert std["proposed"] < std["others"] < error_map.predictor.predict(grid, return_std=True)[1].mean()
 

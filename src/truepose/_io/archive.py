@@ -5,7 +5,7 @@ holds everything that is not an array; ``arrays/NAME.npy`` the arrays. The same 
 
 The hashes show damage, not intent: anyone can write a file whose hashes agree. So a reader trusts nothing that the file
 says about itself. Sizes are bounded before anything is unpacked, only members of the manifest are read, an array's
-header is compared with the one form that is written here, and `truepose.error_map.file` checks what the parts say.
+header is compared with the one form that is written here, and `truepose.error_map.encoding` checks what the parts say.
 """
 
 from __future__ import annotations

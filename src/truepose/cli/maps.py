@@ -144,12 +144,12 @@ def validate(
 ) -> None:
     """Compare errors before and after on poses that the map has not seen."""
     from truepose.cli.campaign import show_campaign
-    from truepose.error_map import load_map
+    from truepose.error_map import load_map, recheck
     from truepose.samples import read_samples
 
     error_map = load_map(map_path)
     samples = read_samples(test_path)
-    data, found = error_map.validate(samples), error_map.recheck(samples)
+    data, found = error_map.validate(samples), recheck(error_map, samples)
     if as_json:
         data["holding"] = found.holding.to_dict()
         data["campaign"] = error_map.campaign

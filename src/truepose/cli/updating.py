@@ -37,12 +37,12 @@ def update(
     """Test whether a map still holds for new samples, and let them join it."""
     import numpy as np
 
-    from truepose.error_map import load_map
+    from truepose.error_map import load_map, recheck, update_map
     from truepose.samples import read_samples
 
     overwrite(force, *([] if out is None else [out]))
     error_map, samples = load_map(map_path), read_samples(samples_path)
-    before = error_map.recheck(samples) if refit is None else None
+    before = recheck(error_map, samples) if refit is None else None
     if before is not None and out is not None and before.holding.verdict == "does not hold" and not anyway:
         raise RefusedError(
             f"{map_path}: {' '.join(before.words)} Nothing was written; --refit or a new fit is the remedy, or --anyway"
@@ -50,9 +50,9 @@ def update(
     new = (
         error_map
         if out is None and refit is None
-        else error_map.update(samples, None if refit is None else refit.value)
+        else update_map(error_map, samples, None if refit is None else refit.value)
     )
-    after = before if before is not None else new.recheck(samples)
+    after = before if before is not None else recheck(new, samples)
     if out is not None:
         new.save(out)
     if as_json:

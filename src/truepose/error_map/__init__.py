@@ -1,9 +1,8 @@
 """Error maps of cells: registration, tool and predictor in one, from samples to corrections."""
 
 from truepose.error_map.arm_check import ArmCheck, check_point
-from truepose.error_map.file import load_map
 from truepose.error_map.fit import fit_cell
-from truepose.error_map.map import ErrorMap
+from truepose.error_map.map import ErrorMap, load_map
 from truepose.error_map.selection import choose
 from truepose.error_map.update import Recheck, recheck, update_map
 

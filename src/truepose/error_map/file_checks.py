@@ -10,22 +10,19 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from truepose._typing import FloatArray
+from truepose.error_map.data import MapData
 from truepose.error_map.registration import reading_noise
 from truepose.geometry import check_transforms
 from truepose.predictors import Predictor
 from truepose.robots import list_robots
 from truepose.samples import check_against
-
-if TYPE_CHECKING:
-    from truepose.error_map.map import ErrorMap
-
 
 _SAME_MM: Final = 1e-6
 _TRIED: Final = 10  # samples at which a predictor is asked
@@ -135,7 +132,7 @@ def _agree_arrays(stored: NDArray[Any], remade: NDArray[Any], where: str) -> Non
         raise ValueError(f"{where}{list(at)} is {stored[at]}, the rest of the map says {remade[at]}")
 
 
-def check(error_map: ErrorMap) -> None:
+def check(error_map: MapData) -> None:
     """Require the parts of a map to be possible, and to agree where one follows from another.
 
     Raises
@@ -158,7 +155,7 @@ def check(error_map: ErrorMap) -> None:
         _Expected.model_validate(error_map.expected)
 
 
-def _check_frames(error_map: ErrorMap) -> None:
+def _check_frames(error_map: MapData) -> None:
     check_transforms("tf_base_tracker", error_map.registration.tf_base_tracker[None])
     check_transforms("tf_flange_tool", error_map.tf_flange_tool[None])
     stated, sampled, fit = error_map.cell.tf_flange_tool, error_map.tf_flange_sampled, error_map.cell.tool.fit
@@ -170,7 +167,7 @@ def _check_frames(error_map: ErrorMap) -> None:
         agree(sampled[:3, 3], stated[:3, 3], "the tool point")
 
 
-def _check_registration(error_map: ErrorMap) -> None:
+def _check_registration(error_map: MapData) -> None:
     found, n = error_map.registration, len(error_map.samples)
     rows = len(found.outliers)
     if not n <= rows <= n + len(error_map.excluded) or found.outliers.dtype != np.bool_:
@@ -207,7 +204,7 @@ def _in_order(e: FloatArray, residuals: FloatArray) -> bool:
     return False
 
 
-def _check_samples(error_map: ErrorMap) -> None:
+def _check_samples(error_map: MapData) -> None:
     robot, samples, named = error_map.robot, error_map.samples, error_map.cell.robot.model
     if named in list_robots() and named != robot.name:
         raise ValueError(f"the robot is {robot.name}, the cell names {named}")
@@ -225,7 +222,7 @@ def _check_parameters(name: str, predictor: Predictor) -> None:
             raise ValueError(f"the parameter {key} of {name} is {value!r}, expected one such as {default!r}")
 
 
-def check_fitted(error_map: ErrorMap) -> None:
+def check_fitted(error_map: MapData) -> None:
     """Require a predictor that tells finite errors and deviations, and has the noise that the samples and cell state.
 
     Raises
@@ -237,6 +234,7 @@ def check_fitted(error_map: ErrorMap) -> None:
     known = reading_noise(error_map.cell, samples, error_map.registration)
     if error_map.predictor.noise_std_ is None and known is not None:
         raise ValueError("noise_std is missing, although samples or cell state the noise of readings")
-    e, std = error_map.predict_errors(samples[:_TRIED])
+    tried = error_map.fitted_coordinates[:_TRIED]
+    e, std = error_map.predictor.predict(tried, return_std=True, include_nugget=True)
     if not (np.isfinite(e).all() and np.isfinite(std).all() and (std >= 0.0).all()):
-        raise ValueError("the predictor's parameters tell errors that are no finite numbers")
+        raise ValueError("the predictor's parameters give errors that are not finite numbers")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import CellSamples
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.predictors import rank_predictors
+from truepose.predictors import OutlierWeighing, rank_predictors
 from truepose.samples import Samples
 
 
@@ -81,7 +80,8 @@ def fit_cell(
     else:
         progress(f"Fitting {predictor}")
         model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
-    weighed_down = np.flatnonzero(gross == 0)[getattr(model, "gross_", np.empty(0, np.int64))]
+    kept = np.flatnonzero(gross == 0)
+    weighed_down = kept[model.gross_] if isinstance(model, OutlierWeighing) else kept[:0]
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,
@@ -97,7 +97,7 @@ def fit_cell(
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )
     progress("Comparing the map with registration alone")
-    return replace(error_map, known_worth=error_map.worth)
+    return error_map.changed(known_worth=error_map.worth)
 
 
 def _excluded(

@@ -1,4 +1,4 @@
-"""Joints of commanded poses on the branch that each target is to be reached on, and the guards that need joints."""
+"""Joints of commanded poses on the branch of each target, and the guards that need joints."""
 
 from __future__ import annotations
 
@@ -17,29 +17,32 @@ from truepose.robots.inverse.newton import smallest_singular
 _BLOCK: Final = 1 << 20  # products held at a time
 
 
-class Follower:
-    """Follows targets through small changes of their pose, each on its own branch.
+class BranchTracker:
+    """Track the joints of targets through small changes of their pose, each on its own branch.
 
     Parameters
     ----------
     robot : Robot
-        Nominal: what the controller computes with.
+        The nominal robot, which the controller computes with.
     poses : (n, 4, 4) array [mm]
-        Targets, base to tool centre point.
+        The targets, base to tool centre point.
     tf_flange_tool : (n, 4, 4) array [mm]
+        The tool of each target.
     q_samples : (m, dof) array [rad]
-        Measured configurations; a target that names no branch takes the one nearest to any of them.
+        The measured configurations; a target that names no branch takes the one nearest to any of them.
     status, turn : (n,) arrays of int, optional
-        KUKA configuration of each target, −1 where it is not given.
+        The KUKA configuration of each target, −1 where it is not given.
+    q : (n, dof) array [rad], optional
+        The joints of the targets, where they are known.
 
     Attributes
     ----------
     q_target : (n, dof) array [rad]
-        Joints of the targets; where one is out of reach, those of a sample.
+        The joints of the targets; where one is out of reach, those of a sample.
     q : (n, dof) array [rad]
-        Joints of the last commands.
+        The joints of the last commands.
     lost : (n,) array of bool
-        Targets out of reach on their branch.
+        Whether each target is out of reach on its branch.
     """
 
     def __init__(
@@ -50,24 +53,31 @@ class Follower:
         q_samples: FloatArray,
         status: IntArray | None = None,
         turn: IntArray | None = None,
+        *,
+        q: FloatArray | None = None,
     ) -> None:
         self._robot, self._poses, self._turn = robot, poses, turn
         self._named = np.zeros(len(poses), np.bool_) if status is None else status >= 0
         self._tf_tool_flange = invert_transform(tf_flange_tool)
-        solutions = robot.inverse(poses @ self._tf_tool_flange)
-        self.q = _near_samples(solutions, q_samples)
-        if status is not None and self._named.any():
-            try:
-                turns = np.full(len(poses), -1) if turn is None else turn
-                named = select(robot, solutions, np.maximum(status, 0), np.maximum(turns, 0))
-            except RobotError:
-                pass  # no KUKA arm: its programs name no Status
-            else:
-                named = np.where((turns >= 0)[:, None], named, _near_samples(named[:, None], q_samples))
-                self.q[self._named] = named[self._named]
+        self.q = self._start(q_samples, status, turn) if q is None else q.copy()
         self.lost: BoolArray = np.asarray(np.isnan(self.q).any(axis=1))
         self.q[self.lost] = q_samples[0]
         self.q_target = self.q.copy()
+
+    def _start(self, q_samples: FloatArray, status: IntArray | None, turn: IntArray | None) -> FloatArray:
+        """Return the targets' joints (n, dof) on the branch that Status and Turn name, or that of the samples."""
+        solutions = self._robot.inverse(self._poses @ self._tf_tool_flange)
+        q = _near_samples(solutions, q_samples)
+        if status is None or not self._named.any():
+            return q
+        turns = np.full(len(q), -1) if turn is None else turn
+        try:
+            named = select(self._robot, solutions, np.maximum(status, 0), np.maximum(turns, 0))
+        except RobotError:
+            return q  # no KUKA arm: its programs name no Status
+        named = np.where((turns >= 0)[:, None], named, _near_samples(named[:, None], q_samples))
+        q[self._named] = named[self._named]
+        return q
 
     def joints(self, command: FloatArray, rows: IntArray) -> FloatArray:
         """Return the joints of some targets' commands, (m, dof) [rad].

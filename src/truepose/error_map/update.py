@@ -7,17 +7,17 @@ map, its hyperparameters as they are; or only station or tool are found again fr
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
+from truepose.error_map.map import ErrorMap
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
-from truepose.predictors import Predictor
+from truepose.predictors import JointlyPredicting, Updatable
 from truepose.samples import Samples
 from truepose.verification.consistency import (
     ConsistencyTest,
@@ -27,9 +27,6 @@ from truepose.verification.consistency import (
     drift,
     explanations,
 )
-
-if TYPE_CHECKING:
-    from truepose.error_map.map import ErrorMap
 
 Refit = Literal["station", "tool", "both"]
 
@@ -147,8 +144,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     if error_map.p_flange_sampled is not None:
         raise DataError("the map's tool was changed: its samples are of another point; fit a map of the new samples")
     e, registration = error_map.errors(samples), error_map.registration
-    joined = replace(
-        error_map,
+    joined = error_map.changed(
         known_worth=None,
         samples=_concatenated(error_map.samples, samples),
         predictor=copy.deepcopy(error_map.predictor),
@@ -159,21 +155,19 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
         ),
     )
     new = error_map.reading_noise(samples)
-    update: Callable[..., Predictor] | None = getattr(joined.predictor, "update", None)
-    if update is not None:
-        update(error_map.coordinates(samples), e, new)
+    if isinstance(joined.predictor, Updatable):
+        joined.predictor.update(error_map.coordinates(samples), e, new)
         return joined
     old = joined.predictor.noise_std_
     noise = None if old is None or new is None else np.concatenate([old, new])
     x = joined.coordinates(joined.samples)
-    return replace(joined, predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
+    return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
 
 
 def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:
     """Return the map at another station; its samples as the tracker would have read them from there."""
     tf_new_old = invert_transform(station.tf_base_tracker) @ error_map.registration.tf_base_tracker
-    return replace(
-        error_map,
+    return error_map.changed(
         samples=_seen_from(error_map.samples, tf_new_old),
         registration=replace(
             error_map.registration,
@@ -205,19 +199,19 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
         in_flange = np.einsum("nji,nj->ni", tf_flange[:, :3, :3], p_base - tf_flange[:, :3, 3])
         tf_flange_tool[:3, 3] = np.median(in_flange, axis=0) if len(samples) > 4 else in_flange.mean(axis=0)
     sampled = error_map.tf_flange_sampled[:3, 3]
-    return replace(error_map, tf_flange_tool=tf_flange_tool, p_flange_sampled=sampled)
+    return error_map.changed(tf_flange_tool=tf_flange_tool, p_flange_sampled=sampled)
 
 
 def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return residuals (n, 3) of samples against the map, their covariance, and what of it they may share."""
     e, noisy = error_map.predict_reading(samples)
     residual = error_map.errors(samples) - e
-    together: Callable[..., Any] | None = getattr(error_map.predictor, "predict_together", None)
-    if together is None or error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER:
+    predictor, apart = error_map.predictor, error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER
+    if apart or not isinstance(predictor, JointlyPredicting):
         _, std = error_map.predict_errors(samples)
         field = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
         return residual, noisy[:, :, None] ** 2 * np.eye(3), field
-    _, covariance = together(error_map.coordinates(samples))
+    _, covariance = predictor.predict_together(error_map.coordinates(samples))
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
     return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
 

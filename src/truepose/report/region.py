@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.error_map import ErrorMap
-from truepose.error_map.target_joints import Follower
+from truepose.error_map.target_joints import BranchTracker
 from truepose.errors import RobotError
 from truepose.geometry import make_transform
 
@@ -78,7 +78,7 @@ def _lengths(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray
         usual = rotations[int(np.argmin((rotations * rotations.mean().inv()).magnitude()))]
         poses = make_transform(Rotation.from_matrix(np.tile(usual.as_matrix(), (len(p), 1, 1))), p)
         tools = np.broadcast_to(error_map.tf_flange_tool, (len(p), 4, 4))
-        follower = Follower(error_map.robot, poses, tools, q)
+        follower = BranchTracker(error_map.robot, poses, tools, q)
         x, lost = follower.q, follower.lost
     e, std = error_map.predict_at(x)
     return np.where(lost, np.nan, np.linalg.norm(e, axis=1)), np.where(lost, np.nan, np.linalg.norm(std, axis=1))

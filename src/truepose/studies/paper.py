@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -199,7 +199,7 @@ def _fit(cell: Cell, samples: Samples, method: Method) -> ErrorMap:
         return fit_cell(cell, samples, method.predictor, **options)
     registered = fit_cell(cell, samples, "registration")
     kriging = OrdinaryKriging("spherical", exact=True).fit(registered.p_cmd, registered.e)
-    return replace(registered, predictor_name="ordinary-kriging", predictor=kriging, known_worth=None)
+    return registered.changed(predictor_name="ordinary-kriging", predictor=kriging, known_worth=None)
 
 
 def _miss(

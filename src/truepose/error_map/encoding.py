@@ -1,6 +1,6 @@
 """An error map to the bytes of its file and back (`truepose._io.archive` is the container).
 
-What is kept is what the map was made from (cell, robot, samples, registration) and the predictor's fitted
+The file holds what the map was made from (cell, robot, samples, registration) and the predictor's fitted
 hyperparameters. Reading it fits the predictor to the samples again with these, which estimates nothing.
 """
 
@@ -9,23 +9,22 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose._io import archive, files
-from truepose._io.archive import LARGEST_MAP
+from truepose._io import archive
 from truepose.cell import Cell
 from truepose.error_map import file_checks
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck
-from truepose.error_map.map import ErrorMap, predictor_coordinates
+from truepose.error_map.data import MapData, StoredFile
 from truepose.error_map.selection import arm_of
 from truepose.error_map.worth import Worth
 from truepose.errors import FileError
 from truepose.geometry import Registration
-from truepose.predictors import PREDICTORS, make_predictor
+from truepose.predictors import make_predictor
 from truepose.robots import parse_robot, to_toml
 from truepose.samples import Samples
 
@@ -41,10 +40,12 @@ _WRONG: Final = (
     TypeError,
     ValueError,
 )
-"""What code raises that is given something else than it was written for."""
+"""The errors of code that gets other input than it was written for."""
+
+_Map = TypeVar("_Map", bound=MapData)
 
 
-def to_bytes(error_map: ErrorMap) -> bytes:
+def to_bytes(error_map: MapData) -> bytes:
     """Return the bytes of a map's file; the same map always gives the same bytes."""
     content = _content(error_map)
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
@@ -53,11 +54,11 @@ def to_bytes(error_map: ErrorMap) -> bytes:
     return archive.pack(content, _arrays(error_map))
 
 
-def _content(error_map: ErrorMap) -> dict[str, Any]:
-    """Return all that is no array, but for the robot, whose text may differ in the last digit once it was read."""
+def _content(error_map: MapData) -> dict[str, Any]:
+    """Return all that is not an array, without the robot, whose text may differ in the last digit after reading."""
     samples, registration = error_map.samples, error_map.registration
     return {
-        "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # what was stated stays told from defaults
+        "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # stated values stay distinct from defaults
         "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_dict()},
         "samples": {"source": samples.source, "columns": samples.columns()},
         "registration": {
@@ -74,7 +75,7 @@ def _content(error_map: ErrorMap) -> dict[str, Any]:
     }
 
 
-def _arrays(error_map: ErrorMap) -> dict[str, NDArray[Any]]:
+def _arrays(error_map: MapData) -> dict[str, NDArray[Any]]:
     samples, registration = error_map.samples, error_map.registration
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
@@ -85,11 +86,20 @@ def _arrays(error_map: ErrorMap) -> dict[str, NDArray[Any]]:
     return arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e}
 
 
-def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
-    """Return the map that a file holds; `path` is named in the errors.
+def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
+    """Return the map in the bytes of a file.
 
-    Every part of the file must be one that is read, and what it holds twice must agree: see
+    Every part of the file must be one that is read, and parts that repeat each other must agree: see
     `truepose.error_map.file_checks`.
+
+    Parameters
+    ----------
+    data : bytes
+        The content of the file.
+    path : str or Path
+        The file's path, for messages.
+    kind : type
+        The class of the map.
 
     Raises
     ------
@@ -98,13 +108,14 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
     """
     content, arrays = archive.unpack(data, path)
     try:
-        error_map = _unfitted(content, arrays, path)
+        error_map = kind(
+            **_fields(content, arrays, path), stored=StoredFile(Path(path), hashlib.sha256(data).hexdigest())
+        )
         if len(arrays["e"]) != len(error_map.samples):
             raise ValueError(f"e has {len(arrays['e'])} rows, there are {len(error_map.samples)} samples")
         file_checks.check(error_map)
         file_checks.agree(arrays["e"], error_map.e, "e")
-        x = predictor_coordinates(PREDICTORS[error_map.predictor_name].space, error_map.samples, error_map.p_cmd)
-        error_map.predictor.fit(x, arrays["e"], arrays.get("noise_std"))
+        error_map.predictor.fit(error_map.fitted_coordinates, arrays["e"], arrays.get("noise_std"))
         file_checks.check_fitted(error_map)
         remade = json.loads(json.dumps(_content(error_map)))
         file_checks.agree({key: value for key, value in content.items() if key != "robot"}, remade, "")
@@ -118,15 +129,15 @@ def from_bytes(data: bytes, path: str | Path) -> ErrorMap:
     return error_map
 
 
-def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> ErrorMap:
-    """Return the map with a predictor that has its hyperparameters, but was not fitted."""
+def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
+    """Return the fields of a map whose predictor has its hyperparameters, but was not fitted."""
     robot = parse_robot(content["robot"], path=path)
     columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
     columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
     samples = Samples(**columns, source=content["samples"]["source"])
     tf_flange_tool = arrays["tf_flange_tool"]
     if type(content["registration"]["tool_fitted"]) is not bool:
-        raise TypeError("registration.tool_fitted is no truth value")
+        raise TypeError("registration.tool_fitted is not a boolean")
     registration = Registration(
         **{name: arrays[f"registration.{name}"] for name in _REGISTRATION},
         noise_std=content["registration"]["noise_std"],
@@ -137,38 +148,23 @@ def _unfitted(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: st
     cell = Cell.model_validate(content["cell"], context={"robot": robot})
     tf_flange_sampled = tf_flange_tool.copy()
     tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
-    return ErrorMap(
-        cell=cell,
-        robot=robot,
-        samples=samples,
-        registration=registration,
-        tf_flange_tool=tf_flange_tool,
-        predictor_name=name,
-        predictor=make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
-        ranking=content["ranking"],
-        expected=content["expected"],
-        excluded=content["excluded"],
-        campaign=content.get("campaign", {}),
-        arm_check=ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
-        known_worth=Worth.from_dict(content["worth"]) if "worth" in content else None,
-        p_flange_sampled=arrays.get("p_flange_sampled"),
-    )
+    return {
+        "cell": cell,
+        "robot": robot,
+        "samples": samples,
+        "registration": registration,
+        "tf_flange_tool": tf_flange_tool,
+        "predictor_name": name,
+        "predictor": make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
+        "ranking": content["ranking"],
+        "expected": content["expected"],
+        "excluded": content["excluded"],
+        "campaign": content.get("campaign", {}),
+        "arm_check": ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
+        "known_worth": Worth.from_dict(content["worth"]) if "worth" in content else None,
+        "p_flange_sampled": arrays.get("p_flange_sampled"),
+    }
 
 
 def _array(value: Any) -> NDArray[Any]:
     return value.as_quat() if isinstance(value, Rotation) else np.asarray(value)
-
-
-def load_map(path: str | Path) -> ErrorMap:
-    """Read a map that `ErrorMap.save` wrote. Nothing in the file is executed.
-
-    Raises
-    ------
-    FileError
-        If the file is not a map, truncated, changed since it was written, or of another schema version.
-    """
-    data = files.read_bytes(path, LARGEST_MAP)
-    error_map = from_bytes(data, path)
-    # of this file, whichever version wrote it
-    vars(error_map).update(hash=hashlib.sha256(data).hexdigest(), path=Path(path))
-    return error_map

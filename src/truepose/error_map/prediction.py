@@ -1,0 +1,269 @@
+"""The predictions of a map: errors, standard deviations and readings at commanded poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from truepose._typing import FloatArray
+from truepose.error_map.data import MapData
+from truepose.errors import DataError
+from truepose.geometry import apply_transform, invert_transform
+from truepose.predictors import LeaveOneOut, PosePredictor
+from truepose.samples import Poses, Samples
+from truepose.verification import RP_PER_STD
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction:
+    """Predicted errors and readings of commanded poses.
+
+    Attributes
+    ----------
+    e : (n, 3) array [mm], base frame
+        The predicted positional error, measured − commanded.
+    std : (n, 3) array [mm], base frame
+        Its standard deviation, without the noise of one motion and one reading: see `ErrorMap.predict_errors`.
+    p_measured : (n, 3) array [mm], tracker frame
+        The position at which the tracker will see the measured point.
+    std_measured : (n, 3) array [mm], tracker frame
+        The same standard deviation along the tracker's axes.
+    """
+
+    e: FloatArray
+    std: FloatArray
+    p_measured: FloatArray
+    std_measured: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.e)
+
+    def __repr__(self) -> str:
+        found = self.to_dict()
+        return (
+            f"<Prediction of {found['n']} poses: error {found['mean_error_mm']:.3f} mm (mean), standard deviation "
+            f"{found['mean_std_mm']:.3f} mm (mean), {found['max_std_mm']:.3f} mm (max)>"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the number of poses, and the mean and largest lengths of errors and standard deviations."""
+        error, std = np.linalg.norm(self.e, axis=1), np.linalg.norm(self.std_measured, axis=1)
+        return {
+            "n": len(self.e),
+            "mean_error_mm": float(error.mean()),
+            "max_error_mm": float(error.max()),
+            "mean_std_mm": float(std.mean()),
+            "max_std_mm": float(std.max()),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PredictingMap(MapData):
+    """An error map that predicts; its fields are those of `MapData`."""
+
+    @cached_property
+    def unexplained(self) -> FloatArray:
+        """Variance of the arm's errors beyond the predictor's field, in each direction, (3,) [mm²], base frame.
+
+        The predictor's nugget less the known part of the repeatability; the noise of readings is not in the nugget
+        where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
+        by its standard error: near the repeatability, the difference is mostly that error. A drift that the tests of
+        the campaign found or suspect is added, also below their limit, and twice: it goes on after the campaign, as it
+        does for an arm that warmed up during the measurement.
+        """
+        faults = self.campaign.get("faults", [])
+        sizes = [fault["size"] for fault in faults if fault["kind"] in ("drift", "moved")]
+        drift = sum((2.0 * size) ** 2 for size in (*sizes, self.campaign.get("suspected_drift_mm", 0.0))) / 3.0
+        nugget, known = self._nugget_and_known
+        return np.asarray(nugget - known + drift)
+
+    @cached_property
+    def _nugget_and_known(self) -> tuple[FloatArray, FloatArray]:
+        """The nugget with one standard error, that of a variance of 3n readings; the known part of it, (3,) [mm²]."""
+        nugget, reading = self.predictor.nugget_, self.predictor.noise_std_
+        noise = 0.0 if reading is None else np.mean(reading**2, axis=0)
+        nugget = np.where(nugget > 0.0, nugget + np.sqrt(2.0 / (3 * len(self.samples))) * (nugget + noise), 0.0)
+        repeatability = (self.cell.robot.repeatability_mm or 0.0) / RP_PER_STD
+        return nugget, np.minimum(nugget, repeatability**2)
+
+    def predict(self, poses: Poses | ArrayLike) -> Prediction:
+        """Predict errors and readings at commanded poses, as ``truepose predict`` does.
+
+        Parameters
+        ----------
+        poses : Poses, or (n, dof) array [rad]
+            The commanded configurations, for example from `truepose.read_poses`; Poses may instead hold commanded
+            positions for a map in Cartesian space with a stated tool.
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        DataError
+            If the map needs joints and there are none.
+        RobotError
+            If joints are beyond the robot's limits.
+
+        Examples
+        --------
+        >>> from truepose import VirtualCell, fit_cell
+        >>> virtual = VirtualCell("paper")
+        >>> error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(30)), "registration")
+        >>> found = error_map.predict(virtual.design(5, seed=1))
+        >>> len(found), found.p_measured.shape
+        (5, (5, 3))
+        """
+        poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
+        e, std = self.predict_errors(poses)
+        tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
+        p = apply_transform(tf_tracker_base, self.commanded_positions(poses) + e)
+        return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
+
+    def predict_measured(self, q: Poses | ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Predict where the tracker will see the measured point.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad], or Poses
+            The commanded configurations; see `predict`.
+
+        Returns
+        -------
+        p : (n, 3) array [mm], tracker frame
+        std : (n, 3) array [mm], tracker frame
+            The standard deviation of `predict_errors`; the noise of a reading comes on top.
+        """
+        found = self.predict(q)
+        return found.p_measured, found.std_measured
+
+    def predict_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors and their standard deviation at commanded poses, both (n, 3) [mm], base frame.
+
+        The standard deviation is that of the difference between prediction and true error; guards, records and reports
+        use it. Its variance is that of the predictor's field plus `unexplained`; it does not include the noise of one
+        motion and of one reading, see `predict_reading`.
+        """
+        return self.predict_at(self.coordinates(poses))
+
+    def predict_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return `predict_errors` at coordinates of the predictor, (n, 3) [mm] or (n, dof) [rad]."""
+        return self.predict_with_tool(x, self.tf_flange_tool)
+
+    def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
+        """Return expected errors (n, 3) [mm] of new samples, and their standard deviation with a reading's noise."""
+        e, std = self.predict_errors(samples)
+        known = self.reading_noise(samples)
+        return e, np.sqrt(std**2 + self._nugget_and_known[1] + (0.0 if known is None else known**2))
+
+    def predict_pose_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors of position and orientation at commanded configurations, and their std.
+
+        Returns
+        -------
+        error : (n, 6) array [mm, rad], base frame
+            e, and w, the rotation vector of R_meas R_cmdᵀ.
+        std : (n, 6) array [mm, rad], base frame
+            The standard deviation, as in `predict_errors`; what is `unexplained` turns the tool as well.
+
+        Raises
+        ------
+        DataError
+            If the map knows positions only, or there are no joints.
+        """
+        return self.predict_with_tool(self.coordinates(poses), self.tf_flange_tool, orientation=True)
+
+    def leave_one_out(self) -> LeaveOneOut:
+        """Return the residual of each sample predicted from the others, and its standard deviation, (n, 3) [mm].
+
+        The registration and the hyperparameters are those of all samples.
+        """
+        return self.predictor.leave_one_out()
+
+    def predict_with_tool(
+        self, x: FloatArray, tf_flange_tool: FloatArray, *, orientation: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return errors (n, 3) [mm] or (n, 6) [mm, rad] of a tool, and their standard deviation as `predict_errors`.
+
+        Parameters
+        ----------
+        x : (n, 3) array [mm] or (n, dof) array [rad]
+            The predictor's input coordinates.
+        tf_flange_tool : (4, 4) or (n, 4, 4) array [mm]
+            The tool. Its point may differ from the sampled one if the predictor knows the arm.
+        orientation : bool
+            Whether to predict orientation together with position.
+        """
+        offset = self._offset(x, tf_flange_tool)
+        if offset is None and not orientation:
+            error, std = self.predictor.predict(x, return_std=True)
+            return error, np.sqrt(std**2 + self.unexplained)
+        rows = slice(6 if orientation else 3)
+        error, std = self._pose_predictor().predict_pose(
+            x, return_std=True, offset=offset, unexplained=self.unexplained
+        )
+        std[:, 3:] = np.hypot(std[:, 3:], self.tool_turn[1])
+        return self._with_tool_turn(x, error)[:, rows], std[:, rows]
+
+    def predict_mean_with_tool(
+        self, x: FloatArray, tf_flange_tool: FloatArray, *, orientation: bool = False
+    ) -> FloatArray:
+        """Return the errors of `predict_with_tool` alone, which is faster."""
+        offset = self._offset(x, tf_flange_tool)
+        if offset is None and not orientation:
+            return self.predictor.predict(x)
+        error = self._pose_predictor().predict_pose(x, offset=offset)
+        return self._with_tool_turn(x, error)[:, : 6 if orientation else 3]
+
+    def _offset(self, x: FloatArray, tf_flange_tool: FloatArray) -> FloatArray | None:
+        """Return the vectors from the sampled point to that of a tool, (n, 3) [mm], base frame; None where unused."""
+        away = tf_flange_tool[..., :3, 3] - self.tf_flange_sampled[:3, 3]
+        if not self.knows_orientation or np.abs(away).max() == 0:
+            return None
+        turned = self.robot.forward(x)[:, :3, :3]
+        return np.asarray(np.einsum("nij,nj->ni", turned, np.broadcast_to(away, (len(x), 3))))
+
+    @property
+    def knows_orientation(self) -> bool:
+        """Whether the predictor knows the arm, and so errors of orientation and of other points of the tool."""
+        return self.space == "joint" and isinstance(self.predictor, PosePredictor)
+
+    def _pose_predictor(self) -> PosePredictor:
+        if self.space == "joint" and isinstance(self.predictor, PosePredictor):
+            return self.predictor
+        raise DataError(
+            f"a map of {self.predictor_name!r} knows errors of position only; for orientation, fit one that knows "
+            "the arm: truepose fit --predictor kinematic-kriging (or calibration), with joints in the samples"
+        )
+
+    @cached_property
+    def tool_turn(self) -> tuple[FloatArray, float]:
+        """Rotation vector (3,) [rad], tool frame, of the tool's mounting error, and its standard deviation [rad].
+
+        The mean difference between measured and predicted orientations; zero where no orientations were measured.
+        """
+        samples = self.samples
+        if samples.q is None or samples.rotation_meas is None or self.p_flange_sampled is not None:
+            return np.zeros(3), 0.0
+        error = self._pose_predictor().predict_pose(samples.q)
+        nominal = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
+        expected = Rotation.from_rotvec(error[:, 3:]) * nominal
+        measured = Rotation.from_matrix(self.registration.tf_base_tracker[:3, :3]) * samples.rotation_meas
+        turns = expected.inv() * measured
+        mean = turns.mean()
+        return mean.as_rotvec(), float((turns * mean.inv()).as_rotvec().std() / np.sqrt(len(samples)))
+
+    def _with_tool_turn(self, x: FloatArray, error: FloatArray) -> FloatArray:
+        """Return errors of poses (n, 6) that include the turn of the tool, R_meas = exp(w) R_cmd exp(t)."""
+        turn, _ = self.tool_turn
+        if not turn.any():
+            return error
+        nominal = Rotation.from_matrix(self.robot.forward(x, tool=self.tf_flange_tool)[:, :3, :3])
+        turned = Rotation.from_rotvec(error[:, 3:]) * nominal * Rotation.from_rotvec(turn) * nominal.inv()
+        return np.concatenate([error[:, :3], turned.as_rotvec()], axis=1)
