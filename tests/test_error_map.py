@@ -302,9 +302,9 @@ def test_targets_given_as_joints_keep_their_branch(virtual, samples):
     """A wrist turned by half a turn is another configuration of the same pose, where nothing was measured."""
     fitted = tp.fit_cell(virtual.cell, samples, "ordinary-kriging-joint")
     q = virtual.design(3, seed=8)
-    turned = q + [0.0, 0.0, 0.0, np.pi, 0.0, -np.pi]
+    turned = q + np.array([0.0, 0.0, 0.0, np.pi, 0.0, -np.pi])
     turned[:, 4] *= -1.0
-    for flipped in (virtual.robot.forward(q) - virtual.robot.forward(turned)):
+    for flipped in virtual.robot.forward(q) - virtual.robot.forward(turned):
         np.testing.assert_allclose(flipped, 0.0, atol=1e-6)
     assert set(fitted.correct(q).verdict) == {"correct"}
     assert all("outside the sampled region" in reason for reason in fitted.correct(turned).reason)

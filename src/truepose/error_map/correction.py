@@ -15,7 +15,7 @@ from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.target_joints import BranchTracker
 from truepose.errors import DataError
 from truepose.geometry import check_transforms, make_transform
-from truepose.predictors import Differentiable
+from truepose.predictors.abilities import Differentiable
 from truepose.robots import Robot
 from truepose.samples import Poses
 

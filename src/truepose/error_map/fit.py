@@ -15,7 +15,8 @@ from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import CellSamples
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.predictors import OutlierWeighing, rank_predictors
+from truepose.predictors import rank_predictors
+from truepose.predictors.abilities import OutlierWeighing
 from truepose.samples import Samples
 
 

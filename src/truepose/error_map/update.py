@@ -17,7 +17,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.error_map.map import ErrorMap
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
-from truepose.predictors import JointlyPredicting, Updatable
+from truepose.predictors.abilities import JointlyPredicting, Updatable
 from truepose.samples import Samples
 from truepose.verification.consistency import (
     ConsistencyTest,
