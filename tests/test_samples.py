@@ -155,7 +155,7 @@ def test_columns_are_appended_and_replaced(tmp_path: Path) -> None:
         ([HEADER, ROWS[0].replace("2100", "")], "samples.csv:2: x_meas_mm is empty, which is not a number"),
         ([HEADER, ROWS[0], ROWS[1].replace("2400", "NaN")], "samples.csv:3: x_meas_mm is NaN; measure again or remove"),
         ([HEADER, ROWS[0].replace("7,", "7.5,")], "samples.csv:2: row is 7.5, which is not a whole number"),
-        (["q1_deg;x_meas_mm;y_meas_mm;z_meas_mm", "1,5;2.5;3;4"], "holds decimal points and decimal commas (1,5)"),
+        (["q1_deg;x_meas_mm;y_meas_mm;z_meas_mm", "1,5;2.5;3;4"], "has decimal points and decimal commas (1,5)"),
         ([HEADER.replace("y_meas", "y_maes"), *ROWS], "unknown column y_maes_mm; did you mean y_meas_mm?"),
         ([HEADER.replace("y_meas_mm", "note"), *ROWS], "has x_meas_mm, z_meas_mm but not y_meas_mm"),
         ([HEADER.replace("x_meas_mm", "x_meas"), *ROWS], "column x_meas has no unit; name it x_meas_mm or x_meas_m"),
@@ -176,9 +176,19 @@ def test_files_that_are_no_tidy_table(tmp_path: Path, lines: list[str], message:
         read_samples(table(tmp_path, *lines))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_encodings_of_spreadsheets(tmp_path: Path, encoding: str) -> None:
+    lines = ["name;q1_deg;x_meas_mm;y_meas_mm;z_meas_mm", "Prüfling;10,5;2100;1,5;0"]
+    (tmp_path / "samples.csv").write_bytes("\r\n".join(lines).encode(encoding))
+    samples = read_samples(tmp_path / "samples.csv")
+    assert samples.name is not None
+    assert samples.name.tolist() == ["Prüfling"]
+    np.testing.assert_array_equal(samples.p_meas, [[2100.0, 1.5, 0.0]])
+
+
 def test_not_text(tmp_path: Path) -> None:
-    (tmp_path / "samples.csv").write_bytes("Prüfling".encode("latin-1"))
-    with pytest.raises(FileError, match="is not UTF-8 text"):
+    (tmp_path / "samples.csv").write_bytes(b"PK\x03\x04\x14\x00")
+    with pytest.raises(FileError, match="is not a text file"):
         read_samples(tmp_path / "samples.csv")
 
 

@@ -34,7 +34,7 @@ def test_columns_are_told_once_and_saved(run, folder):
     saved = folder / "columns.toml"
     done = run(*args, folder / "a.csv", "--columns", "x=8, y=9, z=10, unit=m", "--save-columns", saved)
     assert done.code == 0, done.err
-    assert "wide.txt: columns as told, lengths in m." in done.out
+    assert "wide.txt: stated columns, lengths in m." in done.out
     again = run(*args, folder / "b.csv", "--columns", saved, "--json")
     assert again.json["n"] == 30
     summary = again.json["summary"]

@@ -188,7 +188,7 @@ def test_a_header_that_does_not_fit_its_rows(tmp_path: Path) -> None:
         ),
         (["X [mm],Y [mm],Z [mm],U(95) [mm],Time", "1,2,3,4,soon"], ":2: the date 'soon' is not month/day/year"),
         (["X [mm],Y [mm],Z [mm],X [mm]", "1,2,3,4"], ":1: columns 1 and 4 are both x; say which with --columns"),
-        (["X;Y;Z", "1,5;2,5;3.5", "1,2;2;3"], "holds decimal points and decimal commas"),
+        (["X;Y;Z", "1,5;2,5;3.5", "1,2;2;3"], "has decimal points and decimal commas"),
         (["X;Y;Z", "1,5;0,2;0,1", "0,2;1,1;0,3"], "the readings spread over 1.59 mm; metres?"),
         (["X;Y;Z", "1500;oops;0"], ":2: Y is 'oops', which is not a number"),
         (["X;Y;Z", "1500;;0"], ":2: Y is empty, which is not a number"),
@@ -196,14 +196,14 @@ def test_a_header_that_does_not_fit_its_rows(tmp_path: Path) -> None:
         (["1700000000 0 0 -2125.0 3870.4 512.3", "1700000009 1 0 0 1000 512.3"], "too much for metres; say which with"),
         (["Pos 1", "Cnt=1 X=1.5 Y=2.5"], ":2: has no Z="),
         (["Pos 1", "Cnt=1 X=1.5 Y=2.5 Z=two"], ":2: z is 'two', which is not a number"),
-        (["Pos 1", "and then the tracker fell over"], ':2: expected "Pos 1" or "Cnt=1 X=… Y=… Z=…", found'),
+        (["Pos 1", "and then the tracker fell over"], ':2: expected "Pos 1" or "Cnt=1 X=… Y=… Z=…", got'),
         (
             ["Pos 1", "Cnt=1 X=1 Y=2 Z=3 RotX=1 RotY=2 RotZ=3", "Cnt=2 X=1 Y=2 Z=3"],
-            ":3: has no RotX=, RotY=, RotZ=, other",
+            ":3: has no RotX=, RotY=, RotZ=, unlike other",
         ),
         (["X [mm],Y [mm],Z [mm],U(95) [mm],Q0,Q1,Q2,Q3", "1,2,3,4,,,,"], ":2: has a position but no orientation"),
         (["Pos 1", "Pos 2"], "has blocks but no samples in them"),
-        (["Element Name,Number,Deviation,MX Coord.,MY Coord.,MZ Coord."], "holds no readings"),
+        (["Element Name,Number,Deviation,MX Coord.,MY Coord.,MZ Coord."], "is empty; a header line"),
     ],
 )
 def test_what_a_layout_refuses(tmp_path: Path, lines: list[str], message: str) -> None:
@@ -306,7 +306,7 @@ def test_there_and_back(tmp_path: Path, measured: Samples, layout: str, rng: np.
 
 
 def test_no_such_layout(tmp_path: Path, measured: Samples) -> None:
-    with pytest.raises(DataError, match="no layout 'xls'; there is: spatial-analyzer, tidy, leica"):
+    with pytest.raises(DataError, match="expected a layout of spatial-analyzer, tidy, leica"):
         write_readings(tmp_path / "x", measured, "xls")
     with pytest.raises(DataError, match="has no commanded positions"):
         write_readings(tmp_path / "x", Samples(np.ones((2, 3)), q=np.zeros((2, 6))), "motion")

@@ -87,14 +87,14 @@ def test_tidy_table_with_and_without_joints(tmp_path: Path) -> None:
         (["1 0 0 -2.125001 3.870442 0.512300"], "readings.txt:1: unknown layout: 6 columns between blanks"),
         (
             ["1 0 0 -2.125001 3.870442 0.512300"],
-            "Say where x, y and z stand, such as --columns 'x=4, y=5, z=6, unit=mm'",
+            "State the columns, such as --columns 'x=4, y=5, z=6, unit=mm'",
         ),
         (["Nr,MX,MY", "Plane,1,2.5,7"], "unit=mm'. Known are: SpatialAnalyzer"),
         (["Element Name,Number,MX Coord.", "Plane,1,2.5,7"], "readings.txt:1: has no column 'MY Coord.'; there are"),
         (["nothing of use"], "unknown layout: 3 columns between blanks, as in 'nothing of use'"),
-        ([""], "is empty; export the readings again"),
+        ([""], "is empty; a header line"),
         ([*HEADER], "has a header but no readings"),
-        ([*HEADER, "Main, 5.0, 6.0"], "readings.txt:3: expected names, x, y, z and perhaps a date, found"),
+        ([*HEADER, "Main, 5.0, 6.0"], "readings.txt:3: expected names, x, y, z and an optional date, got"),
         ([*HEADER, *POINTS, "S, 1, 5, 6, 7"], "readings.txt:5: has 2 names before x, y, z, the first reading has 3"),
         ([*HEADER, POINTS[0], POINTS[1].replace("1234.5", "12E")], "readings.txt:4: expected names"),
         (
@@ -117,7 +117,7 @@ def test_what_cannot_be_read(tmp_path: Path, lines: list[str], message: str) -> 
 def test_spreadsheets_are_no_text(tmp_path: Path) -> None:
     path = tmp_path / "readings.xlsx"
     path.write_bytes(b"PK\x03\x04\x14\x00")
-    with pytest.raises(FileError, match="is not a text file; export the readings as ASCII or CSV"):
+    with pytest.raises(FileError, match="is not a text file; export the table as ASCII or CSV"):
         read_readings(path)
     with pytest.raises(FileError, match="no such file"):
         read_readings(tmp_path / "absent.txt")

@@ -81,7 +81,9 @@ def test_angles_of_another_order_are_told(tmp_path: Path, cell: VirtualCell, pla
     path = tmp_path / "readings.txt"
     path.write_text("\n".join(rows))
     columns = Columns(x=1, y=2, z=3, rotation=(4, 5, 6))
-    with pytest.raises(DataError, match=r"orientations turn otherwise .* deg \(median\); as ZYX they agree: say so"):
+    with pytest.raises(
+        DataError, match=r"orientations differ by .* deg \(median turn\): they agree as ZYX; state the columns"
+    ):
         import_readings(path, plan, columns=columns)
     found, _ = import_readings(path, plan, columns=replace(columns, angles="ZYX"))
     assert found.rotation_meas is not None

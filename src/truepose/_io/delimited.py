@@ -1,4 +1,4 @@
-"""Text in columns: one parser for every table with a header line, with the line in each message."""
+"""Tables of text: encodings, delimiters, decimal commas, and messages that name the line; one reader for all tables."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truepose._io.files import read_bytes
 from truepose._io.strict import LARGEST, to_float
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
@@ -19,6 +20,7 @@ from truepose.errors import FileError
 LONGEST_LINE: Final = 20_000
 """Characters of a line of a table."""
 MOST_COLUMNS: Final = 500
+COMMENTS: Final = ("#", "//", "%")
 _LARGEST_TABLE: Final = 2**31  # bytes of a table's fields
 _FORMULA: Final = re.compile("'*[=+@\\t\\r-]")
 
@@ -28,19 +30,22 @@ _DECIMAL_POINT: Final = re.compile(r"[+-]?[0-9]+\.[0-9]*([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True)
 class TextTable:
-    """A header and the fields under it, as text.
+    """The fields of a table as text.
 
     Attributes
     ----------
     path : str or Path
-        For messages.
+        The file, for messages.
     delimiter : str
+        The delimiter of the fields.
     header : list of str
+        The names of the k columns.
     header_line : int
-        Line of the header in the file, from 1.
+        The line of the header in the file, from 1.
     fields : (n, k) array of str
+        The fields without surrounding blanks.
     line : (n,) array of int
-        Line of each row in the file, from 1.
+        The line of each row in the file, from 1.
     """
 
     path: str | Path
@@ -51,12 +56,12 @@ class TextTable:
     line: IntArray
 
     def numbers(self, columns: Sequence[int]) -> FloatArray:
-        """Return some columns as numbers, (n, len(columns)); decimal commas are taken where they are not the delimiter.
+        """Return columns as numbers, (n, len(columns)); decimal commas are read unless commas separate the fields.
 
         Raises
         ------
         FileError
-            If a field is no number: its line, its column and what stands there.
+            If a field is not a number, or is larger than `LARGEST`; with its line and column.
         """
         text = self.fields[:, list(columns)]
         self._check_plain(text, columns)
@@ -68,7 +73,7 @@ class TextTable:
         return values
 
     def _check_plain(self, text: NDArray[np.str_], columns: Sequence[int]) -> None:
-        """Refuse what Python takes for a number, and people do not: ``1_000``, digits of other scripts."""
+        """Refuse numbers that only Python accepts: ``1_000`` and digits of other scripts."""
         letters = np.ascontiguousarray(text).view(np.uint32).reshape(*text.shape, -1)
         odd = ((letters > 0x7F) | (letters == ord("_"))).any(axis=2)
         if odd.any():
@@ -86,7 +91,7 @@ class TextTable:
                 comma = next((f for f in text.ravel().tolist() if _DECIMAL_COMMA.fullmatch(f)), None)
                 if comma is not None:
                     raise FileError(
-                        self.path, f"holds decimal points and decimal commas ({comma}); write all with points"
+                        self.path, f"has decimal points and decimal commas ({comma}); write decimal points only"
                     )
             try:
                 return np.strings.replace(text, ",", ".").astype(np.float64)
@@ -100,43 +105,118 @@ class TextTable:
         raise AssertionError("numpy and Python disagree on what a number is")  # pragma: no cover
 
 
-def parse(text: str, path: str | Path) -> TextTable:
-    """Split a table with one header line. The delimiter is a comma, semicolon or tab; ``#`` begins a comment line.
+def read_table(path: str | Path) -> TextTable:
+    """Read a table whose first line names its columns; see `decode` and `parse`."""
+    return parse(decode(read_bytes(path), path), path)
+
+
+def decode(data: bytes, path: str | Path) -> str:
+    """Return the text of a table: UTF-8, UTF-16 with a byte-order mark, else Latin-1 (which accepts every byte).
 
     Raises
     ------
     FileError
-        If the text is empty, has no rows under its header, or a row has more or fewer fields than the header.
+        If the file is empty, is not text, or has a line longer than `LONGEST_LINE`.
     """
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and line.lstrip()[0] != "#"
-    ]
-    if not lines:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = data.decode("utf-16", errors="replace")
+    elif not data.strip():
         raise FileError(path, "is empty; a header line with column names and one line per pose are expected")
-    delimiter = max(",;\t", key=lines[0][1].count)
-    check_lines(lines, path)
-    rows = [[field.strip() for field in row] for row in csv.reader((line for _, line in lines), delimiter=delimiter)]
-    header, body = rows[0], rows[1:]
-    numbers = np.array([number for number, _ in lines], dtype=np.int64)
+    elif b"\0" in data[:4096] or data.startswith(b"PK\x03\x04"):
+        raise FileError(path, "is not a text file; export the table as ASCII or CSV")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    check_lines(list(enumerate(text.splitlines(), start=1)), path)
+    return text
+
+
+def parse(
+    text: str, path: str | Path, *, skip: int | None = None, delimiter: str = "", lenient: bool = False
+) -> TextTable:
+    """Split a table into fields; blank lines and comments (``#``, ``//``, ``%``) are left out.
+
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    path : str or Path
+        The file, for messages.
+    skip : int, optional
+        The number of lines before the data, the last of which is the header; with 0 the columns are called
+        "column 1" …. By default the first line is the header.
+    delimiter : str
+        The delimiter; by default that of the first line that is not skipped, see `find_delimiter`.
+    lenient : bool
+        Whether short rows are filled with empty fields and a leading apostrophe, a spreadsheet's mark of text, is
+        removed.
+
+    Raises
+    ------
+    FileError
+        If there are no rows, a quoted field does not end on its line, or (unless `lenient`) a row has more or fewer
+        fields than the header.
+    """
+    lines = list(enumerate(text.splitlines(), start=1))
+    kept = [
+        (number, line) for number, line in lines[skip or 0 :] if line.strip() and not line.lstrip().startswith(COMMENTS)
+    ]
+    if not kept:
+        raise FileError(path, "is empty; a header line with column names and one line per pose are expected")
+    delimiter = delimiter or find_delimiter(kept[0][1])
+    head = kept[:1] if skip is None else lines[:skip][-1:]
+    body = kept[1:] if skip is None else kept
     if not body:
-        raise FileError(path, "has a header but no rows", line=lines[0][0])
+        raise FileError(path, "has a header but no rows", line=head[0][0])
+    rows = _fields(body, delimiter, path)
+    header = _fields(head, delimiter, path)[0] if head else []
+    numbers = np.array([number for number, _ in body], dtype=np.int64)
+    if lenient:
+        width = max(len(header), *map(len, rows))
+        rows = [[field.lstrip("'") for field in row] + [""] * (width - len(row)) for row in rows]
+        header += [f"column {k + 1}" for k in range(len(header), width)]
+    else:
+        _check_widths(rows, header, delimiter, path, numbers)
+    fields = text_array(rows, path, numbers)
+    return TextTable(path, delimiter, header, head[0][0] if head else int(numbers[0]), fields, numbers)
+
+
+def first_row(text: str) -> str:
+    """Return the first line that is neither blank nor a comment."""
+    rows = (line.strip() for line in text.splitlines())
+    return next((row for row in rows if row and not row.startswith(COMMENTS)), "")
+
+
+def find_delimiter(line: str) -> str:
+    """Return the delimiter of a line: a semicolon or tab, else a comma (which may be a decimal comma), else a blank."""
+    return next((mark for mark in (";", "\t", ",") if mark in line), " ")
+
+
+def _fields(lines: Sequence[tuple[int, str]], delimiter: str, path: str | Path) -> list[list[str]]:
+    if delimiter == " ":
+        return [line.split() for _, line in lines]
+    reader = csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
+    rows = [[field.strip() for field in row] for row in reader]
     if len(rows) != len(lines):
         raise FileError(path, "has a quoted field that runs over the end of its line; remove the quotation marks")
-    count = np.array([len(row) for row in body])
-    ragged = np.flatnonzero(count != len(header))
-    if len(ragged):
-        first = int(ragged[0])
-        commas = delimiter == "," and count[first] >= 2 * len(header) - 2 and len(header) > 1
+    return rows
+
+
+def _check_widths(
+    rows: list[list[str]], header: list[str], delimiter: str, path: str | Path, numbers: IntArray
+) -> None:
+    first = next((k for k, row in enumerate(rows) if len(row) != len(header)), None)
+    if first is not None:
+        count = len(rows[first])
+        commas = delimiter == "," and count >= 2 * len(header) - 2 and len(header) > 1
         hint = "; decimal commas? Write decimal points, or put ; between the fields" if commas else ""
-        message = f"has {count[first]} fields, the header has {len(header)}{hint}"
-        raise FileError(path, message, line=int(numbers[1 + first]))
-    return TextTable(path, delimiter, header, lines[0][0], text_array(body, path, numbers[1:]), numbers[1:])
+        raise FileError(path, f"has {count} fields, the header has {len(header)}{hint}", line=int(numbers[first]))
 
 
 def check_lines(lines: Sequence[tuple[int, str]], path: str | Path) -> None:
-    """Refuse lines, with their numbers, that are longer than those of any table.
+    """Refuse numbered lines that are longer than `LONGEST_LINE`.
 
     Raises
     ------
@@ -150,13 +230,12 @@ def check_lines(lines: Sequence[tuple[int, str]], path: str | Path) -> None:
 
 
 def text_array(rows: Sequence[Sequence[str]], path: str | Path, numbers: IntArray) -> NDArray[np.str_]:
-    """Return fields of alike rows as an array (n, k) of str; `numbers` are the rows' lines, for messages.
+    """Return the fields of rows of equal length as an array (n, k) of str; `numbers` are their lines, for messages.
 
     Raises
     ------
     FileError
-        If there are too many columns, or the array, each field of which takes the room of the longest, would be too
-        large.
+        If there are too many columns, or the array is too large: every field takes the memory of the longest one.
     """
     if len(rows[0]) > MOST_COLUMNS:
         what = f"has {len(rows[0])} columns, at most {MOST_COLUMNS} are read"
@@ -183,7 +262,7 @@ def _shown(field: str) -> str:
 
 
 def escaped(name: str) -> str:
-    """Return a name as a cell that no spreadsheet takes for a formula: ``'`` before ``=``, ``+``, ``-``, ``@``.
+    """Return a name as a cell that no spreadsheet reads as a formula: ``'`` before ``=``, ``+``, ``-``, ``@``.
 
     Examples
     --------
@@ -194,5 +273,5 @@ def escaped(name: str) -> str:
 
 
 def unescaped(cell: str) -> str:
-    """Return the name that `escaped` wrote."""
+    """Return the name in a cell that `escaped` wrote."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

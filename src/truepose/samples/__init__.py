@@ -1,6 +1,6 @@
 """The one table that everything passes on, its file (the tidy table) and the checks that a reader runs on it."""
 
-from truepose.samples.checks import check, check_against, check_not_compensated, looks_like_metres
+from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import append_columns, read_poses, read_samples, samples_text, write_samples
 
@@ -11,6 +11,7 @@ __all__ = [
     "check",
     "check_against",
     "check_not_compensated",
+    "check_turns",
     "looks_like_metres",
     "read_poses",
     "read_samples",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
@@ -23,6 +24,10 @@ _UNIT_FACTORS: Final = {1000.0: "metres", 25.4: "inches", 10.0: "centimetres"}
 _DEG: Final = np.pi / 180.0
 _ROUNDING_MM: Final = 0.3  # median: 0.01 deg in the joints of a large arm, or a UR10's servo errors, leave 0.1
 _FEWEST: Final = 8  # rows for a comparison of joints with commanded positions
+_TURN_TOLERANCE: Final = np.deg2rad(1.0)
+_FEWEST_TURNS: Final = 4  # samples for a comparison of turns
+_READ_ORDER: Final = "xyz"
+_OTHER_ORDERS: Final = ("ZYX", "XYZ", "zyx")
 _REMEDIES: Final = (
     (_DEG, 1.0, "the joints are degrees; name the columns q1_deg …"),
     (1 / _DEG, 1.0, "the joints are radians; name the columns q1_rad …"),
@@ -207,3 +212,40 @@ def _disagreement(q: FloatArray, p_cmd: FloatArray, robot: Robot, robust: bool =
     except TrueposeError:  # joints that no arm can have, or positions that no frame and tool explain
         return np.full(len(q), np.inf)
     return np.asarray(np.linalg.norm(residuals, axis=1))
+
+
+def check_turns(samples: Samples) -> None:
+    """Raise if the measured turns from pose to pose are not the commanded ones: another order or unit of angles.
+
+    R_meas = A R_cmd B with the same A (station) and B (tool) at each pose, so the turns R_iᵀ R_{i+1} of both are equal
+    but for the frame: their rotation vectors differ by B.
+
+    Raises
+    ------
+    DataError
+        With the order of angles that agrees, if there is one.
+    """
+    if samples.rotation_meas is None or samples.rotation_cmd is None or len(samples) < _FEWEST_TURNS:
+        return
+    off = _turn_difference(samples.rotation_meas, samples.rotation_cmd)
+    if off <= _TURN_TOLERANCE:
+        return
+    angles = samples.rotation_meas.as_euler(_READ_ORDER)
+    agreeing = [
+        order
+        for order in _OTHER_ORDERS
+        if _turn_difference(Rotation.from_euler(order, angles), samples.rotation_cmd) <= _TURN_TOLERANCE
+    ]
+    message = f"measured and commanded orientations differ by {np.rad2deg(off):.3g} deg (median turn)"
+    if agreeing:
+        why = f"they agree as {agreeing[0]}; state the columns with angles={agreeing[0]}"
+    else:
+        why = "is it this plan, and are the angles in the order of the layout? Leave them out if in doubt"
+    raise samples.error(f"{message}: {why}")
+
+
+def _turn_difference(measured: Rotation, commanded: Rotation) -> float:
+    """Return the median difference of the turns from pose to pose, for the best B [rad]."""
+    v_measured, v_commanded = ((rotation[:-1].inv() * rotation[1:]).as_rotvec() for rotation in (measured, commanded))
+    tool, _ = Rotation.align_vectors(v_measured, v_commanded)
+    return float(np.median(np.linalg.norm(v_measured - tool.apply(v_commanded), axis=1)))

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._io.delimited import TextTable, unescaped
-from truepose._io.units import MM_PER
+from truepose._io.units import MM_PER, RAD_PER
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
 _UNITS: Final[dict[str, dict[str, float]]] = {
     "length": {**MM_PER, "um": 1e-3},
-    "angle": {"deg": float(np.pi / 180.0), "rad": 1.0, "mrad": 1e-3},
+    "angle": RAD_PER,
     "time": {"s": 1.0},
     "temperature": {"c": 1.0},
     "load": {"kg": 1.0},

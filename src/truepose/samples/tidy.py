@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose._io.delimited import escaped, is_number, parse
-from truepose._io.files import read_text, write_atomic
+from truepose._io.delimited import escaped, is_number, read_table
+from truepose._io.files import write_atomic
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
@@ -59,7 +59,7 @@ def read_samples(path: str | Path) -> Samples:
     DataError
         If its values cannot be right (`check`); with the rows.
     """
-    table = parse(read_text(path), path)
+    table = read_table(path)
     arrays = gather(table, _COMMANDED | _MEASURED)
     require(table, arrays, "x_meas")
     require(table, arrays, "q1", "x_cmd")
@@ -78,7 +78,7 @@ def read_poses(path: str | Path) -> Poses:
     FileError, DataError
         As `read_samples`.
     """
-    table = parse(read_text(path), path)
+    table = read_table(path)
     arrays = gather(table, _COMMANDED)
     require(table, arrays, "q1", "x_cmd")
     poses = Poses(**_rotations(arrays), source=str(path))
@@ -132,7 +132,7 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     DataError
         If a column has another number of rows than the table.
     """
-    table = parse(read_text(path), path)
+    table = read_table(path)
     for name, values in columns.items():
         if len(values) != len(table.fields):
             raise DataError(f"{path}: has {len(table.fields)} rows, the column {name} {len(values)}")

@@ -3,6 +3,7 @@
 from truepose.trackers.columns import Columns
 from truepose.trackers.formats.joint_files import read_plan
 from truepose.trackers.importing import import_readings
+from truepose.trackers.layout import Layout, first_row_matches, in_columns
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import LAYOUTS, read_readings, write_readings
@@ -12,9 +13,12 @@ __all__ = [
     "LAYOUTS",
     "Columns",
     "ImportSummary",
+    "Layout",
     "Readings",
     "combine_reflectors",
+    "first_row_matches",
     "import_readings",
+    "in_columns",
     "match",
     "read_plan",
     "read_readings",

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose._io.delimited import TextTable, check_lines, text_array
+from truepose._io.delimited import TextTable, parse
 from truepose._io.files import LARGEST_CONFIG, read_text, write_atomic
 from truepose._io.strict import is_whole, parse_toml, to_float
+from truepose._io.units import RAD_PER, millimetres_per
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, FileError
-from truepose.trackers.readings import Readings, check_metres, decode, millimetres_per
+from truepose.trackers.readings import Readings
 from truepose.trackers.times import column_seconds
 
 Column = int | str
 _DELIMITERS: Final = (";", ",", "\t", " ")
-_ANGLE: Final = {"deg": float(np.pi / 180.0), "rad": 1.0, "mrad": 1e-3}
-_COMMENTS: Final = ("#", "//", "%")
-_SPACE: Final = re.compile(r"\s+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +73,8 @@ class Columns:
             raise DataError(f"rotation names {len(self.rotation)} columns; expected 3 angles or a quaternion's 4")
         if len(self.std) not in (0, 1, 3):
             raise DataError(f"std names {len(self.std)} columns; expected 1 for all axes or 3")
-        if self.angle_unit not in _ANGLE:
-            raise DataError(f"the unit of angles {self.angle_unit!r} is not known; known are {', '.join(_ANGLE)}")
+        if self.angle_unit not in RAD_PER:
+            raise DataError(f"the unit of angles {self.angle_unit!r} is not known; known are {', '.join(RAD_PER)}")
         if self.delimiter not in ("", *_DELIMITERS):
             raise DataError(f"delimiter {self.delimiter!r}; expected a semicolon, comma, tab or blank")
         if not re.fullmatch("[xyz]{3}|[XYZ]{3}", self.angles):
@@ -141,7 +139,7 @@ def _column(text: str) -> Column:
     return int(text) if is_whole(text.strip()) else text.strip()
 
 
-def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = "columns as told") -> Readings:
+def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
     """Read a table by its mapping.
 
     Rows whose three coordinates are empty, not a number, or all zero are no readings (`Readings.missing`).
@@ -151,7 +149,7 @@ def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = 
     FileError
         If a column is not there, or a field is no number or no date; with the line.
     """
-    table = split(decode(data, path), path, columns.delimiter, columns.skip)
+    table = parse(text, path, skip=columns.skip, delimiter=columns.delimiter, lenient=True)
     place = [_place(table, column) for column in (columns.x, columns.y, columns.z)]
     numbers = _blank_as_nan(table, place).numbers(place)
     factor = millimetres_per(columns.unit, path, table.header_line)
@@ -174,60 +172,11 @@ def read_columns(data: bytes, path: str | Path, columns: Columns, layout: str = 
     return Readings(
         p=factor * numbers,
         line=table.line,
-        layout=layout,
         source=str(path),
         unit=columns.unit,
         notes=notes,
         **optional,
     )
-
-
-def read_millimetres(data: bytes, path: str | Path, columns: Columns, layout: str) -> Readings:
-    """Read as `read_columns` what says nothing about its unit: mm, and an error where it looks like metres."""
-    return check_metres(read_columns(data, path, columns, layout))
-
-
-def split(text: str, path: str | Path, delimiter: str = "", skip: int = 0) -> TextTable:
-    """Split a text into fields; comments and blank lines are left out, short rows filled with empty fields.
-
-    The header is the last line skipped; without one the columns are called "column 1" ….
-
-    Raises
-    ------
-    FileError
-        If nothing is left.
-    """
-    lines = list(enumerate(text.splitlines(), start=1))
-    head, body = lines[:skip], lines[skip:]
-    kept = [(number, line) for number, line in body if line.strip() and not line.lstrip().startswith(_COMMENTS)]
-    if not kept:
-        raise FileError(path, "holds no readings")
-    check_lines(kept, path)
-    delimiter = delimiter or find_delimiter(kept[0][1])
-    rows = [_fields(line, delimiter) for _, line in kept]
-    header = _fields(head[-1][1], delimiter) if head else []
-    width = max(len(header), *map(len, rows))
-    header += [f"column {k + 1}" for k in range(len(header), width)]
-    numbers = np.array([number for number, _ in kept], dtype=np.int64)
-    table = text_array([row + [""] * (width - len(row)) for row in rows], path, numbers)
-    return TextTable(path, delimiter, header, head[-1][0] if head else int(numbers[0]), table, numbers)
-
-
-def first_row(text: str) -> str:
-    """Return the first line that is neither blank nor a comment."""
-    rows = (line.strip() for line in text.splitlines())
-    return next((row for row in rows if row and not row.startswith(_COMMENTS)), "")
-
-
-def find_delimiter(line: str) -> str:
-    """Return the delimiter of a line: semicolons and tabs before commas, which may be decimal ones, before blanks."""
-    return next((mark for mark in (";", "\t", ",") if mark in line), " ")
-
-
-def _fields(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    return [_SPACE.sub(" ", field).strip().strip('"').lstrip("'") for field in line.split(delimiter)]
 
 
 def _place(table: TextTable, column: Column) -> int:
@@ -236,9 +185,9 @@ def _place(table: TextTable, column: Column) -> int:
             message = f"has no column {column}; there are {len(table.header)}"
             raise FileError(table.path, message, line=table.header_line)
         return column - 1
-    wanted = _SPACE.sub(" ", column).strip().lower()
+    wanted = " ".join(column.lower().split())
     for k, name in enumerate(table.header):
-        if name.strip().lower() == wanted:
+        if " ".join(name.lower().split()) == wanted:
             return k
     message = f"has no column {column!r}; there are {', '.join(table.header)}"
     raise FileError(table.path, message, line=table.header_line)
@@ -251,7 +200,7 @@ def _blank_as_nan(table: TextTable, place: list[int]) -> TextTable:
         return table
     filled = table.fields.astype(f"<U{max(3, table.fields.dtype.itemsize // 4)}")
     filled[np.ix_(empty, place)] = "nan"
-    return TextTable(table.path, table.delimiter, table.header, table.header_line, filled, table.line)
+    return replace(table, fields=filled)
 
 
 def _filled(table: TextTable, columns: tuple[Column, ...]) -> FloatArray:
@@ -268,7 +217,7 @@ def _rotation(table: TextTable, columns: Columns, missing: BoolArray) -> Rotatio
     if len(lost):
         raise FileError(table.path, "has a position but no orientation", line=int(table.line[lost[0]]))
     if not quaternion:
-        angles = np.where(absent[:, None], 0.0, values) * _ANGLE[columns.angle_unit]
+        angles = np.where(absent[:, None], 0.0, values) * RAD_PER[columns.angle_unit]
         return Rotation.from_euler(columns.angles, angles)
     length = np.linalg.norm(values, axis=1)
     wrong = np.flatnonzero(~absent & (np.abs(length - 1.0) > 0.01))

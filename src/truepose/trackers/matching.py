@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import apply_transform
-from truepose.samples import Poses, Samples, check
+from truepose.samples import Poses, Samples, check, check_turns
 from truepose.trackers.assignment import Assignment, assign
-from truepose.trackers.orientations import check_turns
 from truepose.trackers.readings import Readings
 from truepose.trackers.station import describe_move
 

@@ -1,28 +1,21 @@
-"""Which layout a measurement file has; where none fits, what it looks like."""
+"""Recognise the layout of a measurement file, or describe a file of unknown layout."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from truepose._io.delimited import decode
 from truepose._io.files import read_bytes, write_atomic
 from truepose.errors import DataError, FileError
 from truepose.samples import Samples
 from truepose.trackers.columns import Columns, read_columns
-from truepose.trackers.formats import (
-    bare_columns,
-    epoch,
-    leica,
-    motion,
-    portable_cmm,
-    pose_log,
-    semicolons,
-    spatial_analyzer,
-    spreadsheet,
-    tidy,
-)
-from truepose.trackers.readings import Layout, Readings, decode
+from truepose.trackers.formats import headed, leica, plain_rows, portable_cmm, pose_log, spatial_analyzer, tidy
+from truepose.trackers.layout import Layout
+from truepose.trackers.readings import Readings
 
 LAYOUTS: Final[tuple[Layout, ...]] = (
     spatial_analyzer.WITH_HEADER,
@@ -30,82 +23,89 @@ LAYOUTS: Final[tuple[Layout, ...]] = (
     leica.LAYOUT,
     portable_cmm.LAYOUT,
     pose_log.LAYOUT,
-    spreadsheet.LAYOUT,
-    motion.LAYOUT,
-    epoch.LAYOUT,
-    semicolons.LAYOUT,
-    bare_columns.LAYOUT,
+    headed.SPREADSHEET,
+    plain_rows.MOTION,
+    plain_rows.EPOCH_METRES,
+    plain_rows.SEMICOLONS,
+    plain_rows.COLUMNS,
     spatial_analyzer.BARE,
 )
-"""The layouts, in the order in which they are tried."""
+"""The known layouts, in the order in which they are tried."""
 
-_REMEDY: Final = "Say where x, y and z stand, such as --columns 'x=4, y=5, z=6, unit=mm'"
+_REMEDY: Final = "State the columns, such as --columns 'x=4, y=5, z=6, unit=mm'"
 _DELIMITERS: Final = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
-def read_readings(path: str | Path, columns: Columns | None = None) -> Readings:
-    """Read a measurement file of any known layout, or of one that is told.
+def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: Sequence[Layout] = LAYOUTS) -> Readings:
+    """Read a measurement file of a known layout, or a table with stated columns.
 
     Parameters
     ----------
     path : str or Path
+        The measurement file.
     columns : Columns, optional
-        Where the quantities stand; the layout is recognised when this is not given.
+        The columns of the quantities; by default the layout is recognised.
+    layouts : sequence of Layout
+        The layouts that are tried, in this order.
 
     Returns
     -------
     Readings
-        Positions [mm] in the tracker frame.
+        The positions [mm] in the tracker frame.
 
     Raises
     ------
     FileError
-        If the layout is not known (what was seen and what is known is said), or a line cannot be read.
+        If the layout is not known (the message describes the file and lists the known layouts), or a line cannot be
+        read.
 
     Examples
     --------
     >>> read_readings("tracker.txt").p  # doctest: +SKIP
     """
-    data = read_bytes(path)
-    return recognise(data, path).read(data, path) if columns is None else read_columns(data, path, columns)
+    text = decode(read_bytes(path), path)
+    if columns is not None:
+        return replace(read_columns(text, path, columns), layout="stated columns")
+    layout = recognise(text, path, layouts)
+    return replace(layout.read(text, path), layout=layout.name)
 
 
 def write_readings(path: str | Path, samples: Samples, layout: str) -> None:
-    """Write samples as a measurement file, a row for each in their order: what a vendor's software would export.
+    """Write samples as a measurement file, one row per sample, as a vendor's software would export them.
 
     Parameters
     ----------
     path : str or Path
+        The file to write.
     samples : Samples
-        Readings of zero are missing ones; rows may be left out, repeated or swapped by indexing.
+        The samples; a reading of zero is a missing one.
     layout : str
-        Key of one of the `LAYOUTS`.
+        The key of one of the `LAYOUTS`.
 
     Raises
     ------
     DataError
-        If there is no such layout, or it holds what the samples do not have.
+        If the layout is not known, or needs a quantity that the samples do not have.
     """
     keys = {known.key: known for known in LAYOUTS}
     if layout not in keys:
-        raise DataError(f"no layout {layout!r}; there is: {', '.join(keys)}")
+        raise DataError(f"expected a layout of {', '.join(keys)}; got {layout!r}")
     write_atomic(path, keys[layout].write(samples))
 
 
-def recognise(data: bytes, path: str | Path) -> Layout:
-    """Return the layout of a file's content; see `read_readings`."""
-    text = decode(data, path)
-    for layout in LAYOUTS:
+def recognise(text: str, path: str | Path, layouts: Sequence[Layout] = LAYOUTS) -> Layout:
+    """Return the layout of a text; see `read_readings`."""
+    for layout in layouts:
         if layout.matches(text):
             return layout
-    known = "; ".join(layout.name for layout in LAYOUTS)
+    known = "; ".join(layout.name for layout in layouts)
     raise FileError(
         path, f"unknown layout: {_describe(text)}. {_REMEDY}. Known are: {known}", line=_first_data_line(text)[0]
     )
 
 
 def _describe(text: str) -> str:
-    """Say what a text looks like: its delimiter, the number of columns, its first line with numbers."""
+    """Describe a text of unknown layout: the delimiter, the number of columns, the first line with numbers."""
     _, line = _first_data_line(text)
     delimiter = max(_DELIMITERS, key=line.count)
     if line.count(delimiter):
@@ -114,7 +114,7 @@ def _describe(text: str) -> str:
 
 
 def _first_data_line(text: str) -> tuple[int, str]:
-    """Return the first line with three numbers, else the first that is not blank; with its number from 1."""
+    """Return the first line with three numbers, else the first that is not blank, with its number from 1."""
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     with_numbers = (item for item in lines if len(re.findall(r"(?<![\w.])[+-]?[0-9]*\.?[0-9]+", item[1])) >= 3)
     return next(with_numbers, lines[0] if lines else (1, ""))

@@ -1,4 +1,9 @@
-"""What a header line says: which column holds what, and in which unit. For vendor tables and spreadsheets."""
+"""Tables whose header line names the columns and their units; the spreadsheet layout (layout 7).
+
+Spreadsheets have semicolons and decimal commas, or commas and points. Time stamps that a spreadsheet rounded to
+``2,02E+13`` are left out, and the summary says so. Lengths without a unit are mm; values that seem to be metres are
+refused.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +11,16 @@ import re
 from pathlib import Path
 from typing import Any, Final
 
-from truepose._io.units import MM_PER
-from truepose.errors import FileError
-from truepose.trackers.columns import Columns, find_delimiter
-from truepose.trackers.readings import first_line
+import numpy as np
 
-_ANGLE_UNITS: Final = ("deg", "rad", "mrad", "°")
-_BRACKETS: Final = re.compile(r"^(?P<stem>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]$")
-_PARENTHESES: Final = re.compile(rf"^(?P<stem>.*?)\s*\(\s*(?P<unit>{'|'.join((*MM_PER, *_ANGLE_UNITS))})\s*\)$")
-_SUFFIX: Final = re.compile(rf"^(?P<stem>.+)_(?P<unit>{'|'.join((*MM_PER, *_ANGLE_UNITS))})$")
+from truepose._io.delimited import find_delimiter
+from truepose._io.units import split_unit
+from truepose.errors import FileError
+from truepose.samples import Samples
+from truepose.trackers.columns import Columns, read_columns
+from truepose.trackers.layout import Layout, row_names
+from truepose.trackers.readings import Readings, check_metres, first_line
+
 _STEMS: Final = {
     **{
         name: axis
@@ -27,31 +33,31 @@ _STEMS: Final = {
     **{f"q{k}": f"q{k}" for k in range(4)},
     **{f"r{axis}": f"r{axis}" for axis in "xyz"},
 }
-"""What a column is, by its name in lower case, without unit and without a dot at the end."""
+"""The quantity of a column, by its name in lower case without unit and final dot."""
 
 
-def names_xyz(text: str) -> bool:
-    """Return whether the first line names x, y and z, and between blanks as many columns as the next line has."""
+def _names_xyz(text: str) -> bool:
+    """Return whether the first line names x, y and z and, between blanks, as many columns as the next line has."""
     line = first_line(text)
     names = _names(line)
-    if not {"x", "y", "z"} <= {_STEMS.get(_stem_and_unit(name)[0]) for name in names}:
+    if not {"x", "y", "z"} <= {_STEMS.get(split_unit(name)[0]) for name in names}:
         return False
     rows = [row for row in text.splitlines() if row.strip()]
     return find_delimiter(line) != " " or len(rows) < 2 or len(rows[1].split()) == len(names)
 
 
 def header_columns(text: str, path: str | Path) -> Columns:
-    """Return what the first line says about the columns.
+    """Return the columns that the first line names.
 
     Raises
     ------
     FileError
-        If x, y or z is not named or comes twice, they have different units, or angles a unit that is not known.
+        If x, y or z is missing or named twice, or they have different units.
     """
     number, line = next(((n, ln) for n, ln in enumerate(text.splitlines(), start=1) if ln.strip()), (1, ""))
     found: dict[str, tuple[int, str]] = {}
     for column, name in enumerate(_names(line), start=1):
-        stem, unit = _stem_and_unit(name)
+        stem, unit = split_unit(name)
         if (what := _STEMS.get(stem)) is None:
             continue
         if what in found and what in "xyz":
@@ -70,14 +76,14 @@ def header_columns(text: str, path: str | Path) -> Columns:
     return Columns(**values, unit=units.pop() or "mm", delimiter=find_delimiter(line), skip=number)
 
 
-def states_unit(text: str) -> bool:
-    """Return whether the header gives x a unit."""
-    named = (_stem_and_unit(name) for name in _names(first_line(text)))
+def _states_unit(text: str) -> bool:
+    """Return whether the header states the unit of x."""
+    named = (split_unit(name) for name in _names(first_line(text)))
     return any(_STEMS.get(stem) == "x" and unit for stem, unit in named)
 
 
 def _names(line: str) -> list[str]:
-    """Return the names of a header line; between blanks a unit in brackets belongs to the name before it."""
+    """Return the names of a header line; between blanks, a unit in brackets belongs to the name before it."""
     bare = line.lstrip("#% ")
     delimiter = find_delimiter(bare)
     return re.sub(r"(?<!\s)\s++(?=[\[(])", "", bare).split() if delimiter == " " else bare.split(delimiter)
@@ -86,14 +92,28 @@ def _names(line: str) -> list[str]:
 def _rotation(found: dict[str, tuple[int, str]]) -> dict[str, Any]:
     for names in (("q0", "q1", "q2", "q3"), ("rx", "ry", "rz")):
         if set(names) <= found.keys():
-            unit = found[names[0]][1].replace("°", "deg")
+            unit = found[names[0]][1]
             return {"rotation": tuple(found[name][0] for name in names), **({"angle_unit": unit} if unit else {})}
     return {}
 
 
-def _stem_and_unit(name: str) -> tuple[str, str]:
-    plain = " ".join(name.strip().strip('"').split())
-    for pattern in (_BRACKETS, _PARENTHESES, _SUFFIX):
-        if found := pattern.match(plain):
-            return found["stem"].lower().rstrip("."), found["unit"]
-    return plain.lower().rstrip("."), ""
+def _read(text: str, path: str | Path) -> Readings:
+    """Read the columns that the header names x, y, z, name, time, rx, ry, rz or q0 … q3."""
+    readings = read_columns(text, path, header_columns(text, path))
+    return readings if _states_unit(text) else check_metres(readings)
+
+
+def _write(samples: Samples) -> bytes:
+    """Write joints [rad] and positions [m] with decimal commas, to 0.1 µrad and 0.1 µm, time stamps rounded."""
+    joints = np.zeros((len(samples), 6)) if samples.q is None else samples.q
+    names = [f"j{k + 1} [rad]" for k in range(joints.shape[1])]
+    header = ";".join(["Time", "Point", *names, "X [m]", "Y [m]", "Z [m]"])
+    numbers = np.hstack([joints, 1e-3 * samples.p_meas]).tolist()
+    rows = (
+        ";".join(["2.02E+13", name, *(f"{value:.7f}" for value in row)]).replace(".", ",")
+        for name, row in zip(row_names(samples), numbers, strict=True)
+    )
+    return ("\r\n".join([header, *rows]) + "\r\n").encode()
+
+
+SPREADSHEET: Final = Layout("spreadsheet", "table with a header that names x, y and z", _names_xyz, _read, _write)

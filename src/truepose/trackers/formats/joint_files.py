@@ -8,22 +8,21 @@ from typing import Final
 
 import numpy as np
 
+from truepose._io.delimited import decode, first_row, parse
 from truepose._io.files import read_bytes
+from truepose._io.units import split_unit
 from truepose.errors import FileError
 from truepose.samples import Poses, check, read_poses
-from truepose.trackers.columns import split
-from truepose.trackers.readings import decode, first_line
+from truepose.trackers.layout import NUMBER
 
-_N: Final = r"\s*+([+-]?[0-9]++(?:\.[0-9]*+)?+(?:[eE][+-]?[0-9]++)?+)\s*+"
+_N: Final = rf"\s*+({NUMBER})\s*+"
 _RAPID: Final = re.compile(rf"jointtarget\s+(?P<name>\w+)\s*:=\s*\[\s*\[{','.join([_N] * 6)}\]", re.IGNORECASE)
 _KRL: Final = re.compile(
     rf"(?:\b(?P<name>\w++)\s*+=\s*+)?\{{\s*(?:E6AXIS\s*:)?\s*{','.join(rf'{chr(92)}s*A{k}{_N}' for k in range(1, 7))}",
     re.IGNORECASE,
 )
 _UR: Final = re.compile(rf"(?:\b(?P<name>\w++)\s*+=\s*+)?(?<!p)\[{','.join([_N] * 6)}\]")
-_JOINT_COLUMN: Final = re.compile(
-    r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]{1,3})\s*[\[(_]?\s*(?P<unit>deg|rad|°)?[\])]?", re.I
-)
+_JOINT_COLUMN: Final = re.compile(r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]{1,3})")
 _PATTERNS: Final = ((_RAPID, np.pi / 180.0), (_KRL, np.pi / 180.0), (_UR, 1.0))
 _TIDY: Final = re.compile(r"\b(?:q1|x_cmd)_", re.IGNORECASE)
 _SURELY_DEGREES: Final = 4.0 * np.pi
@@ -40,7 +39,7 @@ def read_plan(path: str | Path) -> Poses:
         If the joints cannot be right; see `truepose.samples.check`.
     """
     text = decode(read_bytes(path), path)
-    if _TIDY.search(first_line("\n".join(line for line in text.splitlines() if not line.startswith("#")))):
+    if _TIDY.search(first_row(text)):
         return read_poses(path)
     for pattern, factor in _PATTERNS:
         if found := list(pattern.finditer(text)):
@@ -54,14 +53,12 @@ def read_plan(path: str | Path) -> Poses:
 
 def _read_table(text: str, path: str | Path) -> Poses:
     """Read columns j1 … with their unit."""
-    header = next((k for k, line in enumerate(text.splitlines(), start=1) if line.strip()), None)
-    if header is None:
-        raise FileError(path, "is empty; name a plan")
-    table = split(text, path, skip=header)
+    table = parse(text, path, lenient=True)
     found = {}
     for column, name in enumerate(table.header):
-        if match := _JOINT_COLUMN.fullmatch(name.strip()):
-            found[int(match["number"])] = (column, (match["unit"] or "").replace("°", "deg"))
+        stem, unit = split_unit(name)
+        if match := _JOINT_COLUMN.fullmatch(stem):
+            found[int(match["number"])] = (column, unit)
     if not found or set(found) != set(range(1, len(found) + 1)):
         known = (
             "plan.csv (q1_deg … or x_cmd_mm …), RAPID jointtarget, KRL E6AXIS, UR lists [j1, …, j6], columns j1_deg …"

@@ -1,6 +1,6 @@
 """A log in blocks (layout 9): ``Pos 1``, then samples of that pose as ``Cnt=1  X=…  Y=…  RotX=…``; mm, deg.
 
-Angles are about fixed axes x, y, z (unconfirmed).
+Angles are about the fixed axes x, y, z (not confirmed by the maker).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from truepose._io.strict import to_float
 from truepose.errors import FileError
 from truepose.samples import Samples
-from truepose.trackers.exporting import row_names
-from truepose.trackers.readings import Layout, Readings, check_metres, decode, first_line
+from truepose.trackers.layout import Layout, row_names
+from truepose.trackers.readings import Readings, check_metres, first_line
 
 _BLOCK: Final = re.compile(r"\s*+Pos(?:e|ition)?+\s*+[:#=]?+\s*+(?P<name>\w++)\s*+:?+\s*+", re.IGNORECASE)
 _PAIR: Final = re.compile(r"(?<![A-Za-z])(?P<key>[A-Za-z]++)\s*=\s*(?P<value>[^\s,;=]+)")
@@ -28,16 +28,10 @@ def _matches(text: str) -> bool:
     return _BLOCK.fullmatch(first_line(text)) is not None or first_line(text).startswith("Cnt=")
 
 
-def read(data: bytes, path: str | Path) -> Readings:
-    """Read all samples; those of one pose are averaged when they are matched with the plan.
-
-    Raises
-    ------
-    FileError
-        If a line is neither a block nor a sample, or a value is missing or no number; with the line.
-    """
+def _read(text: str, path: str | Path) -> Readings:
+    """Read all samples; those of one pose are averaged when they are matched with the plan."""
     block, names, lines, values = "", [], [], []
-    for number, line in enumerate(decode(data, path).splitlines(), start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
             continue
         if header := _BLOCK.fullmatch(line):
@@ -45,7 +39,7 @@ def read(data: bytes, path: str | Path) -> Readings:
             continue
         pairs = {pair["key"].lower(): pair["value"] for pair in _PAIR.finditer(line)}
         if not pairs:
-            message = f'expected "Pos 1" or "Cnt=1 X=… Y=… Z=…", found {line.strip()[:60]!r}'
+            message = f'expected "Pos 1" or "Cnt=1 X=… Y=… Z=…", got {line.strip()[:60]!r}'
             raise FileError(path, message, line=number)
         values.append(_values(pairs, path, number))
         names.append(block)
@@ -55,11 +49,10 @@ def read(data: bytes, path: str | Path) -> Readings:
     table = np.array(values)
     turned = np.isfinite(table[:, 3:]).all(axis=1)
     if turned.any() and not turned.all():
-        raise FileError(path, "has no RotX=, RotY=, RotZ=, other samples have", line=lines[int(turned.argmin())])
+        raise FileError(path, "has no RotX=, RotY=, RotZ=, unlike other samples", line=lines[int(turned.argmin())])
     readings = Readings(
         p=table[:, :3],
         line=np.array(lines, dtype=np.int64),
-        layout=LAYOUT.name,
         source=str(path),
         name=np.array(names),
         rotation=Rotation.from_euler("xyz", table[:, 3:], degrees=True) if turned.all() else None,
@@ -70,22 +63,15 @@ def read(data: bytes, path: str | Path) -> Readings:
 def _values(pairs: dict[str, str], path: str | Path, line: int) -> list[float]:
     if missing := [axis for axis in _POSITION if axis not in pairs]:
         raise FileError(path, f"has no {missing[0].upper()}=", line=line)
+    texts = {key: pairs.get(key, "nan") for key in (*_POSITION, *_ANGLES)}
     try:
-        return [to_float(pairs.get(key, "nan")) for key in (*_POSITION, *_ANGLES)]
+        return [to_float(key_text := text) for text in texts.values()]
     except ValueError:
-        key = next(key for key in (*_POSITION, *_ANGLES) if not _is_number(pairs.get(key, "nan")))
-        raise FileError(path, f"{key} is {pairs[key]!r}, which is not a number", line=line) from None
+        key = next(key for key, text in texts.items() if text == key_text)
+        raise FileError(path, f"{key} is {key_text!r}, which is not a number", line=line) from None
 
 
-def _is_number(text: str) -> bool:
-    try:
-        to_float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def write(samples: Samples) -> bytes:
+def _write(samples: Samples) -> bytes:
     """Write to 1 µm and 0.001°; a block for each run of samples of one pose."""
     angles = None if samples.rotation_meas is None else samples.rotation_meas.as_euler("xyz", degrees=True)
     lines, before, count = [], None, 0
@@ -103,4 +89,4 @@ def write(samples: Samples) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-LAYOUT: Final = Layout("log", "log in blocks (Pos 1, Cnt=1 X= Y= Z=)", _matches, read, write)
+LAYOUT: Final = Layout("log", "log in blocks (Pos 1, Cnt=1 X= Y= Z=)", _matches, _read, _write)
