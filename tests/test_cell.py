@@ -186,3 +186,11 @@ def test_frames_have_numbers_or_names() -> None:
     assert (list(cell.tools), list(cell.bases)) == (["tGrip"], [2, "a b"])
     again = Cell.from_toml(cell.to_toml())
     assert (list(again.tools), list(again.bases)) == (["tGrip"], ["a b"])  # an empty pose is the default
+
+
+def test_repr_fits_a_screen() -> None:
+    described = cell(KUKA + '[tool]\nz_mm = 360.0\nfit = "position"\n[payload]\nmass_kg = 120.0')
+    assert repr(described) == str(described)
+    assert repr(described).startswith("<Cell of kuka-kr210-r2700-extra: tool at (0, 0, 360) mm, fit position; ")
+    assert "payload 120 kg" in repr(described)
+    assert len(repr(described)) < 240

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -183,7 +184,7 @@ class TestOutliers:
     def test_result_does_not_depend_on_the_seed(self, rng: np.random.Generator) -> None:
         s = make_station(rng, noise=0.1)
         s.p_measured[[4, 9]] += 5.0
-        a, b = (register_with_tool(s.flange, s.p_measured, random_state=seed) for seed in (0, 7))
+        a, b = (register_with_tool(s.flange, s.p_measured, rng=seed) for seed in (0, 7))
         np.testing.assert_allclose(a.tf_base_tracker, b.tf_base_tracker, atol=1e-6)
 
 
@@ -327,3 +328,21 @@ def test_apply_brings_readings_to_the_base(rng: np.random.Generator) -> None:
     found = register(s.p_commanded, s.p_measured)
     np.testing.assert_allclose(found.apply(s.p_measured), s.p_commanded, atol=1e-8)
     np.testing.assert_allclose(found.tf_tracker_base @ found.tf_base_tracker, np.eye(4), atol=1e-9)
+
+
+def test_repr_and_dict(rng):
+    p = rng.uniform(-500, 500, (40, 3))
+    reading = p - [100.0, 200.0, 300.0] + rng.normal(scale=0.02, size=p.shape)
+    reading[7] += 5.0
+    found = register(p, reading)
+    text = repr(found)
+    assert len(text) < 240
+    assert "40 readings, 1 outlier (row 7); noise 0.0" in text
+    assert "tracker at (100.0" in text
+    plain = json.loads(json.dumps(found.to_dict()))
+    np.testing.assert_allclose(plain["tf_base_tracker"], found.tf_base_tracker)
+    assert plain["p_flange_tool"] is None
+    flange = make_transform(Rotation.random(20, rng=rng), rng.uniform(-500, 500, (20, 3)))
+    with_tool = register_with_tool(flange, apply_transform(flange, np.array([10.0, 20.0, 150.0])))
+    assert "no outliers" in repr(with_tool)
+    assert "tool at (10.000, 20.000, 150.000) mm" in repr(with_tool)

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.geometry import invert_transform, make_transform, register_with_tool
 from truepose.identification import (
-    Arm,
     Distances,
     KalmanFilter,
+    ParametricArm,
     PoseObservations,
     Positions,
     filtered,
@@ -45,7 +45,7 @@ def simulate(arm, n, rng, size=0.5, noise=NOISE):
 
 @pytest.fixture(scope="module")
 def arm():
-    return Arm.of(load_robot("kuka-kr210-r2700-extra"), TOOL)
+    return ParametricArm.of(load_robot("kuka-kr210-r2700-extra"), TOOL)
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_levenberg_marquardt_is_at_the_optimum_of_scipy(arm, case, rng):
 def test_intervals_hold_the_truth(subset, seeds):
     """Identifiable combinations lie in their 95 % intervals 93-97 % of the time, over 200 virtual robots."""
     robot = load_robot("kuka-kr210-r2700-extra")
-    plain = Arm.of(robot, TOOL)
+    plain = ParametricArm.of(robot, TOOL)
     inside = []
     for seed in range(seeds):
         rng = np.random.default_rng([seed, 7])
@@ -121,7 +121,7 @@ def test_intervals_after_a_registration(rng):
         readings = p_base @ station[:3, :3].T + station[:3, 3]
         registration = register_with_tool(robot.forward(q), readings, robust=False)
         tool = make_transform(TOOL[:3, :3], registration.p_flange_tool)
-        arm = Arm.of(robot, tool)
+        arm = ParametricArm.of(robot, tool)
         found = least_squares(arm, Positions(q, registration.apply(readings), np.zeros((60, 3, 3))), arm.tolerance)
         # the truth in this arm's parameters: the registered base is off the true one, the tool, too
         shift = registration.tf_base_tracker @ station
@@ -181,7 +181,7 @@ def test_readings_with_large_covariance_weigh_less(arm, case, rng):
 
 
 def test_full_poses(rng):
-    arm = Arm.of(load_robot("kuka-kr210-r2700-extra"), TOOL, outputs="pose")
+    arm = ParametricArm.of(load_robot("kuka-kr210-r2700-extra"), TOOL, outputs="pose")
     x = 0.5 * arm.tolerance * rng.normal(size=len(arm.parameters))
     q = draw(arm.model.robot, 60, rng)
     tf = arm.pose(q, x)
@@ -238,7 +238,7 @@ def test_a_campaign_watched_as_it_goes(arm, case):
 
 def test_names_of_what_cannot_be_told_apart(rng):
     robot = load_robot("kuka-kr150-2")
-    arm = Arm.of(robot, TOOL)
+    arm = ParametricArm.of(robot, TOOL)
     _, data = simulate(arm, 60, rng)
     seen = observability(data.jacobian(arm, np.zeros(len(arm.parameters))), arm.names, arm.tolerance)
     assert seen.rank == 27
@@ -285,7 +285,7 @@ def test_compliance_is_found(rng):
     """A heavy payload bends joints; identified compliances are those of the simulated arm."""
     robot = load_robot("kuka-kr210-r2700-extra")
     load = Load(210.0, np.array([0.0, 0.0, 250.0]))
-    arm = Arm.of(robot, TOOL, terms=["compliance"], load=load)
+    arm = ParametricArm.of(robot, TOOL, terms=["compliance"], load=load)
     x = np.zeros(len(arm.parameters))
     true = np.array([5e-7, 5e-7, 5e-7, 2e-6, 2e-6, 2e-6])
     x[-6:] = true
@@ -304,7 +304,7 @@ def test_standard_and_modified_parameters_predict_the_same(rng):
     q, targets = draw(robot, 80, rng), draw(robot, 40, rng)
     p = true.forward(q, TOOL)[:, :3, 3] + NOISE * rng.normal(size=(80, 3))
     for convention in ("hayati", "dh", "cpc", "mcpc", "poe"):
-        arm = Arm.of(robot, TOOL, convention=convention)
+        arm = ParametricArm.of(robot, TOOL, convention=convention)
         found = least_squares(arm, Positions(q, p, np.zeros((80, 3, 3))), arm.tolerance)
         miss = (arm.pose(targets, found.x) - true.forward(targets, TOOL))[:, :3, 3]
         assert np.linalg.norm(miss, axis=1).mean() < NOISE, convention

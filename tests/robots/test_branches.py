@@ -12,7 +12,7 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry import make_transform
 from truepose.robots import Robot, find_branches, list_robots, load_robot, nearest_branch, to_mdh
 from truepose.robots.inverse.closed_form import closed_form, nominal_of, ortho_parallel
-from truepose.robots.inverse.newton import linearised, smallest_singular, solve
+from truepose.robots.inverse.newton import damped_newton, linearised, smallest_singular
 
 
 def half_turn(angle: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def test_three_newton_steps_reach_3e_6_mm_away_from_singularities(rng: np.random
     assert len(q) > 2000
     start = nearest_branch(robot.inverse(arm.forward(q)), q)
     q, start = q[~np.isnan(start).any(axis=1)], start[~np.isnan(start).any(axis=1)]
-    assert solve(arm, arm.forward(q), start, steps=3).miss_mm.max() < 3e-6
+    assert damped_newton(arm, arm.forward(q), start, steps=3).miss_mm.max() < 3e-6
 
 
 def test_jacobian_of_the_iteration_is_the_difference_of_forward(rng: np.random.Generator) -> None:
@@ -116,7 +116,7 @@ def test_the_nominal_arm_is_made_or_given(rng: np.random.Generator) -> None:
     assert both.mean() > 0.5
     assert np.median(np.abs(half_turn(ours - theirs))[both].max(axis=-1)) < 1e-9
     assert ortho_parallel(arm).c2 == pytest.approx(ortho_parallel(robot).c2, abs=2.0)
-    with pytest.raises(RobotError, match="kuka-kr150-2: the nominal arm has no closed-form inverse; name another"):
+    with pytest.raises(RobotError, match="kuka-kr150-2: the nominal arm has no closed-form inverse; pass another"):
         arm.inverse(poses, nominal=arm)
 
 
@@ -155,7 +155,10 @@ def test_reach_and_limits_are_told() -> None:
         find_branches(robot, poses).check()
     low = np.deg2rad([0, 20, 60, 0, 30, 0])  # joint 2 beyond its 0 deg on the only branch that reaches there in front
     narrow = replace(robot, limits=np.deg2rad([[-90, 90], [-146, 0], [-119, 155], [-10, 10], [-125, 125], [-10, 10]]))
-    with pytest.raises(RobotError, match=r"no branch for row 0; in row 0 the nearest has joint \d at .* deg, limits"):
+    with pytest.raises(
+        RobotError,
+        match=r"no branch lies within the joint limits for row 0; in row 0 the nearest has joint \d at .* deg, limits",
+    ):
         find_branches(narrow, narrow.forward(low)).check()
 
 

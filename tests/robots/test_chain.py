@@ -134,7 +134,7 @@ def test_limits_name_row_joint_value_and_limits() -> None:
         ({"sign": [1, 1, 1, 1, 1, 0]}, "sign must be -1 or"),
         ({"limits": np.zeros((6, 2))}, "lower below upper"),
         ({"convention": "sdh"}, 'unknown convention "sdh"; expected mdh or dh'),
-        ({"convention": "dh", "beta": np.ones(6)}, "beta belongs to"),
+        ({"convention": "dh", "beta": np.ones(6)}, "beta needs the convention"),
         ({"tf_last_flange": np.diag([1.0, 1, -1, 1])}, "tf_last_flange: the 3×3 part is not a rotation"),
         ({"alpha": np.empty(0)}, "no joints"),
     ],
@@ -152,3 +152,15 @@ def test_forward_is_exact_to_rounding_at_every_angle(rng: np.random.Generator) -
     tf = link.forward(q[:, None])
     exact = np.stack([np.cos(q.astype(np.longdouble)), np.sin(q.astype(np.longdouble))], axis=1)
     assert np.abs(tf[:, :2, 0] - exact).max() < 4e-16
+
+
+def test_repr_and_str_fit_a_screen() -> None:
+    robot = load_robot("kuka-kr150-2")
+    assert repr(robot) == "<Robot kuka-kr150-2: KUKA KR 150-2, 6 joints, mdh>"
+    bare = Robot("bare", alpha=[0], a=[0], d=[0], offset=[0])
+    assert repr(bare) == "<Robot bare, 1 joint, mdh>"
+    lines = str(robot).splitlines()
+    assert len(lines) == 8
+    assert max(map(len, lines)) <= 100
+    assert lines[3].split()[0] == "2"
+    assert float(lines[3].split()[2]) == robot.a[1]

@@ -101,19 +101,19 @@ def test_a_calibrated_arm_reads_the_words_of_its_nominal_one(rng: np.random.Gene
     np.testing.assert_allclose(joints_of_abb(arm, arm.forward(q), word), q, atol=1e-6)
 
 
-def test_bad_words_are_told() -> None:
+def test_invalid_configurations_are_refused() -> None:
     robot, fanuc = load_robot("abb-irb120"), load_robot("fanuc-m20ia")
     q = np.deg2rad([10, 20, 30, 40, 50, 60])
     poses = np.stack([robot.forward(q)] * 2)
-    with pytest.raises(DataError, match="configuration must be whole numbers cf1, cf4, cf6, cfx for each pose; got"):
+    with pytest.raises(DataError, match="configuration must be whole numbers cf1, cf4, cf6, cfx of each pose; got"):
         joints_of_abb(robot, poses, [0.5, 0, 0, 0])
-    with pytest.raises(DataError, match="cfx is 8 in row 1, expected 0 to 7"):
+    with pytest.raises(DataError, match="cfx is 8 in row 1; expected 0 to 7"):
         joints_of_abb(robot, poses, [[0, 0, 0, 0], [0, 0, 0, 8]])
-    with pytest.raises(DataError, match="2 poses and 3 words of configuration"):
+    with pytest.raises(DataError, match="2 poses and 3 configurations"):
         joints_of_abb(robot, poses, [[0, 0, 0, 0]] * 3)
-    with pytest.raises(RobotError, match=r"cf6 do not fit the joints in row 1: joint 4 comes to 400\.000 deg in row 1"):
+    with pytest.raises(RobotError, match=r"cf6 do not match the joints in row 1: joint 4 is at 400\.000 deg in row 1"):
         joints_of_abb(robot, poses, [[0, 0, 0, 0], [0, 2, 0, 0]])
-    with pytest.raises(DataError, match=r'CONFIG in row 1 is .*X U T.*, expected such as "N U T, 0, 0, 0"'):
+    with pytest.raises(DataError, match=r'CONFIG in row 1 is .*X U T.*; expected, for example, "N U T, 0, 0, 0"'):
         joints_of_fanuc(fanuc, np.stack([fanuc.forward(q)] * 2), ["F U T, 0, 0, 0", "X U T, 0, 0, 0"])
     far = poses.copy()
     far[1, 0, 3] += 3000
@@ -121,9 +121,9 @@ def test_bad_words_are_told() -> None:
         joints_of_abb(robot, far, [0, 0, 0, 0])
     robot = load_robot("abb-irb6640-185-280")
     stretched = robot.forward(np.deg2rad([0, 70, -70, 0, 30, 0]))
-    with pytest.raises(RobotError, match="out of reach on the branch of its cfx in row 0, though not on others"):
+    with pytest.raises(RobotError, match="out of reach on the branch of the given cfx in row 0, but not on others"):
         joints_of_abb(robot, stretched, [0, 0, 0, 4])
-    with pytest.raises(RobotError, match="universal-robots-ur5: words of configuration need a parallel base pair"):
+    with pytest.raises(RobotError, match="universal-robots-ur5: arm configurations need a parallel base pair"):
         abb_configuration(load_robot("universal-robots-ur5"), q)
 
 
@@ -197,15 +197,15 @@ def test_bad_input_is_told() -> None:
     with pytest.raises(RobotError, match=r"out of reach: row 1 by 7\d\d\d mm; check base, tool"):
         joints_of_pose(robot, np.stack([pose, pose + far()]), 2, 2)
     stretched = robot.forward(np.deg2rad([0, -40, 0, 0, 30, 0]))  # reached by two branches, not over the back
-    with pytest.raises(RobotError, match="out of reach with its Status in row 0; check base, tool and Status"):
+    with pytest.raises(RobotError, match="out of reach with the given Status in row 0; check base, tool and Status"):
         joints_of_pose(robot, stretched, 1, 2)
-    with pytest.raises(DataError, match="Status must be whole numbers of bits, one or 2 of them"):
+    with pytest.raises(DataError, match="expected Status as whole numbers from 0 up, one or 2 of them"):
         joints_of_pose(robot, np.stack([pose, pose]), [2, 2, 2], 2)
-    with pytest.raises(DataError, match="Turn must be whole numbers of bits"):
+    with pytest.raises(DataError, match="expected Turn as whole numbers from 0 up"):
         joints_of_pose(robot, pose, 2, 2.5)
     with pytest.raises(DataError, match=r"solutions have shape \(6,\)"):
         select(robot, np.zeros(6), 2, 2)
-    with pytest.raises(RobotError, match="universal-robots-ur5: words of configuration need a parallel base pair"):
+    with pytest.raises(RobotError, match="universal-robots-ur5: arm configurations need a parallel base pair"):
         status_turn(load_robot("universal-robots-ur5"), np.zeros(6))
 
 

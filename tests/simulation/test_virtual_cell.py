@@ -250,3 +250,11 @@ def test_the_tool_is_turned_otherwise_than_stated():
     off = samples.rotation_cmd.inv() * to_base * samples.rotation_meas
     assert 1e-3 < off.magnitude().max() < 15e-3
     np.testing.assert_allclose(off.as_rotvec(), np.tile(off[0].as_rotvec(), (20, 1)), atol=1e-9)
+
+
+def test_repr_fits_a_screen():
+    text = repr(VirtualCell("paper", seed=3))
+    assert text.startswith(
+        "<VirtualCell of kuka-kr210-r2700-extra, seed 3: geometry, tool, repeatability, tracker; noise"
+    )
+    assert len(text) < 240

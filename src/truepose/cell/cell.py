@@ -7,22 +7,22 @@ them. Everything but ``[robot] model`` may be left out.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import parse_toml
 from truepose._typing import FloatArray
-from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, Pose, Section
+from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, CellSection, Pose
 from truepose.cell.sections import (
     Base,
     Box,
     Correction,
-    Frames,
+    FramesSection,
     Measuring,
     Payload,
-    Region,
+    RegionSection,
     RobotSection,
     Tool,
     Tracker,
@@ -30,18 +30,15 @@ from truepose.cell.sections import (
 from truepose.cell.text import explain, line_of, tables
 from truepose.errors import FileError
 from truepose.geometry.transforms import invert_transform
-from truepose.robots import load_robot
-
-if TYPE_CHECKING:
-    from truepose.robots import Robot
+from truepose.robots import Robot, load_robot
 
 
-class Cell(Section):
+class Cell(CellSection):
     """A robot cell as its user describes it.
 
     Attributes
     ----------
-    robot, tool, base, tracker, payload, frames, region, measuring, correction : Section
+    robot, tool, base, tracker, payload, frames, region, measuring, correction : CellSection
         The tables of the file; ``region`` is None where none is stated.
     obstacles : dict of str to Box
     tf_flange_tool : (4, 4) array [mm]
@@ -57,8 +54,8 @@ class Cell(Section):
     base: Base = Field(default_factory=Base)
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
-    frames: Frames = Field(default_factory=Frames)
-    region: Region | None = None
+    frames: FramesSection = Field(default_factory=FramesSection)
+    region: RegionSection | None = None
     obstacles: dict[str, Box] = Field(default_factory=dict)
     measuring: Measuring = Field(default_factory=Measuring)
     correction: Correction = Field(default_factory=Correction)
@@ -109,6 +106,19 @@ class Cell(Section):
             except CellError as error:
                 raise CellError((*loc, *error.loc), str(error)) from None
         return self
+
+    def __repr__(self) -> str:
+        stated = {"region": self.region is not None, "obstacles": bool(self.obstacles)}
+        parts = [
+            f"tool at ({self.tool.x_mm:g}, {self.tool.y_mm:g}, {self.tool.z_mm:g}) mm, fit {self.tool.fit}",
+            f"tracker fit {self.tracker.fit}",
+            f"payload {self.payload.mass_kg:g} kg",
+            f"corrections up to {self.correction.max_correction_mm:g} mm, {self.correction.on_guard} beyond",
+            *(f"with {name}" for name, there in stated.items() if there),
+        ]
+        return f"<Cell of {self.robot.model}: {'; '.join(parts)}>"
+
+    __str__ = __repr__
 
     def load_robot(self) -> Robot:
         """Return the robot that ``[robot] model`` names, or the one of the validation context (a map holds its own)."""

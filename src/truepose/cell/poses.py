@@ -44,13 +44,13 @@ class CellError(ValueError):
         super().__init__(message)
 
 
-class Section(BaseModel):
+class CellSection(BaseModel):
     """A table of the cell file: frozen, and a key that it does not know is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Pose(Section):
+class Pose(CellSection):
     """A pose by its values: x_mm, y_mm, z_mm and the controller's own angles; what is left out is zero.
 
     Lengths are mm: a key such as x_m is refused, but a value in metres under x_mm cannot be told from a short tool.

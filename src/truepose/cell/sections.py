@@ -9,12 +9,12 @@ from pydantic import Field, field_validator, model_validator
 
 from truepose._io.strict import is_whole
 from truepose._typing import FloatArray
-from truepose.cell.poses import CellError, NotNegative, Number, Pose, Positive, Section, Share
+from truepose.cell.poses import CellError, CellSection, NotNegative, Number, Pose, Positive, Share
 
 Fit = Literal["none", "position", "pose"]
 
 
-class RobotSection(Section):
+class RobotSection(CellSection):
     """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file.
 
     ``repeatability_mm`` is RP of ISO 9283, as makers state it.
@@ -83,7 +83,7 @@ class Tracker(Pose):
         return std
 
 
-class Payload(Section):
+class Payload(CellSection):
     """``[payload]``: mass and centre of mass in the flange frame."""
 
     mass_kg: NotNegative = 0.0
@@ -92,7 +92,7 @@ class Payload(Section):
     z_mm: Number = 0.0
 
 
-class Frames(Section):
+class FramesSection(CellSection):
     """``[frames]``: the controller's tool and base tables, given here or in its ``$config.dat``."""
 
     config_dat: str | None = None
@@ -108,7 +108,7 @@ class Frames(Section):
         return {int(key) if isinstance(key, str) and is_whole(key) else key: pose for key, pose in value.items()}
 
 
-class Correction(Section):
+class Correction(CellSection):
     """``[correction]``: what a correction may be, and what happens where it may not. None: found, see docs/cell.md.
 
     ``tolerance_mm`` is how far the tool may be from its target; by default ``max_std_mm`` is half of it.
@@ -133,7 +133,7 @@ class Correction(Section):
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"
 
 
-class Region(Pose):
+class RegionSection(Pose):
     """``[region]``: the work region: a box about x_mm, y_mm, z_mm, along the axes of a base frame of the controller.
 
     The angles are the tool's orientation in that frame; work turns away from it by up to ``tilt_deg`` about each axis.
@@ -145,7 +145,7 @@ class Region(Pose):
     frame: int | str | None = None
 
 
-class Box(Section):
+class Box(CellSection):
     """``[obstacles.NAME]``: a box that the arm must not touch, in the base frame."""
 
     x_mm: tuple[Number, Number]
@@ -161,7 +161,7 @@ class Box(Section):
         return self
 
 
-class Measuring(Section):
+class Measuring(CellSection):
     """``[measuring]``: how the measuring program goes to a pose, waits there, and what the tracker can see."""
 
     dwell_s: Positive = 2.0

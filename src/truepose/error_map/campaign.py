@@ -12,7 +12,7 @@ from truepose.cell import Cell
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.identification import Arm
+from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot
 from truepose.samples import Samples
@@ -169,7 +169,7 @@ def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArr
     assert samples.q is not None
     payload, approach = cell.payload, samples.approach
     reversing = approach is not None and bool((np.ptp(approach, axis=0) > 0).any())
-    arm = Arm.of(
+    arm = ParametricArm.of(
         robot,
         tf_flange_tool,
         terms=(*_TERMS, "backlash") if reversing else _TERMS,

@@ -12,21 +12,21 @@ from truepose._io.units import MM_PER
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import name_rows
-from truepose.geometry.station import Poses
+from truepose.geometry.station import StationPoses
 
 _MISFIT: Final = 0.1  # median residual over median distance from the middle: no robot is that bad
 _EXPLAINED: Final = 0.1  # an explanation must bring the median residual below this part of it
 _SHIFTS: Final = (1, -1, 2, -2, 3, -3)
 
 
-def spread(points: FloatArray) -> float:
+def median_radius(points: FloatArray) -> float:
     """Return the median distance of points (n, 3) from their median [mm]; gross points do not move it."""
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def check_units(p_commanded: FloatArray, p_measured: FloatArray, units: Iterable[str], tolerance: float) -> None:
     """Raise `DataError` when the distances among the points differ by the factor of another unit, up to a tolerance."""
-    commanded, measured = spread(p_commanded), spread(p_measured)
+    commanded, measured = median_radius(p_commanded), median_radius(p_measured)
     if commanded == 0.0 or measured == 0.0:
         return
     for unit in units:
@@ -39,32 +39,32 @@ def check_units(p_commanded: FloatArray, p_measured: FloatArray, units: Iterable
                 )
 
 
-def explain_misfit(poses: Poses, median: float, refit: Callable[[Poses], float]) -> None:
+def explain_misfit(poses: StationPoses, median: float, refit: Callable[[StationPoses], float]) -> None:
     """Raise `DataError` when the residuals are no robot errors, with the change that would make them small.
 
     Parameters
     ----------
-    poses : Poses
+    poses : StationPoses
     median : float
         Median norm of the residuals [mm].
     refit : callable
         Returns the median norm of the residuals of other poses.
     """
-    size = spread(poses.p_measured)
+    size = median_radius(poses.p_measured)
     if median <= _MISFIT * size:
         return
     told = (
         f"commanded and measured positions do not fit: median residual {median:.4g} mm over a spread of {size:.4g} mm"
     )
     n = len(poses.p_measured)
-    mirrored = Poses(poses.p_commanded, poses.p_measured * [1.0, 1.0, -1.0], poses.rotations)
+    mirrored = StationPoses(poses.p_commanded, poses.p_measured * [1.0, 1.0, -1.0], poses.rotations)
     if refit(mirrored) < _EXPLAINED * median:
         raise DataError(f"{told}; as a mirror image they fit: one axis has the wrong sign, or two columns are swapped")
     for shift in _SHIFTS:
         rows = np.arange(max(shift, 0), n + min(shift, 0))
         if len(rows) < n // 2 + 2:
             continue
-        moved = Poses(poses[rows].p_commanded, poses.p_measured[rows - shift], poses[rows].rotations)
+        moved = StationPoses(poses[rows].p_commanded, poses.p_measured[rows - shift], poses[rows].rotations)
         if refit(moved) < _EXPLAINED * median:
             raise DataError(
                 f"{told}; with row i of the readings at row i{shift:+d} of the commands they fit: "

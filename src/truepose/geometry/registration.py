@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
-from truepose.geometry.arrays import as_floats, as_rows, check_finite
-from truepose.geometry.plausibility import check_units, explain_misfit, find_swapped, spread, write_hint
+from truepose.geometry.arrays import as_floats, as_rows, check_finite, name_rows
+from truepose.geometry.plausibility import check_units, explain_misfit, find_swapped, median_radius, write_hint
 from truepose.geometry.robust import OUTLIER_LIMIT, robust_scale, tukey_weights
 from truepose.geometry.station import (
     MINIMAL,
     MINIMAL_LINEAR,
-    Poses,
     Station,
+    StationPoses,
     check_identifiable,
     covariance,
-    refine,
+    refine_station,
     start,
     weak_hint,
 )
@@ -30,7 +30,7 @@ _ROUNDING: Final = 1e-12  # of coordinates, relative
 _REWEIGHTINGS: Final = 100
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Registration:
     """Where the tracker stands, how well that is known, and what is left.
 
@@ -65,6 +65,24 @@ class Registration:
     swapped: IntArray
     hint: str = ""
 
+    def __repr__(self) -> str:
+        rows, _ = self.outlier_rows()
+        outliers = f"{len(rows)} outlier{'s' * (len(rows) > 1)} ({name_rows(rows)})" if len(rows) else "no outliers"
+        std = np.sqrt(np.diag(self.covariance))
+        station = f"tracker at {_millimetres(self.tf_base_tracker[:3, 3])} ± {_largest(std[:3])}"
+        tool = ""
+        if self.p_flange_tool is not None:
+            tool = f"; tool at {_millimetres(self.p_flange_tool)} ± {_largest(std[6:])}"
+        hint = f"; {self.hint}" if self.hint else ""
+        return (
+            f"<Registration of {len(self.residuals)} readings, {outliers}; noise {self.noise_std:.4g} mm per axis; "
+            f"{station}{tool}{hint}>"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values, for JSON."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+
     @property
     def tf_tracker_base(self) -> FloatArray:
         """Maps base coordinates to the tracker frame: (4, 4) [mm]."""
@@ -82,7 +100,9 @@ class Registration:
         return rows[order], size[order]
 
 
-def register(p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True, random_state: int = 0) -> Registration:
+def register(
+    p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True, rng: int | np.random.Generator = 0
+) -> Registration:
     """Fit the tracker's station: the rigid transform that takes measured positions to commanded ones.
 
     Least squares (Kabsch, Umeyama 1991); with `robust`, on the readings that are no outliers: a start from random
@@ -96,8 +116,8 @@ def register(p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True,
     p_measured : (n, 3) array [mm], tracker frame
     robust : bool
         Find outliers (up to nearly half of the readings) and leave them out.
-    random_state : int
-        Seed of the subsets.
+    rng : int or Generator
+        Seed, or source, of the random subsets.
 
     Returns
     -------
@@ -128,7 +148,7 @@ def register(p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True,
     measured = as_rows("p_measured", p_measured, 3)
     _check_count(len(commanded), len(measured), MINIMAL)
     check_units(commanded, measured, ("m", "cm", "in"), tolerance=1.25)
-    return _register(Poses(commanded, measured), None, robust, random_state)
+    return _register(StationPoses(commanded, measured), None, robust, rng)
 
 
 def register_with_tool(
@@ -136,7 +156,7 @@ def register_with_tool(
     p_measured: ArrayLike,
     p_flange_tool: ArrayLike | None = None,
     robust: bool = True,
-    random_state: int = 0,
+    rng: int | np.random.Generator = 0,
 ) -> Registration:
     """Fit the tracker's station and the reflector's position in the flange frame together.
 
@@ -149,8 +169,8 @@ def register_with_tool(
         A guess of the tool offset. It adds a start; the result does not depend on it.
     robust : bool
         As in `register`.
-    random_state : int
-        Seed of the subsets.
+    rng : int or Generator
+        Seed, or source, of the random subsets.
 
     Returns
     -------
@@ -184,7 +204,7 @@ def register_with_tool(
         if guess.shape != (3,):
             raise DataError(f"p_flange_tool has shape {guess.shape}, expected (3,)")
         check_finite("p_flange_tool", guess[None])
-    return _register(Poses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, random_state)
+    return _register(StationPoses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, rng)
 
 
 def register_known(
@@ -229,6 +249,14 @@ def register_known(
     )
 
 
+def _millimetres(p: FloatArray) -> str:
+    return f"({', '.join(f'{value:.3f}' for value in p)}) mm"
+
+
+def _largest(std: FloatArray) -> str:
+    return f"{std.max():.2g} mm"
+
+
 def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
     if n_commanded != n_measured:
         raise DataError(f"{n_commanded} commanded and {n_measured} measured positions; expected one reading for each")
@@ -236,14 +264,16 @@ def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
         raise DataError(f"{n_commanded} readings are too few to register, expected at least {least}, better 20 or more")
 
 
-def _register(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, random_state: int) -> Registration:
+def _register(
+    poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, rng: int | np.random.Generator
+) -> Registration:
     floor = _ROUNDING * max(np.abs(poses.p_commanded).max(), np.abs(poses.p_measured).max(), np.finfo(float).tiny)
-    station, outliers = _fit(poses, p_flange_tool, robust, floor, random_state)
+    station, outliers = _fit(poses, p_flange_tool, robust, floor, rng)
     inliers = poses[~outliers]
     check_identifiable(inliers, station)
 
-    def refit(other: Poses) -> float:
-        return float(np.median(_fit(other, p_flange_tool, robust, floor, random_state)[0].norms(other)))
+    def refit(other: StationPoses) -> float:
+        return float(np.median(_fit(other, p_flange_tool, robust, floor, rng)[0].norms(other)))
 
     norms = station.norms(poses)
     explain_misfit(poses, float(np.median(norms)), refit)
@@ -251,7 +281,7 @@ def _register(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, rand
     freedom = 3 * len(inliers.p_measured) - n_parameters
     noise_std = float(np.sqrt((norms[~outliers] ** 2).sum() / freedom)) if freedom else 0.0
     limit = OUTLIER_LIMIT * max(noise_std, floor)
-    check_identifiable(inliers, station, noise_std, limit=spread(poses.p_measured))
+    check_identifiable(inliers, station, noise_std, limit=median_radius(poses.p_measured))
     swapped = find_swapped(station.tcp(poses), station.measured(poses), outliers, limit)
     return Registration(
         tf_base_tracker=make_transform(station.rotation, station.translation),
@@ -266,19 +296,19 @@ def _register(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, rand
 
 
 def _fit(
-    poses: Poses, p_flange_tool: FloatArray | None, robust: bool, floor: float, random_state: int
+    poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, floor: float, rng: int | np.random.Generator
 ) -> tuple[Station, BoolArray]:
     """Return the least-squares station and the outliers left out of it (MM-estimation, Yohai 1987, for the latter)."""
     n = len(poses.p_measured)
-    station = start(poses, p_flange_tool, robust, np.random.default_rng(random_state))
+    station = start(poses, p_flange_tool, robust, np.random.default_rng(rng))
     outliers = np.zeros(n, dtype=np.bool_)
     if robust:
         norms = station.norms(poses)
         for _ in range(_REWEIGHTINGS):
             scale = robust_scale(norms, MINIMAL, floor)
-            station = refine(poses, tukey_weights(norms, scale), station, steps=2)
+            station = refine_station(poses, tukey_weights(norms, scale), station, steps=2)
             before, norms = norms, station.norms(poses)
             if np.abs(norms - before).max() <= 1e-6 * scale:
                 break
         outliers = norms > OUTLIER_LIMIT * robust_scale(norms, MINIMAL, floor)
-    return refine(poses, np.where(outliers, 0.0, 1.0), station), outliers
+    return refine_station(poses, np.where(outliers, 0.0, 1.0), station), outliers

@@ -11,7 +11,7 @@ nine entries of R, t and a, which gives a start without a guess; Gauss-Newton on
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import IdentifiabilityError
 from truepose.geometry.robust import trusted_count
+from truepose.geometry.transforms import cross_matrix
 
 STATION_NAMES: Final = tuple(f"station {kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
 TOOL_NAMES: Final = tuple(f"tool {axis}" for axis in "xyz")
@@ -35,7 +36,7 @@ _SCORED: Final = 500  # readings on which the candidates are compared
 
 
 @dataclass(frozen=True)
-class Poses:
+class StationPoses:
     """Commanded flange positions (…, n, 3) [mm] and rotations (…, n, 3, 3), and the readings (…, n, 3) [mm].
 
     Without `rotations` the commanded positions are those of the TCP, and no tool offset is fitted.
@@ -45,9 +46,9 @@ class Poses:
     p_measured: FloatArray
     rotations: FloatArray | None = None
 
-    def __getitem__(self, rows: IntArray | BoolArray) -> Poses:
+    def __getitem__(self, rows: IntArray | BoolArray) -> StationPoses:
         rotations = None if self.rotations is None else self.rotations[rows]
-        return Poses(self.p_commanded[rows], self.p_measured[rows], rotations)
+        return StationPoses(self.p_commanded[rows], self.p_measured[rows], rotations)
 
 
 @dataclass(frozen=True)
@@ -58,21 +59,21 @@ class Station:
     translation: FloatArray
     p_flange_tool: FloatArray
 
-    def measured(self, poses: Poses) -> FloatArray:
+    def measured(self, poses: StationPoses) -> FloatArray:
         """Return the readings in the base frame, (…, n, 3) [mm]."""
         return np.asarray(poses.p_measured @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :])
 
-    def tcp(self, poses: Poses) -> FloatArray:
+    def tcp(self, poses: StationPoses) -> FloatArray:
         """Return the commanded positions of the TCP, (…, n, 3) [mm]."""
         if poses.rotations is None:
             return poses.p_commanded
         return np.asarray(poses.p_commanded + np.einsum("...nij,...j->...ni", poses.rotations, self.p_flange_tool))
 
-    def residuals(self, poses: Poses) -> FloatArray:
+    def residuals(self, poses: StationPoses) -> FloatArray:
         """Return measured minus commanded positions in the base frame, (…, n, 3) [mm]."""
         return np.asarray(self.measured(poses) - self.tcp(poses))
 
-    def norms(self, poses: Poses) -> FloatArray:
+    def norms(self, poses: StationPoses) -> FloatArray:
         """Return the norms of the residuals, (…, n) [mm]."""
         return np.asarray(np.linalg.norm(self.residuals(poses), axis=-1))
 
@@ -91,7 +92,7 @@ def kabsch(p_from: FloatArray, p_to: FloatArray, weights: FloatArray) -> tuple[F
     return rotation, mean_to - np.einsum("...ij,...j->...i", rotation, mean_from)
 
 
-def design(poses: Poses, station: Station) -> tuple[FloatArray, FloatArray]:
+def design(poses: StationPoses, station: Station) -> tuple[FloatArray, FloatArray]:
     """Return the derivative of the residuals, (…, 3n, 6 or 9), and its centre (…, 3) [mm].
 
     Columns: translation; rotation vector about the centre (mean reading, base frame); tool offset.
@@ -107,14 +108,7 @@ def design(poses: Poses, station: Station) -> tuple[FloatArray, FloatArray]:
     return columns.reshape(*arm.shape[:-2], -1, columns.shape[-1]), centre
 
 
-def cross_matrix(v: FloatArray) -> FloatArray:
-    """Return [v]×, with [v]× w = v × w: (…, 3) gives (…, 3, 3)."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return out - np.swapaxes(out, -1, -2)
-
-
-def refine(poses: Poses, weights: FloatArray, station: Station, steps: int = 50) -> Station:
+def refine_station(poses: StationPoses, weights: FloatArray, station: Station, steps: int = 50) -> Station:
     """Return the weighted least-squares station (and tool): closed form, or Gauss-Newton from `station`."""
     if poses.rotations is None:
         return Station(*kabsch(poses.p_measured, poses.p_commanded, weights), station.p_flange_tool)
@@ -136,7 +130,7 @@ def _moved(station: Station, step: FloatArray, centre: FloatArray) -> Station:
     return Station(turn @ station.rotation, centre + lever + step[..., :3], station.p_flange_tool + step[..., 6:])
 
 
-def start(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, rng: np.random.Generator) -> Station:
+def start(poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, rng: np.random.Generator) -> Station:
     """Return a station (and tool) near the best one, from candidates fitted to all readings and to random subsets.
 
     The candidate whose h-th smallest residual is smallest wins (least quantile of squares, Rousseeuw 1984).
@@ -156,7 +150,7 @@ def start(poses: Poses, p_flange_tool: FloatArray | None, robust: bool, rng: np.
     return Station(won.rotation[one], won.translation[one], won.p_flange_tool[one])
 
 
-def _candidates(poses: Poses, p_flange_tool: FloatArray | None) -> list[Station]:
+def _candidates(poses: StationPoses, p_flange_tool: FloatArray | None) -> list[Station]:
     """Fit each of k subsets, poses (k, m, …), from several guesses of the rotation."""
     k, m = poses.p_measured.shape[:2]
     guess = np.zeros((k, 3)) if p_flange_tool is None else np.tile(p_flange_tool, (k, 1))
@@ -168,7 +162,7 @@ def _candidates(poses: Poses, p_flange_tool: FloatArray | None) -> list[Station]
     return [_damped_steps(poses, _given_rotation(poses, rotation)) for rotation in (linear, rigid.rotation)]
 
 
-def _linear_rotation(poses: Poses) -> FloatArray:
+def _linear_rotation(poses: StationPoses) -> FloatArray:
     """Rotation (k, 3, 3) nearest to the best 3×3 matrix: R P + t - R_i a = p is linear in R, t and a."""
     assert poses.rotations is not None
     k, m = poses.p_measured.shape[:2]
@@ -186,7 +180,7 @@ def _linear_rotation(poses: Poses) -> FloatArray:
     return np.asarray(u @ vt)
 
 
-def _given_rotation(poses: Poses, rotation: FloatArray) -> Station:
+def _given_rotation(poses: StationPoses, rotation: FloatArray) -> Station:
     """Best translation and tool for given rotations (k, 3, 3): linear."""
     assert poses.rotations is not None
     k, m = poses.p_measured.shape[:2]
@@ -196,7 +190,7 @@ def _given_rotation(poses: Poses, rotation: FloatArray) -> Station:
     return Station(rotation, solution[:, :3], solution[:, 3:])
 
 
-def _damped_steps(poses: Poses, station: Station, steps: int = 15) -> Station:
+def _damped_steps(poses: StationPoses, station: Station, steps: int = 15) -> Station:
     """Few Gauss-Newton steps on k subsets at once; the damping only keeps degenerate subsets solvable."""
     for _ in range(steps):
         columns, centre = design(poses, station)
@@ -213,7 +207,7 @@ def _damped_steps(poses: Poses, station: Station, steps: int = 15) -> Station:
     return station
 
 
-def covariance(poses: Poses, station: Station, noise_std: float) -> FloatArray:
+def covariance(poses: StationPoses, station: Station, noise_std: float) -> FloatArray:
     """Return the covariance of (translation [mm], rotation vector [rad], tool [mm]), (6, 6) or (9, 9).
 
     The true station is (exp(δω) R, t + δt): the rotation vector turns about the base's origin axes.
@@ -228,26 +222,41 @@ def covariance(poses: Poses, station: Station, noise_std: float) -> FloatArray:
     return np.asarray(root @ root.T)
 
 
-def open_directions(poses: Poses, station: Station, noise_std: float, limit: float) -> tuple[str, float, int, float]:
-    """Name the directions of station and tool that the poses cannot tell apart.
+class OpenDirections(NamedTuple):
+    """The directions of station and tool that poses cannot determine.
 
-    Parameters
+    Attributes
     ----------
-    poses, station
-        Readings and the station fitted to them.
-    noise_std : float [mm]
-        Of one axis of the residuals.
-    limit : float [mm]
-        A direction with a larger standard deviation counts as open; rotations are taken at the points' mean distance.
-
-    Returns
-    -------
     names : str
-        Such as "tool z with station translation z"; empty when there is none.
+        The directions, such as "tool z with station translation z"; empty when there is none.
     std : float [mm]
         The largest standard deviation of a direction.
     rank : int
+        The number of directions that are determined.
     condition : float
+        The condition number.
+    """
+
+    names: str
+    std: float
+    rank: int
+    condition: float
+
+
+def open_directions(poses: StationPoses, station: Station, noise_std: float, limit: float) -> OpenDirections:
+    """Find the directions of station and tool that the poses cannot determine.
+
+    Parameters
+    ----------
+    poses : StationPoses
+        The commanded poses and readings.
+    station : Station
+        The station fitted to them.
+    noise_std : float [mm]
+        The standard deviation of one axis of the residuals.
+    limit : float [mm]
+        The standard deviation above which a direction counts as open; rotations are taken at the mean distance of the
+        points.
     """
     columns, _ = design(poses, station)
     length = np.linalg.norm(columns, axis=0)
@@ -258,13 +267,13 @@ def open_directions(poses: Poses, station: Station, noise_std: float, limit: flo
     closed = (s > _DEGENERATE * s[0]) & (std <= limit)
     names = STATION_NAMES + (TOOL_NAMES if poses.rotations is not None else ())
     listed = "; ".join(_named(vector, names) for vector in _echelon(vt[~closed]))
-    return listed, float(std[-1]), int(closed.sum()), condition
+    return OpenDirections(listed, float(std[-1]), int(closed.sum()), condition)
 
 
-def check_identifiable(poses: Poses, station: Station, noise_std: float = 0.0, limit: float = np.inf) -> None:
+def check_identifiable(poses: StationPoses, station: Station, noise_std: float = 0.0, limit: float = np.inf) -> None:
     """Raise `IdentifiabilityError` naming the `open_directions`, with rank, condition number and what to measure."""
-    names, _, rank, condition = open_directions(poses, station, noise_std, limit)
-    if not names:
+    found = open_directions(poses, station, noise_std, limit)
+    if not found.names:
         return
     if poses.rotations is None:
         remedy = "the points lie on a line or in one spot; measure points that span an area"
@@ -273,16 +282,19 @@ def check_identifiable(poses: Poses, station: Station, noise_std: float = 0.0, l
             "measure more poses, with the flange turned about at least two axes and the points off one line, "
             "or give the tool and register without fitting it"
         )
+    count = 6 if poses.rotations is None else 9
     raise IdentifiabilityError(
-        f"registration: the {len(poses.p_measured)} poses cannot determine {names} "
-        f"(rank {rank} of {6 if poses.rotations is None else 9}, condition number {condition:.1e}); {remedy}"
+        f"registration: the {len(poses.p_measured)} poses cannot determine {found.names} "
+        f"(rank {found.rank} of {count}, condition number {found.condition:.1e}); {remedy}"
     )
 
 
-def weak_hint(poses: Poses, station: Station, noise_std: float) -> str:
+def weak_hint(poses: StationPoses, station: Station, noise_std: float) -> str:
     """Return which directions are known only to some mm, or an empty text."""
-    names, std, _, _ = open_directions(poses, station, noise_std, _WEAK)
-    return f"{names}: known only to ±{std:.2g} mm; turn the flange more between poses" if names else ""
+    found = open_directions(poses, station, noise_std, _WEAK)
+    if not found.names:
+        return ""
+    return f"{found.names}: known only to ±{found.std:.2g} mm; turn the flange more between poses"
 
 
 def _echelon(null: FloatArray) -> FloatArray:

@@ -118,6 +118,13 @@ def apply_transform(tf_a_b: FloatArray, p_b: FloatArray) -> FloatArray:
     return rotated + tf_a_b[..., :3, 3]
 
 
+def cross_matrix(v: FloatArray) -> FloatArray:
+    """Return [v]×, with [v]× w = v × w: (…, 3) gives (…, 3, 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
 def check_transforms(name: str, value: ArrayLike, *, single: bool = True) -> FloatArray:
     """Return `value` as rigid transforms (n, 4, 4), or (4, 4) where `single` allows.
 

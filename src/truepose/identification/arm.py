@@ -29,7 +29,7 @@ def tolerance(parameter: Parameter) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class ParametricArm:
     """An arm whose parameters may change by x: (p,) [mm], [rad].
 
     Attributes
@@ -57,7 +57,7 @@ class Arm:
         load: Load | None = None,
         gear_ratio: ArrayLike | None = None,
         outputs: Outputs = "position",
-    ) -> Arm:
+    ) -> ParametricArm:
         """Return an arm of a robot.
 
         Parameters

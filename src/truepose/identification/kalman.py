@@ -17,9 +17,9 @@ from typing import Final, Literal
 import numpy as np
 
 from truepose._typing import FloatArray
-from truepose.identification.arm import Arm
+from truepose.identification.arm import ParametricArm
+from truepose.identification.batch import estimate_misfit
 from truepose.identification.observations import Observations
-from truepose.identification.solve import estimate_misfit
 
 Kind = Literal["ekf", "ukf"]
 _Step = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # gain, H, noise, step of z
@@ -37,7 +37,7 @@ class KalmanFilter:
 
     Parameters
     ----------
-    arm : Arm
+    arm : ParametricArm
     tolerance : (p,) array, optional
         Standard deviations before the first observation; the arm's own when not given.
     kind : {"ekf", "ukf"}
@@ -54,7 +54,11 @@ class KalmanFilter:
     """
 
     def __init__(
-        self, arm: Arm, tolerance: FloatArray | None = None, kind: Kind = "ekf", about: KalmanFilter | None = None
+        self,
+        arm: ParametricArm,
+        tolerance: FloatArray | None = None,
+        kind: Kind = "ekf",
+        about: KalmanFilter | None = None,
     ) -> None:
         self.arm, self.kind, self.n, self._about = arm, kind, 0, about
         self._scale = arm.tolerance if tolerance is None else tolerance  # x = scale z: P of z is the identity
@@ -137,7 +141,7 @@ class KalmanFilter:
 
 
 def filtered(
-    arm: Arm,
+    arm: ParametricArm,
     data: Observations,
     tolerance: FloatArray | None = None,
     *,

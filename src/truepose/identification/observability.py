@@ -11,7 +11,7 @@ from scipy.linalg import qr, solve_triangular
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
-from truepose.identification.arm import Arm
+from truepose.identification.arm import ParametricArm
 
 _RANK: Final = 1e-8  # singular values of scaled columns, relative to the largest
 _UNSEEN: Final = 1e-9  # length of a column, relative to the longest
@@ -101,7 +101,9 @@ def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray |
     )
 
 
-def poses_to_add(arm: Arm, q: FloatArray, count: int = 3, candidates: int = 300, random_state: int = 0) -> FloatArray:
+def poses_to_add(
+    arm: ParametricArm, q: FloatArray, count: int = 3, candidates: int = 300, rng: int | np.random.Generator = 0
+) -> FloatArray:
     """Return configurations (count, dof) [rad] whose positions would tell most of what those at q cannot.
 
     Greedy: of random configurations within the limits (±180 degrees where there are none), the one that lowers the
@@ -109,7 +111,7 @@ def poses_to_add(arm: Arm, q: FloatArray, count: int = 3, candidates: int = 300,
     """
     robot = arm.model.robot
     limits = np.clip(robot.limits, -np.pi, np.pi)
-    pool = np.random.default_rng(random_state).uniform(limits[:, 0], limits[:, 1], (candidates, robot.dof))
+    pool = np.random.default_rng(rng).uniform(limits[:, 0], limits[:, 1], (candidates, robot.dof))
     zero, scale = np.zeros(len(arm.parameters)), arm.tolerance / 0.1  # mm: of what a reading tells
 
     def rows(q: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.identification.arm import Arm
+from truepose.identification.arm import ParametricArm
 
 
 class Observations(Protocol):
@@ -31,13 +31,13 @@ class Observations(Protocol):
     def one(self, i: int) -> Self:
         """Return observation i alone."""
 
-    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def residual(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return measured minus predicted: (n, k)."""
 
-    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def jacobian(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return the derivative of the prediction by x: (n, k, p)."""
 
-    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+    def residuals_of(self, arm: ParametricArm, i: int, many: FloatArray) -> FloatArray:
         """Return the residuals of observation i for many changes (s, p): (s, k)."""
 
 
@@ -69,15 +69,15 @@ class Positions:
         approach = None if self.approach is None else self.approach[[i]]
         return replace(self, q=self.q[[i]], p=self.p[[i]], covariance=self.covariance[[i]], approach=approach)
 
-    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def residual(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return measured minus predicted positions: (n, 3) [mm]."""
         return np.asarray(self.p - arm.pose(self.q, x, self.approach)[:, :3, 3])
 
-    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def jacobian(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return the derivative of the positions: (n, 3, p)."""
         return arm.jacobian(self.q, x, self.approach)
 
-    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+    def residuals_of(self, arm: ParametricArm, i: int, many: FloatArray) -> FloatArray:
         """Return the residuals of one position: (s, 3) [mm]."""
         return np.asarray(self.p[i] - arm.poses_of(self.q[i], many, _row(self.approach, i))[:, :3, 3])
 
@@ -109,15 +109,15 @@ class PoseObservations:
         approach = None if self.approach is None else self.approach[[i]]
         return replace(self, q=self.q[[i]], tf=self.tf[[i]], covariance=self.covariance[[i]], approach=approach)
 
-    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def residual(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return measured minus predicted poses: (n, 6) [mm], [rad]."""
         return _pose_difference(self.tf, arm.pose(self.q, x, self.approach))
 
-    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def jacobian(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return the derivative of the poses: (n, 6, p)."""
         return arm.jacobian(self.q, x, self.approach, outputs="pose")
 
-    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+    def residuals_of(self, arm: ParametricArm, i: int, many: FloatArray) -> FloatArray:
         """Return the residuals of one pose: (s, 6) [mm], [rad]."""
         return _pose_difference(self.tf[i], arm.poses_of(self.q[i], many, _row(self.approach, i)))
 
@@ -160,13 +160,13 @@ class Distances:
             approach=approach,
         )
 
-    def residual(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def residual(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return measured minus predicted distances: (m, 1) [mm]."""
         p = arm.pose(self.q, x, self.approach)[:, :3, 3]
         length = np.linalg.norm(p[self.pairs[:, 0]] - p[self.pairs[:, 1]], axis=1)
         return np.asarray((self.distance - length)[:, None])
 
-    def jacobian(self, arm: Arm, x: FloatArray) -> FloatArray:
+    def jacobian(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return the derivative of the distances: (m, 1, p)."""
         p = arm.pose(self.q, x, self.approach)[:, :3, 3]
         between = p[self.pairs[:, 0]] - p[self.pairs[:, 1]]
@@ -175,7 +175,7 @@ class Distances:
         moved = columns[self.pairs[:, 0]] - columns[self.pairs[:, 1]]
         return np.asarray(np.einsum("mi,mip->mp", unit, moved)[:, None])
 
-    def residuals_of(self, arm: Arm, i: int, many: FloatArray) -> FloatArray:
+    def residuals_of(self, arm: ParametricArm, i: int, many: FloatArray) -> FloatArray:
         """Return the residuals of one distance: (s, 1) [mm]."""
         a, b = (arm.poses_of(self.q[j], many, _row(self.approach, j))[:, :3, 3] for j in self.pairs[i])
         return np.asarray((self.distance[i] - np.linalg.norm(a - b, axis=1))[:, None])

@@ -7,14 +7,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from truepose.identification.arm import Arm
+from truepose.identification.arm import ParametricArm
+from truepose.identification.batch import Identification
 from truepose.identification.observability import Observability
-from truepose.identification.solve import Solution
 
 _ONLY_PRIOR: Final = 0.9  # of the tolerance: with more the data said next to nothing
 
 
-def parameter_table(arm: Arm, solution: Solution, seen: Observability, prior: bool) -> list[dict[str, Any]]:
+def parameter_table(
+    arm: ParametricArm, solution: Identification, seen: Observability, prior: bool
+) -> list[dict[str, Any]]:
     """Return one row for each parameter.
 
     Returns

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.cell import Cell
-from truepose.cell.sections import Region
+from truepose.cell.sections import RegionSection
 from truepose.errors import DataError
 from truepose.planning.collision import Surroundings
 from truepose.planning.region import Listed, WorkRegion
@@ -69,7 +69,7 @@ def _ways(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _frame(cell: Cell, region: Region) -> FloatArray:
+def _frame(cell: Cell, region: RegionSection) -> FloatArray:
     if region.frame is None:
         return np.eye(4)
     if region.frame not in cell.bases:

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification import (
-    Arm,
+    Identification,
     KalmanFilter,
+    ParametricArm,
     Positions,
-    Solution,
     filtered,
     finish,
     least_squares,
@@ -25,7 +25,7 @@ from truepose.identification import (
     parameter_table,
     poses_to_add,
 )
-from truepose.identification.solve import LOSSES, Loss
+from truepose.identification.batch import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.orientation import PosePredictor, at_offset
 from truepose.robots import ErrorModel, Load, Robot
@@ -79,7 +79,7 @@ class KinematicCalibration(PosePredictor):
     ----------
     parameters_ : list of dict
         One row for each parameter, see `truepose.identification.parameter_table`.
-    solution_ : Solution
+    solution_ : Identification
     observability_ : Observability
         Rank, condition number, indices, and what cannot be told apart.
     misfit_std_ : float [mm]
@@ -208,7 +208,7 @@ class KinematicCalibration(PosePredictor):
             options["tolerance"] = arm.tolerance
         else:
             options["free"] = minimal_subset(arm, data)
-        found: Solution
+        found: Identification
         if self.method == "ls":
             found = least_squares(arm, data, **options)
         else:
@@ -314,7 +314,7 @@ class KinematicCalibration(PosePredictor):
             if len(centre) != 3:
                 raise DataError(f"payload is {self.payload}; expected mass [kg] and x, y, z of its centre [mm]")
             load = Load(kg, np.array(centre), None if self.link_kg is None else np.asarray(self.link_kg, float))
-        self._arm = Arm.of(
+        self._arm = ParametricArm.of(
             self.robot,
             self.tf_flange_tool,
             convention=self.convention,

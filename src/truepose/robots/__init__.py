@@ -13,8 +13,7 @@ from truepose.robots.configuration import (
 from truepose.robots.conventions import CONVENTIONS
 from truepose.robots.convert import to_mdh
 from truepose.robots.error_model import ErrorModel, error_model
-from truepose.robots.inverse.branches import Branches, find_branches
-from truepose.robots.inverse.solve import nearest_branch
+from truepose.robots.inverse.branches import Branches, find_branches, nearest_branch
 from truepose.robots.io.library import list_robots, load_robot
 from truepose.robots.io.toml import parse_robot, to_toml
 from truepose.robots.io.urdf import load_urdf, to_urdf

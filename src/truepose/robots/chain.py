@@ -19,8 +19,8 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 from truepose.geometry.transforms import axis_rotation, axis_translation, check_transforms, make_transform
 
-Convention = Literal["mdh", "dh"]
-CONVENTIONS: tuple[Convention, ...] = ("mdh", "dh")
+LinkConvention = Literal["mdh", "dh"]
+LINK_CONVENTIONS: tuple[LinkConvention, ...] = ("mdh", "dh")
 
 ChainT = TypeVar("ChainT", bound="Chain")
 
@@ -47,7 +47,7 @@ class Chain:
     beta: FloatArray = field(default_factory=_not_given)
     sign: FloatArray = field(default_factory=_not_given)
     limits: FloatArray = field(default_factory=_not_given)
-    convention: Convention = "mdh"
+    convention: LinkConvention = "mdh"
     tf_base_first: FloatArray = field(default_factory=_not_given)
     tf_last_flange: FloatArray = field(default_factory=_not_given)
     maker: str = ""
@@ -72,9 +72,9 @@ class Chain:
 
     def _check(self, dof: int) -> None:
         if dof < 1:
-            raise RobotError(f"{self.name}: no joints; a chain needs at least one")
-        if self.convention not in CONVENTIONS:
-            known = " or ".join(CONVENTIONS)
+            raise RobotError(f"{self.name}: no joints; expected at least one")
+        if self.convention not in LINK_CONVENTIONS:
+            known = " or ".join(LINK_CONVENTIONS)
             raise RobotError(f'{self.name}: unknown convention "{self.convention}"; expected {known}')
         for key in ("alpha", "a", "d", "offset", "beta", "sign"):
             array = getattr(self, key)
@@ -83,7 +83,7 @@ class Chain:
         if not np.isin(self.sign, (-1.0, 1.0)).all():
             raise RobotError(f"{self.name}: sign must be -1 or +1 for each joint; got {self.sign}")
         if self.convention == "dh" and self.beta.any():
-            raise RobotError(f'{self.name}: beta belongs to the convention "mdh"; standard D-H has none')
+            raise RobotError(f'{self.name}: beta needs the convention "mdh"; standard D-H has no beta')
         if self.limits.shape != (dof, 2) or not (self.limits[:, 0] < self.limits[:, 1]).all():
             raise RobotError(f"{self.name}: limits must be {dof} pairs, lower below upper; got {self.limits.tolist()}")
         for key in ("tf_base_first", "tf_last_flange"):
@@ -93,7 +93,20 @@ class Chain:
                 raise RobotError(f"{self.name}: {error}") from None
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.name!r}, dof={self.dof}, convention={self.convention!r})"
+        plate = f": {self.maker} {self.model}".rstrip(": ")
+        return f"<{type(self).__name__} {self.name}{plate}, {self.dof} joint{'s' * (self.dof > 1)}, {self.convention}>"
+
+    def __str__(self) -> str:
+        """Return the title and one line of parameters and limits [mm], [deg] for each joint."""
+        columns = (self.alpha, self.offset, self.beta, *self.limits.T)
+        alpha, offset, beta, lower, upper = (np.rad2deg(column) + 0.0 for column in columns)
+        head = "joint  alpha deg      a mm      d mm  offset deg  beta deg  sign          limits deg"
+        rows = [
+            f"{j + 1:5d}{alpha[j]:11.3f}{self.a[j]:10.3f}{self.d[j]:10.3f}{offset[j]:12.3f}{beta[j]:10.3f}"
+            f"{self.sign[j]:6.0f}{lower[j]:10.6g}{upper[j]:10.6g}"
+            for j in range(self.dof)
+        ]
+        return "\n".join([repr(self), head, *rows])
 
     @property
     def dof(self) -> int:

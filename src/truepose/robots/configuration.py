@@ -41,9 +41,8 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import name_rows
 from truepose.robots.chain import Chain
 from truepose.robots.inverse.axes import half_turn
-from truepose.robots.inverse.branches import find_branches
+from truepose.robots.inverse.branches import find_branches, inverse
 from truepose.robots.inverse.closed_form import ortho_parallel
-from truepose.robots.inverse.solve import inverse
 
 StrArray = NDArray[np.str_]
 
@@ -51,10 +50,10 @@ OVERHEAD: Final = 1
 ELBOW: Final = 2
 WRIST: Final = 4
 BRANCH: Final = OVERHEAD | ELBOW | WRIST
-"""The bits of Status that choose among the eight branches."""
+"""The bits of Status that select one of the eight branches."""
 
 _TURN_IGNORED: Final = np.deg2rad(2.0)
-# slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0) of OrthoParallel.branches, by the branch bits of Status
+# slots of OrthoParallel.branches, 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0), by the branch bits of Status
 _SLOT: Final = np.array([4 * bool(s & OVERHEAD) + 2 * (not s & ELBOW) + bool(s & WRIST) for s in range(8)])
 _STATUS: Final = np.argsort(_SLOT)
 
@@ -62,8 +61,8 @@ _TURN: Final = 2 * np.pi
 _QUARTER: Final = np.pi / 2
 _ABB_JOINTS: Final = np.array([0, 3, 5])
 _FANUC_JOINTS: Final = np.array([3, 4, 5])
-_DOUBT: Final = np.deg2rad(1.0)  # poses with few digits may fall beside the quarter or turn that their word names
-# by the slots of OrthoParallel.branches: 4 · (reaching back) + 2 · (elbow below) + (joint 5 negative)
+_DOUBT: Final = np.deg2rad(1.0)  # poses with few digits may fall just outside the stated quarter or turn
+# by the same slots: 4 · (reaching back) + 2 · (elbow below) + (joint 5 negative)
 _FANUC_LETTERS: Final = np.array([f"{'FN'[s & 1]} {'UD'[s >> 1 & 1]} {'TB'[s >> 2]}" for s in range(8)])
 _CONFIG: Final = re.compile(r"([NF])\s*([LR]?)\s*([UD])\s*([TB])\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)\s*,\s*(-?[0-9]+)")
 
@@ -104,15 +103,16 @@ def status_turn(robot: Chain, q: ArrayLike) -> tuple[IntArray, IntArray]:
 
 
 def select(robot: Chain, solutions: FloatArray, status: ArrayLike, turn: ArrayLike) -> FloatArray:
-    """Return of all branches the one that Status and Turn name.
+    """Return the branch that Status and Turn select.
 
     Parameters
     ----------
     robot : Robot
+        A six-axis arm with parallel base pair and spherical wrist.
     solutions : (8, 6) or (n, 8, 6) array [rad]
-        From `robot.inverse`, in its slots.
+        The branches from `robot.inverse`, in its order.
     status, turn : int, or (n,) int array
-        Bits beyond the branch (S 3 and up) and beyond six joints (T 6 and up) are ignored.
+        Status and Turn; bits S 3 and up and T 6 and up are ignored.
 
     Returns
     -------
@@ -122,9 +122,9 @@ def select(robot: Chain, solutions: FloatArray, status: ArrayLike, turn: ArrayLi
     Raises
     ------
     RobotError
-        If the arm is no six-axis arm with parallel base pair and spherical wrist.
+        If the arm is of another kind.
     DataError
-        If Status or Turn are no numbers of bits, or shapes do not fit.
+        If Status or Turn are not whole numbers from 0 up, or the shapes do not match.
     """
     ortho_parallel(robot)
     if solutions.shape[-2:] != (8, 6) or solutions.ndim not in (2, 3):
@@ -147,9 +147,10 @@ def joints_of_pose(
     ----------
     robot : Robot
     poses : (4, 4) or (n, 4, 4) array [mm], base frame
-        Of the flange, or of the TCP when `tool` is given.
+        The poses of the flange, or of the TCP when `tool` is given.
     status, turn : int, or (n,) int array
     tool : (4, 4) array or (3,) array [mm], optional
+        tf_flange_tool, or the TCP's position in the flange frame.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def joints_of_pose(
     Raises
     ------
     RobotError
-        If a pose is out of reach (the rows are named), or the arm is of another kind.
+        If a pose is out of reach (the message names the rows), or the arm is of another kind.
     DataError
         As `select` and `robot.inverse`.
     """
@@ -169,7 +170,7 @@ def joints_of_pose(
         if np.isnan(solutions.reshape(-1, 8, 6)[..., 0]).all(axis=1).any():
             find_branches(robot, poses, tool).check_reach()
         rows = name_rows(np.flatnonzero(missing))
-        raise RobotError(f"{robot.name}: out of reach with its Status in {rows}; check base, tool and Status")
+        raise RobotError(f"{robot.name}: out of reach with the given Status in {rows}; check base, tool and Status")
     return q
 
 
@@ -179,7 +180,7 @@ def abb_configuration(robot: Chain, q: ArrayLike) -> IntArray:
     Parameters
     ----------
     robot : Robot
-        A six-axis arm with parallel base pair and spherical wrist, or a calibrated one that stems from it.
+        A six-axis arm with parallel base pair and spherical wrist, or a calibrated one of this kind.
     q : (6,) or (n, 6) array [rad]
 
     Returns
@@ -211,16 +212,17 @@ def joints_of_abb(
 ) -> FloatArray:
     """Return the joints of poses with ABB's confdata.
 
-    Joints 1, 4 and 6 take the turn that the quarters name, the others the one within the limits.
+    Joints 1, 4 and 6 take the full turn that cf1, cf4 and cf6 state, the others the one within the limits.
 
     Parameters
     ----------
     robot : Robot
     poses : (4, 4) or (n, 4, 4) array [mm], base frame
-        Of the flange, or of the TCP when `tool` is given.
+        The poses of the flange, or of the TCP when `tool` is given.
     configuration : (4,) or (n, 4) int array
-        cf1, cf4, cf6, cfx.
+        The confdata cf1, cf4, cf6, cfx.
     tool : (4, 4) array or (3,) array [mm], optional
+        tf_flange_tool, or the TCP's position in the flange frame.
 
     Returns
     -------
@@ -229,33 +231,33 @@ def joints_of_abb(
     Raises
     ------
     RobotError
-        If a pose is out of reach, or its word names another quarter than its joints are in (rows are named), or the
-        arm is of another kind.
+        If a pose is out of reach, or its joints lie in another quarter than cf1, cf4, cf6 state (the message names the
+        rows), or the arm is of another kind.
     DataError
-        If the word is none, or poses or tool are no rigid transforms.
+        If the confdata is invalid, or poses or tool are not rigid transforms.
     """
     word = np.asarray(configuration)
     if not np.issubdtype(word.dtype, np.integer) or word.shape[-1:] != (4,) or word.ndim > 2:
-        raise DataError(f"configuration must be whole numbers cf1, cf4, cf6, cfx for each pose; got {configuration!r}")
+        raise DataError(f"configuration must be whole numbers cf1, cf4, cf6, cfx of each pose; got {configuration!r}")
     word = word.reshape(-1, 4)
     odd = (word[:, 3] < 0) | (word[:, 3] > 7)
     if odd.any():
         rows = np.flatnonzero(odd)
-        raise DataError(f"cfx is {word[rows[0], 3]} in {name_rows(rows)}, expected 0 to 7")
+        raise DataError(f"cfx is {word[rows[0], 3]} in {name_rows(rows)}; expected 0 to 7")
     q = _on_branch(robot, poses, tool, word[:, 3], "cfx")
     middle = (word[:, :3] + 0.5) * _QUARTER
     return _turned(robot, q, _ABB_JOINTS, middle, _QUARTER / 2, "quarter turns cf1, cf4, cf6")
 
 
 def fanuc_configuration(robot: Chain, q: ArrayLike) -> StrArray:
-    """Return FANUC's CONFIG of joint vectors, as "N U T, 0, 0, 0".
+    """Return FANUC's CONFIG of joint vectors, such as "N U T, 0, 0, 0".
 
     Parameters
     ----------
     robot : Robot
-        As for `abb_configuration`.
+        A six-axis arm with parallel base pair and spherical wrist, or a calibrated one of this kind.
     q : (6,) or (n, 6) array [rad]
-        In the library's sense: joint 3 relative to joint 2 (the pendant shows it relative to the ground).
+        The library's joints: joint 3 relative to joint 2 (the pendant shows it relative to the ground).
 
     Returns
     -------
@@ -291,17 +293,18 @@ def joints_of_fanuc(
 ) -> FloatArray:
     """Return the joints of poses with FANUC's CONFIG.
 
-    Joints 4, 5 and 6 take the turn that the numbers name, the others the one within the limits (of two, the one in
-    -180 … 180 deg).
+    Joints 4, 5 and 6 take the full turn that the numbers state, the others the one within the limits (of two, the one
+    in -180 … 180 deg).
 
     Parameters
     ----------
     robot : Robot
     poses : (4, 4) or (n, 4, 4) array [mm], base frame
-        Of the flange, or of the TCP when `tool` is given.
+        The poses of the flange, or of the TCP when `tool` is given.
     configuration : str, or n of them
-        As "N U T, 0, 0, 0", with or without quotation marks; one for all poses, or one for each.
+        The CONFIG, such as "N U T, 0, 0, 0", with or without quotation marks; one for all poses, or one for each.
     tool : (4, 4) array or (3,) array [mm], optional
+        tf_flange_tool, or the TCP's position in the flange frame.
 
     Returns
     -------
@@ -310,16 +313,16 @@ def joints_of_fanuc(
     Raises
     ------
     RobotError
-        If a pose is out of reach (rows are named), or the arm is of another kind.
+        If a pose is out of reach (the message names the rows), or the arm is of another kind.
     DataError
-        If a word is none, or poses or tool are no rigid transforms.
+        If a CONFIG is invalid, or poses or tool are not rigid transforms.
     """
     words = np.atleast_1d(np.asarray(configuration)).tolist()
     slots, turns = np.empty(len(words), np.int64), np.empty((len(words), 3))
     for row, word in enumerate(words):
         found = _CONFIG.fullmatch(str(word).strip("'\" "))
         if found is None:
-            raise DataError(f'CONFIG in row {row} is {word!r}, expected such as "N U T, 0, 0, 0"')
+            raise DataError(f'CONFIG in row {row} is {word!r}; expected, for example, "N U T, 0, 0, 0"')
         slots[row] = 4 * (found[4] == "B") + 2 * (found[3] == "D") + (found[1] == "N")
         turns[row] = [int(number) for number in found.group(5, 6, 7)]
     q = _on_branch(robot, poses, tool, slots, "CONFIG")
@@ -327,26 +330,26 @@ def joints_of_fanuc(
 
 
 def _on_branch(robot: Chain, poses: ArrayLike, tool: ArrayLike | None, slots: IntArray, word: str) -> FloatArray:
-    """Return the joints of poses in their slots of `OrthoParallel.branches`: (6,) or (n, 6)."""
+    """Return the joints of poses on given branches, slots of `OrthoParallel.branches`: (6,) or (n, 6)."""
     ortho_parallel(robot)
     single = np.ndim(poses) == 2
     branches = find_branches(robot, poses, tool)
     count = len(branches.q)
     if len(slots) not in (1, count):
-        raise DataError(f"{count} poses and {len(slots)} words of configuration; expected as many, or one for all")
+        raise DataError(f"got {count} poses and {len(slots)} configurations; expected equal numbers, or one for all")
     q = branches.q[np.arange(count), np.broadcast_to(slots, (count,))]
     missing = np.isnan(q).any(axis=1)
     if missing.any():
         branches.check_reach()
         raise RobotError(
-            f"{robot.name}: out of reach on the branch of its {word} in {name_rows(np.flatnonzero(missing))}, though "
-            f"not on others; check base, tool and {word}"
+            f"{robot.name}: out of reach on the branch of the given {word} in {name_rows(np.flatnonzero(missing))}, "
+            f"but not on others; check base, tool and {word}"
         )
     return q[0] if single else q
 
 
 def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, half: float, word: str) -> FloatArray:
-    """Return joints (…, 6) turned fully until some of them lie within `half` of the middles that a word names."""
+    """Return joints (…, 6) with full turns added until some of them lie within `half` of the stated middles."""
     turned = q.copy()
     now = q[..., joints]
     goal = middle if q.ndim == 2 else middle[0]
@@ -357,8 +360,8 @@ def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, h
         joint = joints[int(np.argmax(np.atleast_2d(off)[rows[0]]))]
         value = np.rad2deg(np.atleast_2d(turned)[rows[0], joint])
         raise RobotError(
-            f"{robot.name}: the {word} do not fit the joints in {name_rows(rows)}: joint {joint + 1} comes to "
-            f"{value:.3f} deg in row {rows[0]}; check tool, base and the word"
+            f"{robot.name}: the {word} do not match the joints in {name_rows(rows)}: joint {joint + 1} is at "
+            f"{value:.3f} deg in row {rows[0]}; check tool, base and configuration"
         )
     return turned
 
@@ -366,5 +369,5 @@ def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, h
 def _bits(name: str, value: ArrayLike, count: int) -> IntArray:
     bits = np.asarray(value)
     if not np.issubdtype(bits.dtype, np.integer) or bits.shape not in ((), (count,)) or (bits < 0).any():
-        raise DataError(f"{name} must be whole numbers of bits, one or {count} of them; got {value!r}")
+        raise DataError(f"expected {name} as whole numbers from 0 up, one or {count} of them; got {value!r}")
     return np.broadcast_to(bits, (count,)).astype(np.int64)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray
 from truepose.robots.chain import Chain
 from truepose.robots.error_model import GROUPS, error_model
-from truepose.robots.inverse.solve import inverse
+from truepose.robots.inverse.branches import inverse
 from truepose.robots.jacobian import Outputs
 
 
@@ -60,7 +60,7 @@ class Robot(Chain):
     """
 
     def inverse(self, poses: ArrayLike, tool: ArrayLike | None = None, *, nominal: Chain | None = None) -> FloatArray:
-        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.solve.inverse`."""
+        """Return all branches of the inverse kinematics; see `truepose.robots.inverse.branches.inverse`."""
         return inverse(self, poses, tool, nominal=nominal)
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
+from truepose.geometry.transforms import cross_matrix
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,7 @@ def pose_covariance(p_body: FloatArray, rotation: Rotation, covariance: FloatArr
     arm = rotation.as_matrix() @ p_body.T  # (n, 3, m): from the origin to each point
     jacobian = np.zeros((len(arm), len(p_body), 3, 6))
     jacobian[..., :3] = np.eye(3)
-    jacobian[..., 3:] = -_cross_matrix(arm.transpose(0, 2, 1))
+    jacobian[..., 3:] = -cross_matrix(arm.transpose(0, 2, 1))
     normal = np.linalg.inv(np.einsum("nmij,nmik->njk", jacobian, jacobian))
     gain = np.einsum("njk,nmik->nmji", normal, jacobian)
     return np.asarray(np.einsum("nmji,nmik,nmlk->njl", gain, covariance, gain))
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """Return [v]×, (…, 3, 3)."""
-    matrix = np.zeros((*v.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return matrix - np.swapaxes(matrix, -1, -2)

@@ -86,6 +86,10 @@ class VirtualCell:
         self._noise = np.random.default_rng(noise_seed)
         self.truth = self._draw_truth(*map(np.random.default_rng, (truth_seed, joint_seed, trouble_seed)))
 
+    def __repr__(self) -> str:
+        effects = ", ".join(name for name in (*EFFECTS, *TROUBLES) if name in self.effects) or "no effects"
+        return f"<VirtualCell of {self.robot.name}, seed {self.seed}: {effects}; noise floor {self.noise_floor:.4f} mm>"
+
     @property
     def cell(self) -> Cell:
         """The cell as its user would describe it."""

@@ -26,7 +26,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
 from truepose._typing import BoolArray, FloatArray, IntArray
-from truepose.geometry.station import cross_matrix
+from truepose.geometry.transforms import cross_matrix
 
 Kind = Literal["moved", "drift", "scale", "reference"]
 

@@ -1,4 +1,4 @@
-"""The arm with a closed-form inverse next to a calibrated one."""
+"""Closed-form inverses, and the nominal arm with a closed form nearest to a calibrated arm."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from truepose.robots.convert import to_mdh
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
 from truepose.robots.inverse.three_parallel import ThreeParallel
 
-_TILT = 0.05  # rad: axes out of square or parallel by less are an error, by more meant so
-_SHIFT = 0.02  # of the arm's length: the same for axes that should touch
+ClosedForm = OrthoParallel | ThreeParallel
+
+_TILT = 0.05  # rad: axes out of square or parallel by less are errors, by more they are designed so
+_SHIFT = 0.02  # of the arm's length: the same for axes that should intersect
 _QUARTER = np.pi / 2
 
 
 @lru_cache(maxsize=64)
-def closed_form(robot: Chain) -> OrthoParallel | ThreeParallel | None:
-    """Return the letters of a robot's closed-form inverse, checked against its forward kinematics; None without one.
+def closed_form(robot: Chain) -> ClosedForm | None:
+    """Return a robot's closed-form inverse, checked against its forward kinematics; None if there is none.
 
     Raises
     ------
@@ -42,10 +44,10 @@ def closed_form(robot: Chain) -> OrthoParallel | ThreeParallel | None:
 
 @lru_cache(maxsize=64)
 def nominal_of(robot: Chain) -> Chain | None:
-    """Return the arm with a closed-form inverse that a calibrated one stems from: itself, or made from it, or None.
+    """Return the nominal arm, with a closed-form inverse, of a calibrated arm; None if there is none.
 
-    Made: axes out of square or parallel by less than 0.05 rad are set right, and the axes of the wrist that miss each
-    other by less than 2 % of the arm's length are made to touch.
+    An arm with a closed form is returned itself. Otherwise axes out of square or parallel by less than 0.05 rad are
+    made square or parallel, and wrist axes that miss each other by less than 2 % of the arm's length intersect.
 
     Examples
     --------
@@ -72,25 +74,25 @@ def nominal_of(robot: Chain) -> Chain | None:
 
 
 def differ_by(robot: Chain, nominal: Chain) -> float:
-    """Return the largest distance of the two arms' flanges [mm] over joints of all sides."""
+    """Return the largest distance between the flanges of two arms [mm] over 256 random joint vectors."""
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (256, robot.dof))
     apart = robot.forward(q)[:, :3, 3] - nominal.forward(q)[:, :3, 3]
     return float(np.linalg.norm(apart, axis=1).max())
 
 
 def ortho_parallel(robot: Chain) -> OrthoParallel:
-    """Return the letters of a six-axis arm with parallel base pair and spherical wrist, or of the nominal arm of one.
+    """Return the closed form of a six-axis arm with parallel base pair and spherical wrist, or of its nominal arm.
 
     Raises
     ------
     RobotError
-        If the arm is of another kind: words of configuration name the branches of this kind only.
+        If the arm is of another kind: arm configurations name branches of this kind only.
     """
     nominal = nominal_of(robot)
     arm = None if nominal is None else closed_form(nominal)
     if not isinstance(arm, OrthoParallel):
         raise RobotError(
-            f"{robot.name}: words of configuration need a parallel base pair and a spherical wrist; choose among "
-            "robot.inverse by joints nearby (nearest_branch)"
+            f"{robot.name}: arm configurations need a parallel base pair and a spherical wrist; choose among the "
+            "branches of robot.inverse by reference joints (nearest_branch)"
         )
     return arm

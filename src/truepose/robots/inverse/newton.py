@@ -44,7 +44,7 @@ class Newton:
         return np.asarray((self.miss_mm <= REACHED_MM) & (self.miss_rad <= _REACHED_RAD))
 
 
-def solve(robot: Chain, tf_base_flange: FloatArray, q_start: FloatArray, *, steps: int = _STEPS) -> Newton:
+def damped_newton(robot: Chain, tf_base_flange: FloatArray, q_start: FloatArray, *, steps: int = _STEPS) -> Newton:
     """Return joints near `q_start` (n, dof) [rad] whose flange poses are (n, 4, 4) [mm]; one start for each pose."""
     q = np.empty_like(q_start)
     miss = np.empty((len(q), 6))

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares as scipy_least_squares
 
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, IdentifiabilityError
-from truepose.identification.arm import Arm
+from truepose.identification.arm import ParametricArm
 from truepose.identification.observations import Observations
 
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
@@ -35,7 +35,7 @@ _FIRST: Final = 100.0  # how much sooner base and tool are taken into a minimal 
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Identification:
     """Identified changes and how well they are known.
 
     Attributes
@@ -63,18 +63,18 @@ class Solution:
 
 
 def least_squares(
-    arm: Arm,
+    arm: ParametricArm,
     data: Observations,
     tolerance: FloatArray | None = None,
     *,
     free: BoolArray | None = None,
     misfit: FloatArray | None = None,
-) -> Solution:
+) -> Identification:
     """Identify by iterated linear least squares (Gauss-Newton).
 
     Parameters
     ----------
-    arm : Arm
+    arm : ParametricArm
     data : Observations
     tolerance : (p,) array, optional
         Standard deviations of the prior; none when not given.
@@ -109,14 +109,14 @@ def least_squares(
 
 
 def levenberg_marquardt(
-    arm: Arm,
+    arm: ParametricArm,
     data: Observations,
     tolerance: FloatArray | None = None,
     *,
     free: BoolArray | None = None,
     misfit: FloatArray | None = None,
     loss: Loss = "linear",
-) -> Solution:
+) -> Identification:
     """Identify by damped steps (scipy's trust region), also with a robust loss of the whitened residuals.
 
     Parameters are those of `least_squares`; `loss` is scipy's ("huber", "soft_l1", "cauchy"), which tolerances do not
@@ -144,7 +144,7 @@ def levenberg_marquardt(
 
 
 def finish(
-    arm: Arm,
+    arm: ParametricArm,
     data: Observations,
     x: FloatArray,
     misfit: FloatArray,
@@ -152,7 +152,7 @@ def finish(
     *,
     free: BoolArray | None = None,
     loss: Loss = "linear",
-) -> Solution:
+) -> Identification:
     """Return the solution at known changes: covariance of the linearised problem, residuals, weights."""
     free = np.ones(len(arm.parameters), np.bool_) if free is None else free
     residual, columns = data.residual(arm, x), data.jacobian(arm, x)
@@ -168,10 +168,10 @@ def finish(
     root = solve_triangular(r, np.eye(len(r)))
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = (scale[:, None] * root) @ (scale[:, None] * root).T
-    return Solution(x, covariance, free, misfit, residual, columns, white)
+    return Identification(x, covariance, free, misfit, residual, columns, white)
 
 
-def minimal_subset(arm: Arm, data: Observations) -> BoolArray:
+def minimal_subset(arm: ParametricArm, data: Observations) -> BoolArray:
     """Return parameters that the data can tell apart, as many as there are (p,): QR with column pivoting.
 
     Base and tool are preferred, then the parameters seen best; the others are to be kept at their nominal values. A
@@ -221,7 +221,7 @@ def estimate_misfit(data: Observations, residual: FloatArray, leverage: FloatArr
     return np.maximum(found, _FLOOR)
 
 
-def _start(arm: Arm, data: Observations, misfit: FloatArray | None) -> FloatArray:
+def _start(arm: ParametricArm, data: Observations, misfit: FloatArray | None) -> FloatArray:
     if misfit is not None:
         return np.maximum(misfit, _FLOOR)
     residual = data.residual(arm, np.zeros(len(arm.parameters)))
@@ -259,7 +259,9 @@ def _system(
     return scale, np.vstack([rows * scale, np.eye(len(scale))]), np.concatenate([right, -x[free] / scale])
 
 
-def _solved(rows: FloatArray, right: FloatArray, arm: Arm, free: BoolArray, tolerance: FloatArray | None) -> FloatArray:
+def _solved(
+    rows: FloatArray, right: FloatArray, arm: ParametricArm, free: BoolArray, tolerance: FloatArray | None
+) -> FloatArray:
     q, r = np.linalg.qr(rows)
     diagonal = np.abs(np.diag(r))
     if len(rows) < rows.shape[1] or diagonal.min() < (_RANK if tolerance is None else _DIGITS) * diagonal.max():
@@ -267,7 +269,7 @@ def _solved(rows: FloatArray, right: FloatArray, arm: Arm, free: BoolArray, tole
     return np.asarray(solve_triangular(r, q.T @ right))
 
 
-def _cannot_tell(arm: Arm, free: BoolArray, rows: FloatArray) -> IdentifiabilityError:
+def _cannot_tell(arm: ParametricArm, free: BoolArray, rows: FloatArray) -> IdentifiabilityError:
     from truepose.identification.observability import observability
 
     names = [name for name, taken in zip(arm.names, free, strict=True) if taken]
@@ -284,7 +286,7 @@ def _leverage(rows: FloatArray, n: int, k: int) -> FloatArray:
 
 
 def _damped(
-    arm: Arm,
+    arm: ParametricArm,
     data: Observations,
     x: FloatArray,
     white: FloatArray,
