@@ -19,9 +19,13 @@ CANDIDATES = (
     "ordinary-kriging",
     "ordinary-kriging-joint",
     "calibration",
-    "calibration-harmonics",
+    "calibration:terms=sin1+cos1",
 )
-TERMS = ("calibration-network", "kinematic-kriging-no-rest", "kinematic-kriging-no-joints")  # of the smaller set
+TERMS = (
+    "calibration-network",
+    "kinematic-kriging:residual=none",
+    "kinematic-kriging:joint_errors=no",
+)  # of the smaller set
 PER_CUBE = 9  # its centre and its corners
 
 

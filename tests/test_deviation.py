@@ -19,7 +19,7 @@ FAMILIES = (
     "registration",
     "idw",
     "grid-cell",
-    "radial-basis-joint",
+    "radial-basis:space=joint",
     "nearest",
     "ordinary-kriging",
     "universal-kriging",

@@ -259,7 +259,7 @@ def test_payload_of_the_cell_reaches_the_compliance(virtual, samples, tmp_path):
     cell = tp.Cell.model_validate(
         {**virtual.cell.model_dump(exclude_defaults=True), "payload": {"mass_kg": 120.0, "z_mm": 200.0}}
     )
-    fitted = tp.fit_cell(cell, samples, "calibration-compliance")
+    fitted = tp.fit_cell(cell, samples, "calibration:terms=compliance")
     assert fitted.predictor.payload == (120.0, 0.0, 0.0, 200.0)
     fitted.save(tmp_path / "m.truepose")
     again = tp.load_map(tmp_path / "m.truepose")

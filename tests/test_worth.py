@@ -209,7 +209,9 @@ def test_one_orientation_supports_no_other(good, virtual, targets):
 
 
 @pytest.mark.promise("A map with one standard deviation for all poses corrects nothing unless that is accepted")
-@pytest.mark.parametrize("name", ["idw", "idw-joint", "nearest", "nearest-joint", "grid-cell", "radial-basis"])
+@pytest.mark.parametrize(
+    "name", ["idw", "idw:space=joint", "nearest", "nearest:space=joint", "grid-cell", "radial-basis"]
+)
 def test_interpolators_do_not_correct_unasked(name):
     virtual = tp.VirtualCell("paper", seed=3)
     error_map = tp.fit_cell(virtual.cell, virtual.measure(virtual.design(60)), name)

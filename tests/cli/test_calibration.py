@@ -37,10 +37,10 @@ def files(tmp_path):
     "name",
     [
         "calibration",
-        "calibration-ls",
-        "calibration-ekf",
-        "calibration-ukf",
-        "calibration-harmonics",
+        "calibration:method=ls",
+        "calibration:method=ekf",
+        "calibration:method=ukf",
+        "calibration:terms=sin1+cos1",
         "calibration-network",
     ],
 )

@@ -84,7 +84,7 @@ def test_outer_loop_pays_for_choosing(rng):
 
 
 def test_workers_change_nothing(virtual, samples):
-    candidates = ("registration", "ordinary-kriging-joint", "kinematic-kriging-no-rest", "calibration-network")
+    candidates = ("registration", "ordinary-kriging-joint", "kinematic-kriging:residual=none", "calibration-network")
     samples = samples[:24]  # with a fold left out too few for networks
     lines = []
     one = tp.choose(candidates, samples, virtual.cell, folds=3)

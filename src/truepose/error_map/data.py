@@ -21,7 +21,7 @@ from truepose.error_map.selection import CellSamples
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform
-from truepose.predictors import PREDICTORS, Predictor
+from truepose.predictors import Predictor, predictor_spec
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples
 
@@ -50,7 +50,7 @@ class MapData:
     tf_flange_tool : (4, 4) array [mm]
         The transform from flange to measured point, fitted or as stated in the cell.
     predictor_name : str
-        The name of the predictor in `truepose.predictors.PREDICTORS`.
+        The name of the predictor, see `truepose.predictors.predictor_spec`.
     predictor : Predictor
         The fitted predictor, in Cartesian space (commanded positions [mm]) or joint space ([rad]); see `space`.
     ranking : list of dict
@@ -97,7 +97,7 @@ class MapData:
     @property
     def space(self) -> str:
         """The space of the predictor's input: ``cartesian`` or ``joint``."""
-        return PREDICTORS[self.predictor_name].space
+        return predictor_spec(self.predictor_name).space
 
     @property
     def tool_fitted(self) -> bool:

@@ -24,7 +24,7 @@ from truepose.error_map.selection import arm_of
 from truepose.error_map.worth import Worth
 from truepose.errors import FileError
 from truepose.geometry import Registration
-from truepose.predictors import make_predictor
+from truepose.predictors import FORMER_NAMES, make_predictor
 from truepose.robots import parse_robot, to_toml
 from truepose.samples import Samples
 
@@ -108,6 +108,7 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
     """
     content, arrays = archive.unpack(data, path)
     try:
+        _replace_former_names(content)
         error_map = kind(
             **_fields(content, arrays, path), stored=StoredFile(Path(path), hashlib.sha256(data).hexdigest())
         )
@@ -127,6 +128,14 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
         what = f"has no {error}" if isinstance(error, KeyError) else str(error)
         raise FileError(path, f"does not hold a whole map ({what}); fit and save the map again") from None
     return error_map
+
+
+def _replace_former_names(content: dict[str, Any]) -> None:
+    """Replace predictor names of version 0.1 that are options today, in place."""
+    for row, key in [(content["predictor"], "name"), *((row, "predictor") for row in content["ranking"])]:
+        row[key] = FORMER_NAMES.get(row[key], row[key])
+    if chosen := content["expected"].get("chosen"):
+        content["expected"]["chosen"] = {FORMER_NAMES.get(name, name): count for name, count in chosen.items()}
 
 
 def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:

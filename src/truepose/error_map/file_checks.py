@@ -217,7 +217,7 @@ def _check_parameters(name: str, predictor: Predictor) -> None:
     """Require parameters of the type of their default, where that is a plain one."""
     for key, parameter in inspect.signature(type(predictor)).parameters.items():
         value, default = getattr(predictor, key), parameter.default
-        expected = (int, float) if type(default) is float else (type(default),)
+        expected = (int, float) if type(default) is float or parameter.annotation == "float" else (type(default),)
         if type(default) in (bool, int, float, str) and type(value) not in expected:
             raise ValueError(f"the parameter {key} of {name} is {value!r}, expected one such as {default!r}")
 

@@ -40,7 +40,8 @@ def fit_cell(
     cell : Cell
     samples : Samples
     predictor : str
-        A name of `PREDICTORS`, or ``auto``: that which leaves least in nested cross-validation.
+        The name of a predictor, with options as in `truepose.predictors.predictor_spec`; ``auto`` chooses by nested
+        cross-validation.
     candidates, splits, folds, rng, workers
         Of ``auto``, see `truepose.choose`.
     progress : callable

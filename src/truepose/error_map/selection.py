@@ -111,7 +111,7 @@ def choose(
     Parameters
     ----------
     candidates : "quick", "all", or sequence of str
-        Names of predictors, as the command line has them.
+        The names of predictors, with options as in `truepose.predictors.predictor_spec`.
     samples : Samples
     cell : Cell, optional
         Without it commanded positions must be there, and candidates that know the arm are passed over.

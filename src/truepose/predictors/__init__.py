@@ -15,12 +15,13 @@ from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging,
 from truepose.predictors.kriging.vecchia import VecchiaKriging
 from truepose.predictors.kriging.vector import VectorKriging
 from truepose.predictors.orientation import PosePredictor
-from truepose.predictors.registry import PREDICTORS, ArmContext, make_predictor
+from truepose.predictors.registry import FORMER_NAMES, PREDICTORS, ArmContext, make_predictor, predictor_spec
 from truepose.predictors.residual_network import ResidualNetwork
 from truepose.predictors.selection.choice import Choice, rank_predictors
 from truepose.predictors.selection.cross_validation import PositionalErrors
 
 __all__ = [
+    "FORMER_NAMES",
     "PREDICTORS",
     "ArmContext",
     "Choice",
@@ -46,6 +47,7 @@ __all__ = [
     "branch_folds",
     "make_predictor",
     "point_folds",
+    "predictor_spec",
     "random_folds",
     "rank_predictors",
 ]

@@ -1,15 +1,18 @@
-"""The predictors by the names that the command line and map files use."""
+"""Make predictors by name, as the command line and map files do.
+
+A name may carry options, which are parameters of the predictor's class: ``calibration:method=ekf``,
+``kinematic-kriging:geometry=no:compliance=no``, ``idw:space=joint:power=3``.
+"""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import inspect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.baselines.inverse_distance import InverseDistance
@@ -28,93 +31,150 @@ from truepose.robots import Robot
 
 @dataclass(frozen=True)
 class PredictorSpec:
-    """A predictor with a name.
+    """The class, coordinates and parameters that a name stands for.
 
     Attributes
     ----------
     family : type
+        The class of the predictor.
     space : {"cartesian", "joint"}
-        What it takes: commanded positions [mm], or joints [rad].
+        The predictor's input: commanded positions [mm] or joints [rad].
     defaults : mapping
-        Parameters that the name stands for.
+        The parameters that the name sets.
     """
 
     family: type[Predictor]
     space: Literal["cartesian", "joint"] = "cartesian"
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Parameters that a name may set, with their default values; fitted values and the arm are not among them."""
+        known = inspect.signature(self.family).parameters.values()
+        simple = [p for p in known if p.name not in self.family.arm_parameters and _kind(p) is not None]
+        return {p.name: self.defaults.get(p.name, p.default) for p in simple}
+
+    def with_option(self, name: str, option: str) -> PredictorSpec:
+        """Return the specification with one option ``key=value``; errors cite `name`."""
+        key, equals, text = option.partition("=")
+        if key == "space" and equals and not self.family.arm_parameters:
+            if text not in ("cartesian", "joint"):
+                raise DataError(f"predictor {name!r}: space is {text!r}; expected cartesian or joint")
+            return replace(self, space="joint" if text == "joint" else "cartesian")
+        if not equals or key not in self.options:
+            known = [*([] if self.family.arm_parameters else ["space"]), *self.options]
+            what = f"has no option {key!r}" if equals else f"has the option {option!r} without a value"
+            hint = _nearest(key, known)
+            raise DataError(f"predictor {name!r} {what}; {hint}write key=value with a key of: {', '.join(known)}")
+        kind = _kind(inspect.signature(self.family).parameters[key])
+        try:
+            value = _READERS[kind or "str"](text)
+        except (KeyError, ValueError):
+            raise DataError(f"predictor {name!r}: {key} is {text!r}; expected {_EXPECTED[kind or 'str']}") from None
+        return replace(self, defaults={**self.defaults, key: value})
+
 
 PREDICTORS: Final[dict[str, PredictorSpec]] = {
     "registration": PredictorSpec(RegistrationOnly),
+    "nearest": PredictorSpec(Nearest),
     "idw": PredictorSpec(InverseDistance),
-    "idw-joint": PredictorSpec(InverseDistance, "joint"),
+    "radial-basis": PredictorSpec(RadialBasis),
+    "grid-cell": PredictorSpec(GridCell),
     "ordinary-kriging": PredictorSpec(OrdinaryKriging),
     "ordinary-kriging-joint": PredictorSpec(OrdinaryKriging, "joint"),
     "universal-kriging": PredictorSpec(UniversalKriging),
-    "universal-kriging-joint": PredictorSpec(UniversalKriging, "joint"),
     "vector-kriging": PredictorSpec(VectorKriging),
-    "vector-kriging-joint": PredictorSpec(VectorKriging, "joint"),
     "local-kriging": PredictorSpec(LocalKriging),
     "local-kriging-joint": PredictorSpec(LocalKriging, "joint"),
     "vecchia-kriging": PredictorSpec(VecchiaKriging),
-    "vecchia-kriging-joint": PredictorSpec(VecchiaKriging, "joint"),
-    "radial-basis": PredictorSpec(RadialBasis),
-    "radial-basis-joint": PredictorSpec(RadialBasis, "joint"),
-    "grid-cell": PredictorSpec(GridCell),
-    "nearest": PredictorSpec(Nearest),
-    "nearest-joint": PredictorSpec(Nearest, "joint"),
-    "kinematic-kriging": PredictorSpec(KinematicKriging, "joint"),
-    "kinematic-kriging-cartesian": PredictorSpec(KinematicKriging, "joint", {"residual": "cartesian"}),
-    "kinematic-kriging-both": PredictorSpec(KinematicKriging, "joint", {"residual": "both"}),
-    "kinematic-kriging-no-rest": PredictorSpec(KinematicKriging, "joint", {"residual": "none"}),
-    "kinematic-kriging-no-joints": PredictorSpec(KinematicKriging, "joint", {"joint_errors": False}),
-    "kinematic-kriging-no-compliance": PredictorSpec(KinematicKriging, "joint", {"compliance": False}),
-    "kinematic-kriging-no-geometry": PredictorSpec(KinematicKriging, "joint", {"geometry": False, "compliance": False}),
     "calibration": PredictorSpec(KinematicCalibration, "joint"),
-    "calibration-dh": PredictorSpec(KinematicCalibration, "joint", {"convention": "dh"}),
-    "calibration-cpc": PredictorSpec(KinematicCalibration, "joint", {"convention": "cpc"}),
-    "calibration-poe": PredictorSpec(KinematicCalibration, "joint", {"convention": "poe"}),
-    "calibration-ls": PredictorSpec(KinematicCalibration, "joint", {"method": "ls"}),
-    "calibration-ekf": PredictorSpec(KinematicCalibration, "joint", {"method": "ekf"}),
-    "calibration-ukf": PredictorSpec(KinematicCalibration, "joint", {"method": "ukf"}),
-    "calibration-harmonics": PredictorSpec(KinematicCalibration, "joint", {"terms": ("sin1", "cos1")}),
-    "calibration-compliance": PredictorSpec(KinematicCalibration, "joint", {"terms": ("compliance",)}),
     "calibration-network": PredictorSpec(ResidualNetwork, "joint", {"terms": ("sin1", "cos1")}),
+    "kinematic-kriging": PredictorSpec(KinematicKriging, "joint"),
 }
 """All predictors by name."""
+
+FORMER_NAMES: Final[dict[str, str]] = {
+    "idw-joint": "idw:space=joint",
+    "universal-kriging-joint": "universal-kriging:space=joint",
+    "vector-kriging-joint": "vector-kriging:space=joint",
+    "vecchia-kriging-joint": "vecchia-kriging:space=joint",
+    "radial-basis-joint": "radial-basis:space=joint",
+    "nearest-joint": "nearest:space=joint",
+    "kinematic-kriging-cartesian": "kinematic-kriging:residual=cartesian",
+    "kinematic-kriging-both": "kinematic-kriging:residual=both",
+    "kinematic-kriging-no-rest": "kinematic-kriging:residual=none",
+    "kinematic-kriging-no-joints": "kinematic-kriging:joint_errors=no",
+    "kinematic-kriging-no-compliance": "kinematic-kriging:compliance=no",
+    "kinematic-kriging-no-geometry": "kinematic-kriging:geometry=no:compliance=no",
+    "calibration-dh": "calibration:convention=dh",
+    "calibration-cpc": "calibration:convention=cpc",
+    "calibration-poe": "calibration:convention=poe",
+    "calibration-ls": "calibration:method=ls",
+    "calibration-ekf": "calibration:method=ekf",
+    "calibration-ukf": "calibration:method=ukf",
+    "calibration-harmonics": "calibration:terms=sin1+cos1",
+    "calibration-compliance": "calibration:terms=compliance",
+}
+"""Names that maps of version 0.1 may have, with the names that replace them."""
+
+_TRUTH: Final = {"yes": True, "true": True, "no": False, "false": False}
+_READERS: Final[dict[str, Any]] = {
+    "bool": lambda text: _TRUTH[text.lower()],
+    "int": int,
+    "float": float,
+    "str": str,
+    "Sequence[str]": lambda text: tuple(part for part in text.split("+") if part),
+}
+_EXPECTED: Final = {"bool": "yes or no", "int": "an integer", "float": "a number", "str": "a word"}
 
 
 @dataclass(frozen=True, eq=False)
 class ArmContext:
-    """What a predictor may need to know of the arm whose errors it predicts.
+    """The arm whose errors a predictor predicts.
 
     Attributes
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     tf_flange_tool : (4, 4) array [mm]
         The measured point.
     payload : tuple of 4 float, optional
-        Mass [kg] and centre x, y, z [mm], flange frame.
+        The mass [kg] and its centre x, y, z [mm], flange frame.
     """
 
     robot: Robot
-    tf_flange_tool: NDArray[np.float64]
+    tf_flange_tool: FloatArray
     payload: tuple[float, float, float, float] | None = None
 
 
-def check_name(name: str) -> None:
-    """Refuse a name that is not a key of `PREDICTORS`.
+def predictor_spec(name: str) -> PredictorSpec:
+    """Return the specification of a name with its options.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PREDICTORS`, with options as ``name:key=value:key=value``. Values of a sequence are joined by ``+``.
 
     Raises
     ------
     DataError
-        With the nearest name, and all that there are.
+        If there is no such predictor or option, with the nearest name and all names.
+
+    Examples
+    --------
+    >>> predictor_spec("calibration:method=ekf:terms=sin1+cos1").defaults
+    {'method': 'ekf', 'terms': ('sin1', 'cos1')}
     """
-    if name not in PREDICTORS:
-        near = difflib.get_close_matches(name, [*PREDICTORS, "auto"], n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise DataError(f"no predictor {name!r}; {hint}there are: auto, {', '.join(PREDICTORS)}")
+    if name in FORMER_NAMES:
+        raise DataError(f"predictor {name!r} is now an option of its class; write {FORMER_NAMES[name]}")
+    base, *options = name.split(":")
+    if base not in PREDICTORS:
+        known = ["auto", *PREDICTORS]
+        raise DataError(f"no predictor {base!r}; {_nearest(base, known)}expected one of: {', '.join(known)}")
+    spec = PREDICTORS[base]
+    for option in options:
+        spec = spec.with_option(name, option)
+    return spec
 
 
 def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: ArmContext | None = None) -> Predictor:
@@ -123,20 +183,38 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: 
     Parameters
     ----------
     name : str
-        A key of `PREDICTORS`.
+        The name, see `predictor_spec`.
     parameters : mapping, optional
-        As `Predictor.to_dict` gives them.
+        The parameters, as `Predictor.to_dict` returns them.
     arm : ArmContext, optional
-        For those that know the arm.
+        The arm, for predictors that need it.
 
     Raises
     ------
     DataError
-        If there is no such predictor, with the nearest names.
+        If there is no such predictor, or it needs the arm and got none.
+
+    Examples
+    --------
+    >>> make_predictor("idw:power=3")
+    InverseDistance(power=3.0)
     """
-    check_name(name)
-    named = PREDICTORS[name]
-    if named.family.arm_parameters and arm is None:
-        raise DataError(f"predictor {name!r} needs to know the arm: its robot and tool")
-    arm_parameters = {key: getattr(arm, key) for key in named.family.arm_parameters}
-    return named.family.from_dict({**named.defaults, **(parameters or {}), **arm_parameters})
+    spec = predictor_spec(name)
+    if spec.family.arm_parameters and arm is None:
+        raise DataError(f"predictor {name!r} needs the arm: its robot and tool")
+    arm_parameters = {key: getattr(arm, key) for key in spec.family.arm_parameters}
+    return spec.family.from_dict({**spec.defaults, **(parameters or {}), **arm_parameters})
+
+
+def _kind(parameter: inspect.Parameter) -> str | None:
+    """Return the type of an option's value; None for parameters that a name cannot set, such as fitted values."""
+    if isinstance(parameter.default, str):  # also of literal types
+        return "str"
+    kind = str(parameter.annotation).removesuffix(" | None")
+    fitted = kind == "float" and parameter.default is None
+    return kind if kind in _READERS and not fitted else None
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}? " if near else ""

@@ -1,4 +1,4 @@
-"""A neural network for what calibration leaves, theory (11): inputs the joints' angles, and the approach signs."""
+"""Calibration with a neural network for its residuals (theory (11)); inputs are joint angles and approach signs."""
 
 from __future__ import annotations
 
@@ -24,32 +24,47 @@ _STEPS: Final = 300
 
 
 class ResidualNetwork(Predictor):
-    """Calibrate, then teach networks of one hidden layer what is left.
+    """Calibrate, then train networks with one hidden layer on the residuals.
 
-    One network is trained without each fifth of the samples, and their mean predicts; each fifth, predicted by the
-    network that has not seen it, gives the standard deviation and how far the networks are to be trusted: their answer
-    is shrunk by the slope of the left-out residuals on it, to nothing where they have found nothing.
+    Five networks are trained, each without one fifth of the samples, and their mean is the prediction. Each fifth is
+    also predicted by the network that has not seen it: these residuals give the standard deviation, and their slope
+    scales the networks' output, down to 0 if the networks have learnt nothing.
 
     Parameters
     ----------
-    robot, tf_flange_tool, terms
-        See `KinematicCalibration`. X may hold approach signs, (n, 2 dof).
+    robot : Robot
+        The nominal robot.
+    tf_flange_tool : (4, 4) array or (3,) array [mm], optional
+        The measured point.
+    terms : sequence of str
+        The joint terms of the calibration, see `KinematicCalibration`.
     hidden : int
-        Neurons of the hidden layer.
+        The number of neurons of the hidden layer.
     decay : float
-        Penalty of squared weights, on scaled inputs and outputs.
+        The penalty of squared weights, on scaled inputs and outputs.
     random_state : int
-        Of folds and starting weights.
+        The seed of the folds and of the initial weights.
     misfit_std, identified, shrink, noise, weights
-        What was found before: nothing is trained then.
+        The values of a previous fit; nothing is trained then.
 
     Attributes
     ----------
     calibration_ : KinematicCalibration
+        The fitted calibration.
     shrink_ : float
-        0 where the networks are of no use, 1 where they are right.
+        The factor of the networks' output: 0 if they have learnt nothing, 1 if they are right.
     noise_ : (3,) array [mm]
-        Standard deviation of left-out samples.
+        The standard deviation of left-out samples.
+
+    Examples
+    --------
+    >>> from truepose.robots import load_robot
+    >>> robot = load_robot("kuka-kr150-2")
+    >>> q = np.random.default_rng(0).uniform(-1, 1, (60, 6))
+    >>> e = 0.3 * robot.error_jacobian(q, parameters=["a3"])[:, :, 0]
+    >>> model = ResidualNetwork(robot, hidden=4).fit(q, e)
+    >>> bool(np.abs(model.predict(q) - e).max() < 0.01)
+    True
     """
 
     arm_parameters: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool")
@@ -83,6 +98,13 @@ class ResidualNetwork(Predictor):
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         if len(X) < 4 * _FOLDS:
             raise DataError(f"{len(X)} samples are too few for networks, expected at least {4 * _FOLDS}, better 200")
+        for name, value, least in (
+            ("hidden", self.hidden, 1),
+            ("decay", self.decay, 0),
+            ("random_state", self.random_state, 0),
+        ):
+            if not value >= least:
+                raise DataError(f"{name} of ResidualNetwork must be at least {least}, got {value}")
         self.calibration_ = KinematicCalibration(
             self.robot, self.tf_flange_tool, terms=self.terms, misfit_std=self.misfit_std, identified=self.identified
         ).fit(X, e, noise_std)
@@ -116,13 +138,13 @@ class ResidualNetwork(Predictor):
         X, _, reading = self._given
         _, field = self._predict(X, True)
         assert field is not None
-        known = np.mean(field**2, axis=0)  # samples left out differ from their prediction by that as well
+        known = np.mean(field**2, axis=0)  # left-out residuals include the uncertainty of the field
         if reading is not None:
             known = known + np.mean(reading**2, axis=0)
         return np.asarray(np.maximum(self.noise_**2 - known, 0.0))
 
     def _leave_one_out(self) -> LeaveOneOut:
-        """Each fifth by the network that has not seen it, after the calibration without the sample itself."""
+        """Predict each fifth by the network that has not seen it, after the calibration without the sample itself."""
         return LeaveOneOut(self._unseen, np.broadcast_to(self.noise_, self._unseen.shape).copy())
 
     def _fitted_parameters(self) -> dict[str, Any]:
@@ -135,10 +157,10 @@ class ResidualNetwork(Predictor):
 
     def _to_fit_again(self) -> Self:
         copy: Self = clone(self)
-        return copy  # what was learnt would know the samples left out
+        return copy  # trained weights have seen the samples left out
 
     def _inputs(self, X: FloatArray) -> FloatArray:
-        """Return cosine and sine of each joint, and the approach signs where there are any."""
+        """Return cosine and sine of each joint, and the approach signs if there are any."""
         assert self.robot is not None
         q, rest = X[:, : self.robot.dof], X[:, self.robot.dof :]
         return np.column_stack([np.cos(q), np.sin(q), rest])
@@ -162,7 +184,7 @@ class ResidualNetwork(Predictor):
             warnings.simplefilter("ignore")  # stopping early is part of the method
             net.fit((inputs - centre) / width, left / size)
         first, second = net.coefs_
-        # scales go into the weights: what is kept is one plain network
+        # fold the scales into the weights, so that a plain network remains
         return (
             first / width[:, None],
             net.intercepts_[0] - (centre / width) @ first,

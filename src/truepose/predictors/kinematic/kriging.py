@@ -236,6 +236,8 @@ class KinematicKriging(PosePredictor):
             raise DataError(f'solver is {self.solver!r}; expected "auto", "covariance" or "basis"')
         if self.residual not in ("joint", "cartesian", "both", "none"):
             raise DataError(f'residual is {self.residual!r}; expected "joint", "cartesian", "both" or "none"')
+        if self.random_state < 0:
+            raise DataError(f"random_state must be at least 0, got {self.random_state}")
         if e.shape[1] != 3:
             raise DataError(f"kinematic Kriging predicts the 3 components of positional errors, but y has {e.shape[1]}")
         if len(e) < _FEWEST:

@@ -13,7 +13,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.folds import split_samples
-from truepose.predictors.registry import PREDICTORS, check_name
+from truepose.predictors.registry import PREDICTORS, predictor_spec
 from truepose.predictors.selection.cross_validation import (
     FoldResult,
     Job,
@@ -173,7 +173,7 @@ def _names(candidates: str | Sequence[str], errors: PositionalErrors) -> list[st
         if len(errors) > _MANY:
             candidates = [_LOCAL.get(name, name) for name in candidates if name not in _TOO_SLOW]
     for name in candidates:
-        check_name(name)
+        predictor_spec(name)
     names = [name for name in dict.fromkeys(candidates) if errors.supports(name)]
     if not names:
         raise DataError(f"none of {', '.join(candidates) or 'no candidates'} can be fitted without joints or the arm")

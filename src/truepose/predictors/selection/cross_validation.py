@@ -18,7 +18,7 @@ from truepose.errors import DataError, TrueposeError
 from truepose.numerics.threads import become_worker, blas_threads, cores
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
-from truepose.predictors.registry import PREDICTORS, ArmContext, make_predictor
+from truepose.predictors.registry import ArmContext, make_predictor, predictor_spec
 
 _FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 
@@ -65,12 +65,12 @@ class PositionalErrors:
         if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
-        return model, fit_without_gross(model, self.coordinates[PREDICTORS[name].space][rows], self.e[rows], noise)
+        return model, fit_without_gross(model, self.coordinates[predictor_spec(name).space][rows], self.e[rows], noise)
 
     def supports(self, name: str) -> bool:
         """Return whether a predictor can be fitted: its coordinates are known, and the arm if it needs one."""
-        predictor = PREDICTORS[name]
-        return predictor.space in self.coordinates and not (predictor.family.arm_parameters and self.arm is None)
+        spec = predictor_spec(name)
+        return spec.space in self.coordinates and not (spec.family.arm_parameters and self.arm is None)
 
 
 class Registrable(Protocol):
@@ -140,7 +140,7 @@ class Job:
             self._registered[key] = self.samples.registered_by(known)
         errors = self._registered[key]
         model, gross = errors.fit(fit.candidate, known)
-        x = errors.coordinates[PREDICTORS[fit.candidate].space]
+        x = errors.coordinates[predictor_spec(fit.candidate).space]
 
         def held_out(rows: IntArray) -> tuple[FloatArray, FloatArray]:
             if not len(rows):
