@@ -1,0 +1,154 @@
+"""The code of the how-to pages does what the pages say."""
+
+from __future__ import annotations
+
+import importlib.util
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+import truepose as tp
+from truepose.errors import DataError
+from truepose.predictors.registry import PREDICTORS, PredictorSpec
+
+FILES = Path(__file__).parents[1] / "docs" / "how-to" / "files"
+SCRIPTS = FILES / "scripts"
+
+
+def load(path: Path) -> Any:
+    """Import a module of the pages by its path."""
+    specification = importlib.util.spec_from_file_location(path.stem, path)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[path.stem] = module  # scikit-learn's checks pickle the estimator
+    specification.loader.exec_module(module)
+    return module
+
+
+QuadraticTrend = load(FILES / "predictor" / "quadratic_trend.py").QuadraticTrend
+
+
+@parametrize_with_checks([QuadraticTrend()])
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
+def test_the_example_predictor_keeps_scikit_learns_contract(estimator: Any, check: Any) -> None:
+    check(estimator)
+
+
+def test_the_example_predictor_recovers_a_quadratic_error(rng: np.random.Generator) -> None:
+    x, new = rng.random((60, 3)) * 1000, rng.random((20, 3)) * 1000
+
+    def error(p: np.ndarray) -> np.ndarray:
+        return 1e-6 * np.stack([p[:, 0] ** 2, p[:, 0] * p[:, 1], 1e3 * p[:, 2]], axis=1)
+
+    predicted, std = QuadraticTrend(1e-9).fit(x, error(x)).predict(new, return_std=True)
+    np.testing.assert_allclose(predicted, error(new), atol=1e-6)
+    assert std.max() < 1e-5
+    assert (QuadraticTrend().fit(x, error(x)).nugget_ < 1e-4).all()
+    with pytest.raises(DataError, match="ridge must be above 0, got 0"):
+        QuadraticTrend(0).fit(x, error(x))
+
+
+def test_the_example_predictors_closed_form_is_refitting(rng: np.random.Generator) -> None:
+    x, keep = rng.random((60, 3)) * 1000, np.arange(60) != 7
+    e = np.sin(x / 300)
+    residual, std = QuadraticTrend(1e-9).fit(x, e).leave_one_out()
+    refitted = QuadraticTrend(1e-9).fit(x[keep], e[keep]).predict(x[[7]])[0]
+    np.testing.assert_allclose(residual[7], e[7] - refitted, atol=1e-7)
+    assert (std > 0).all()
+
+
+def test_the_example_predictors_standard_deviation_is_honest(rng: np.random.Generator) -> None:
+    x, new = rng.uniform(-1, 1, (80, 3)), rng.uniform(-1, 1, (4000, 3))
+    model = QuadraticTrend().fit(x, x**2 + rng.normal(scale=0.1, size=x.shape))
+    predicted, std = model.predict(new, return_std=True)
+    assert 0.6 < np.sqrt(np.mean(((predicted - new**2) / std) ** 2)) < 1.5
+
+
+def test_the_example_predictor_in_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(PREDICTORS, "quadratic-trend", raising=False)
+    # [name]
+    PREDICTORS["quadratic-trend"] = PredictorSpec(QuadraticTrend, space="cartesian")
+    virtual = tp.VirtualCell("paper", seed=7)
+    error_map = tp.fit_cell(virtual.cell, virtual.measure(virtual.design(100)), "quadratic-trend")
+    # [/name]
+    monkeypatch.delitem(PREDICTORS, "quadratic-trend")
+    with pytest.raises(DataError, match="no predictor 'quadratic-trend'"):
+        tp.fit_cell(virtual.cell, error_map.samples, "quadratic-trend")
+    monkeypatch.setitem(PREDICTORS, "quadratic-trend", PredictorSpec(QuadraticTrend))
+    held_out = virtual.measure(virtual.design(80, seed=3), seed=3)
+    result = error_map.validate(held_out)
+    assert result["after"]["mean_mm"] < 0.2 * result["before"]["mean_mm"]
+    error_map.save(tmp_path / "map.truepose")
+    loaded, q = tp.load_map(tmp_path / "map.truepose"), virtual.design(5, seed=9)
+    np.testing.assert_array_equal(loaded.predict_measured(q), error_map.predict_measured(q))
+
+
+@pytest.mark.filterwarnings("ignore:.*no sill within the samples:truepose.errors.VariogramWarning")
+def test_the_papers_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    names = runpy.run_path(str(SCRIPTS / "paper_experiment.py"))
+    result = tp.accuracy(names["error_of"](names["p_target"]), names["error_of"](names["p_command"]))
+    assert result.reduction_max_percent > 75  # the paper's figure
+    assert capsys.readouterr().out.startswith("Accuracy")
+
+
+def test_the_notebook() -> None:
+    with mpl.rc_context({"backend": "agg"}):
+        names = runpy.run_path(str(SCRIPTS / "notebook.py"))
+        assert names["after"].mean() < 0.2 * names["before"].mean()
+        plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def practice(tmp_path_factory: pytest.TempPathFactory, run: Any) -> Path:
+    """Return the folder of the practice cell."""
+    folder = tmp_path_factory.mktemp("practice") / "practice"
+    assert run("demo", folder, "--seed", 7).code == 0
+    return folder
+
+
+def script(name: str, *arguments: object) -> str:
+    done = subprocess.run(
+        [sys.executable, SCRIPTS / name, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_production_cell(practice: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(practice, tmp_path / "cell")
+    assert " mm before, 0.0" in script("production_cell.py", folder)
+    assert {path.name for path in (folder / "production").iterdir()} == {
+        "panel.src", "panel.dat", "panel.corrections.json", "panel.corrections.csv",
+    }  # fmt: skip
+    assert (folder / "production.html").stat().st_size > 10_000
+
+
+def test_comparing(practice: Path) -> None:
+    lines = script("compare.py", practice / "cell.toml", practice / "fit_samples.csv").splitlines()
+    assert {line.split()[0] for line in lines[:4]} == {"registration", "idw", "ordinary-kriging", "calibration"}
+    assert lines[3].startswith("registration")
+
+
+def test_later_readings_of_the_practice_cell(tmp_path: Path) -> None:
+    shutil.copytree(FILES / "later", tmp_path / "later")
+    runpy.run_path(str(tmp_path / "later" / "measure.py"))
+    checks, bumped = (tp.read_samples(tmp_path / "later" / f"{name}.csv") for name in ("checks", "bumped"))
+    shift = np.linalg.norm(bumped.p_meas - checks.p_meas, axis=1)
+    np.testing.assert_allclose(shift, 0.5, atol=1e-3)  # 0.3 and 0.4 mm in the frame of the tool
+
+
+def test_a_rapid_task_is_corrected_only_whole() -> None:
+    task = FILES / "rapid_task" / "TASK1"
+    alone, whole = tp.read_program(task / "Points.mod"), tp.read_program(task)
+    assert alone.counts() == {"correct": 0, "skip": 3, "refuse": 1}
+    assert whole.counts() == {"correct": 2, "skip": 2, "refuse": 0}
