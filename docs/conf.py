@@ -8,7 +8,7 @@ from pathlib import Path
 from truepose import __version__
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE / "_extensions"))
+sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent / "tools")]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 STATE = tempfile.TemporaryDirectory(prefix="truepose-docs-")  # what pages correct is not remembered
 os.environ["TRUEPOSE_STATE"] = STATE.name
@@ -22,10 +22,20 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     "sphinx_gallery.gen_gallery",
+    "gallery_links",
+    "rooms",
     "shown_commands",
     "theory_links",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "validation/*/table.md", "**sg_execution_times.rst"]
+exclude_patterns = [
+    "_build",
+    "gallery/*.ipynb",
+    "gallery/*.py",
+    "gallery/backreferences",
+    "how-to/files",
+    "validation/*/table.md",
+    "**sg_execution_times.rst",
+]
 default_role = "py:obj"
 language = "en"
 
@@ -47,6 +57,8 @@ napoleon_use_rtype = False
 sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples"),
     "gallery_dirs": "gallery",
+    "backreferences_dir": "gallery/backreferences",
+    "doc_module": ("truepose",),
     "filename_pattern": r"/",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,

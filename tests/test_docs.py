@@ -1,0 +1,88 @@
+"""The documentation keeps step with the code: messages, names, rooms, decisions."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import truepose
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+QUOTED = re.findall(r"^### `(.+)`$", (DOCS / "troubleshooting.md").read_text("utf-8"), re.MULTILINE)
+
+
+def texts() -> list[str]:
+    """Return all texts of the source, with … for what is put in when it runs."""
+    found = []
+    for path in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+            elif isinstance(node, ast.JoinedStr):
+                found.append(
+                    "".join(
+                        str(getattr(part, "value", "")) if isinstance(part, ast.Constant) else "…"
+                        for part in node.values
+                    )
+                )
+    return found
+
+
+@pytest.fixture(scope="module")
+def source() -> str:
+    return "\n".join(texts())
+
+
+@pytest.mark.parametrize("message", QUOTED)
+def test_quoted_messages_exist(message: str, source: str) -> None:
+    fragments = [fragment.strip() for fragment in message.split("…") if len(fragment.strip(" ;?,.:")) > 3]
+    missing = [fragment for fragment in fragments if fragment not in source]
+    assert not missing, (
+        f"docs/troubleshooting.md quotes {missing}, which no message of src has; change the page with the message"
+    )
+
+
+def test_enough_messages_are_explained() -> None:
+    assert len(QUOTED) >= 30
+    assert len(set(QUOTED)) == len(QUOTED)
+
+
+def test_the_api_index_has_every_public_name() -> None:
+    listed = dict(re.findall(r"\{py:obj\}`(\w+) <(truepose[\w.]+)>`", (DOCS / "api" / "index.md").read_text("utf-8")))
+    assert set(truepose.__all__) - {"__version__"} == set(listed)
+    for name, place in listed.items():
+        module, _, last = place.rpartition(".")
+        assert getattr(importlib.import_module(module), last) is getattr(truepose, name), place
+
+
+@pytest.mark.parametrize("path", sorted((DOCS / "decisions").glob("[0-9]*.md")), ids=lambda path: path.stem)
+def test_decisions_are_short_and_whole(path: Path) -> None:
+    text = path.read_text("utf-8")
+    assert len(text.splitlines()) <= 40
+    assert text.startswith(f"# {int(path.name[:2])}. ")
+    assert all(f"**{part}.**" in text for part in ("Context", "Decision", "Consequences"))
+
+
+def test_the_drawing_shows_every_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    house = importlib.import_module("house")
+    monkeypatch.delitem(sys.modules, "house")
+    _, rooms, between = house.build()
+    drawing = house.drawing(rooms, between)
+    packages = {path.parent.name for path in (ROOT / "src" / "truepose").glob("*/__init__.py")}
+    assert packages <= set(rooms)
+    assert all(f">{name}</text>" in drawing for name in packages)
+    assert drawing.count("<path d=") > len(packages)
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_the_pages_above_lead_somewhere(page: str) -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", (ROOT / page).read_text("utf-8"))
+    assert links
+    assert not [link for link in links if not (ROOT / link).exists()]
