@@ -21,4 +21,4 @@ error_map.save(folder / "production.truepose")
 corrected = tp.correct_program(folder / "program" / "panel.src", error_map, cell, require=0.95)
 corrected.write(folder / "production")
 record = folder / "production" / "panel.corrections.json"
-write_report(folder / "production.html", error_map, held_out, sidecars=[record])
+write_report(error_map, folder / "production.html", held_out, sidecars=[record])
