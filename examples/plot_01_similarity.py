@@ -2,12 +2,12 @@ r"""
 What similarity looks like
 ==========================
 
-Half the mean squared difference of the errors of two poses, over the distance between them: the semivariogram
+The semivariogram is half the mean squared difference between the errors of two poses, as a function of their distance:
 
 .. math:: \gamma(h) = \frac{1}{2N(h)} \sum_{|P_i - P_j| \approx h} \lVert e(P_i) - e(P_j) \rVert^2 .
 
-Near poses have nearly the same error, so the curve starts low. The grey band is where it would lie if the same errors
-were shuffled among the poses: below the band is structure that a map can use.
+Near poses have nearly the same error, so the curve starts low. The grey band shows where it would lie if the same
+errors were shuffled among the poses. Points below the band show structure that a map can use.
 """
 
 import matplotlib.pyplot as plt

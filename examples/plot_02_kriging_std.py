@@ -1,9 +1,9 @@
 r"""
-Kriging knows where it knows
-============================
+Kriging states its own uncertainty
+==================================
 
-Ordinary Kriging weighs the samples so that the expected squared error of the prediction is least, and tells how large
-that is. Here one component of the error is predicted over a vertical plane through the work region, from the samples
+Ordinary Kriging weights the samples so that the expected squared error of the prediction is minimal, and states this
+minimum. Here one component of the error is predicted over a vertical plane through the work region, from the samples
 of the whole region: the standard deviation is low near samples and grows towards the borders. Where it grows beyond a
 limit, no target is corrected.
 """
@@ -34,8 +34,8 @@ for axes, values, title, colours in zip(
 panels[0].set_ylabel("z [mm]")
 
 # %%
-# The variogram it used, and whether the standard deviations are honest: leave-one-out residuals divided by them
-# should have a root mean square of one.
+# The variogram that was fitted, and a check of the standard deviations: leave-one-out residuals divided by them should
+# have a root mean square of one.
 
 residual, left_out_std = kriging.leave_one_out()
 print(kriging.variogram_)

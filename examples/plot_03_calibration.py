@@ -3,9 +3,9 @@ What calibration finds, and what it cannot
 ==========================================
 
 Errors of the links move the tool by :math:`e \approx J(q)\,\Delta\psi`, equation (3). Identifying :math:`\Delta\psi`
-from positions is least squares, but not all parameters can be told apart: some do the same to the tool point. Each
-row of the table says with which others. The errors of this virtual arm are known, so the combinations that *can* be
-seen may be compared with the truth.
+from positions is a least-squares problem, but not all parameters can be separated: some have the same effect on the
+tool point. Each row of the table names them. The errors of this virtual arm are known, so the combinations that *can*
+be identified are compared with the truth.
 """
 
 import matplotlib.pyplot as plt
@@ -23,9 +23,9 @@ for row in model.parameters_:
     print(f"{row['parameter']:16s} {row['change']:9.5f} {std:10s} {row['unit']:4s} {row['note']}")
 
 # %%
-# Parameters that are told apart only by their tolerances differ from the truth, and yet the arm they describe is
-# the right one. So compare what the two arms do: the length of the error at new poses, before, and after taking the
-# identified arm in place of the nominal one.
+# Parameters that only their tolerances separate differ from the truth, but the arm that they describe together is
+# right. Therefore the next figure compares the effect: the length of the error at new poses with the nominal arm, and
+# with the identified one.
 
 new = cell.design(200, seed=5)
 truth = cell.true_position(new)

@@ -2,10 +2,10 @@ r"""
 The error of each joint, seen at the tool
 =========================================
 
-Kinematic Kriging takes the transmission error of each joint as a random function of that joint's own angle, seen at
-the tool through :math:`\partial P / \partial q_j`. Two poses share it whenever they share one joint's angle, wherever
-the arm is. From positions of the tool point alone it so recovers six curves. Black is the truth of this virtual arm;
-what geometry explains as well (a constant and the first harmonic) is taken off both.
+Kinematic Kriging models the transmission error of each joint as a random function of that joint's own angle. It moves
+the tool by :math:`\partial P / \partial q_j`. Two poses share this error whenever they share the angle of the joint,
+wherever the arm is. From positions of the tool point alone the six curves are recovered. Black is the truth of this
+virtual arm; the part that geometry can also explain (a constant and the first harmonic) is removed from both.
 """
 
 import matplotlib.pyplot as plt

@@ -2,10 +2,10 @@ r"""
 How many poses does each method need?
 =====================================
 
-An arm with every fault that virtual arms can have, its tool turned by up to 15° about each axis and its tool point
-known. Each method gets the same readings, 20 to 80 of them, and predicts the errors of 200 other poses. Cartesian
-Kriging does not know how the tool is turned; calibration knows geometry and nothing else; kinematic Kriging knows both
-geometry and the similarity of each joint's errors.
+The virtual arm has all effects, its tool is turned by up to 15° about each axis, and its tool point is known. Each
+method gets the same 20 to 80 readings and predicts the errors of 200 other poses. Cartesian Kriging does not know the
+orientation of the tool; calibration knows only geometry; kinematic Kriging knows geometry and the similarity of each
+joint's errors.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@ r"""
 Where to measure
 ================
 
-Forty poses, chosen before anything is measured: for the lowest predicted uncertainty over the work region, and evenly.
-The prediction of what they will leave needs no reading; the virtual arm then shows what they do leave.
+Forty poses are chosen before anything is measured: once for the lowest predicted uncertainty over the work region, and
+once on a grid. The expected error needs no reading. The virtual arm then shows the error that is really left.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,9 @@ r"""
 Correcting a program
 ====================
 
-A robot shall go along a line in 25 steps. Its map says where it will really go; the command is solved so that the
-predicted outcome is the target, :math:`P_c + \hat e(P_c) = P_t`. Then the virtual robot runs both programs, and the
-tracker looks.
+A robot should move along a line in 25 steps. Its map predicts where it will really be. Each command is solved so that
+its predicted outcome is the target, :math:`P_c + \hat e(P_c) = P_t`. Then the virtual robot runs both programs, and the
+tracker measures both.
 """
 
 from pathlib import Path
@@ -38,7 +38,7 @@ print(text.splitlines()[3])
 print(changed.splitlines()[3])
 
 # %%
-# Only digits differ between the two lines. What the tracker sees of both programs:
+# Only digits differ between the two lines. The tracker measures both programs:
 
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 for label, p, colour in (("as programmed", targets, "#c8442b"), ("corrected", commands, "#1f4e79")):

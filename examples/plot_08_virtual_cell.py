@@ -1,10 +1,10 @@
 r"""
-What is wrong with an arm
-=========================
+Effects in a virtual arm
+========================
 
-The virtual cell ``hard`` has everything that makes real arms miss. Switched on one by one, each effect shows what it
-does to the tool, after the best rigid registration and with the tool point found: what remains is what a map must
-learn. A tool point other than stated is found with the station, and leaves nothing.
+The virtual cell ``hard`` has all effects that cause errors of real arms. Here they are switched on one by one. The
+figure shows the errors after a rigid registration with the tool point fitted: this is what a map must learn. A wrong
+tool point is found together with the station and leaves no error, so it is not shown.
 """
 
 import matplotlib.pyplot as plt

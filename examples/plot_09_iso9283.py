@@ -2,9 +2,9 @@ r"""
 Pose accuracy by ISO 9283
 =========================
 
-Five poses on the diagonals of a cube, thirty cycles. Pose accuracy AP is the distance from the commanded position to
-the mean of the attained ones; repeatability RP is how these scatter, :math:`\bar l + 3 S_l`. Correcting the commands
-lowers AP. It cannot lower RP: what a robot does differently each time, no map can know.
+Five poses on the diagonals of a cube are measured in thirty cycles. Pose accuracy AP is the distance from the commanded
+position to the mean of the attained ones; repeatability RP is their scatter, :math:`\bar l + 3 S_l`. Correcting the
+commands lowers AP. It cannot lower RP, because no map can predict what a robot does differently each time.
 """
 
 from dataclasses import replace

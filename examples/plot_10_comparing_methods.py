@@ -2,8 +2,8 @@ r"""
 Comparing methods
 =================
 
-A tutorial for those who have a predictor of their own, or want to know which to trust: data with a known truth, fair
-folds, intervals that can be checked, and a floor that nobody can go below.
+This tutorial is for those who have a predictor of their own, or want to know which one to trust. It needs data with
+known errors, fair folds, intervals that can be checked, and the noise floor.
 
 Data
 ----
@@ -23,7 +23,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 import truepose as tp
-from truepose.predictors import Arm, block_folds, make_predictor, random_folds
+from truepose.predictors import ArmContext, block_folds, make_predictor, random_folds
 from truepose.simulation import EFFECTS
 from truepose.verification import coverage, summary
 
@@ -36,10 +36,10 @@ print(f"{len(e)} samples, error {summary(e)['mean_mm']:.3f} mm in the mean, nois
 # Competitors
 # -----------
 #
-# All predictors have ``fit(X, e)`` and ``predict(X)``, so anything with scikit-learn's contract competes: here a
-# Gaussian process on joints. Those of the library come by name; some must know the arm.
+# All predictors have ``fit(X, e)`` and ``predict(X)``, so anything with scikit-learn's contract can compete: here a
+# Gaussian process on joints. Those of the library are made by name; some need to know the arm.
 
-arm = Arm(cell.robot, error_map.tf_flange_tool, (cell.preset.payload_kg, *cell.preset.payload_mm))
+arm = ArmContext(cell.robot, error_map.tf_flange_tool, (cell.preset.payload_kg, *cell.preset.payload_mm))
 competitors = {
     "inverse distance": (make_predictor("idw"), p),
     "ordinary Kriging": (make_predictor("ordinary-kriging"), p),
@@ -75,10 +75,10 @@ for name in competitors:
     print(f"{name:26s}", *(f"{split}: {left[name, split].mean():.3f}  " for split in splits))
 
 # %%
-# Who knows what he does not know?
-# --------------------------------
+# Are the standard deviations right?
+# ----------------------------------
 #
-# A standard deviation is worth what its intervals hold. Of new readings 68 % should lie within one, 95 % within 1.96.
+# A standard deviation is right if 68 % of new readings lie within one of them, and 95 % within 1.96.
 
 new = cell.measure(cell.design(200, seed=77), seed=77)
 e_new = error_map.errors(new)
@@ -89,8 +89,8 @@ for name in ("ordinary Kriging, joints", "calibration", "kinematic Kriging"):
     print(f"{name:26s} within 68 %: {held.within_68:.0%}, within 95 %: {held.within_95:.0%}")
 
 # %%
-# The picture
-# -----------
+# The result
+# ----------
 #
 # One arm is one draw. Before you conclude anything, run over seeds, and give medians with their range, as
 # :doc:`/validation/paper` does.
