@@ -213,10 +213,10 @@ def test_shapes_and_names():
         (
             {"parameters": ["theta9"]},
             RobotError,
-            'no parameter "theta9" in the convention "hayati"; its groups are theta',
+            'no parameter "theta9" in the convention "hayati"; expected a name such as theta1, or a group: theta',
         ),
-        ({"convention": "denavit"}, RobotError, 'no convention "denavit"; there are hayati, dh'),
-        ({"outputs": "velocity"}, DataError, 'outputs "velocity" are not known'),
+        ({"convention": "denavit"}, RobotError, 'unknown convention "denavit"; expected one of hayati, dh'),
+        ({"outputs": "velocity"}, DataError, 'unknown outputs "velocity"'),
     ],
 )
 def test_bad_requests(options, error, message):
@@ -273,7 +273,7 @@ def test_terms_by_name(rng):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("sin0", 'no term "sin0"; there are compliance'),
+        ("sin0", 'unknown term "sin0"; expected compliance'),
         ("backlash q7", '"backlash q7": kuka-kr150-2 has 6 joints'),
         ("gearcos1", "needs gear_ratio"),
     ],

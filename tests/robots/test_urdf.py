@@ -106,18 +106,18 @@ def joint(name: str, kind: str, parent: str, child: str) -> Joint:
                 joint("left", "revolute", "b", "c"),
                 joint("right", "revolute", "b", "d"),
             ],
-            'the chain branches at link "b" into "left" and "right"; name the tip',
+            'the chain branches at link "b" into "left" and "right"; pass the tip',
         ),
         (
             [joint("j", "revolute", "a", "b"), joint("k", "revolute", "a", "c"), joint("rod", "revolute", "c", "b")],
-            'link "b" hangs on two joints, "j" and "rod": a closed chain or parallel linkage',
+            'link "b" has two parent joints, "j" and "rod": a closed chain or parallel linkage',
         ),
         ([joint("j", "revolute", "a", "b"), joint("k", "revolute", "b", "a")], "found a loop of links"),
         ([joint("j", "revolute", "a", "b"), joint("k", "revolute", "c", "d")], "expected one root link, found a, c"),
         ([joint("j", "fixed", "a", "b")], "no revolute joint between a and b"),
         (
             [joint("j", "revolute", "a", "b"), joint("f", "fixed", "b", "camera"), joint("g", "fixed", "b", "gripper")],
-            "the last joint carries several links, camera, gripper; name the flange",
+            "the last joint carries several links, camera, gripper; pass the flange",
         ),
     ],
 )
@@ -154,7 +154,7 @@ BOMB = '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("<robot", f"{BOMB}<robot", "has a DOCTYPE or ENTITY declaration, which is not read"),
+        ("<robot", f"{BOMB}<robot", "has a DOCTYPE or ENTITY declaration, which is not supported"),
         ("</robot>", "", "is not XML: no element found"),
         ("<link ", "<lnk><link ", "is not XML: mismatched tag"),
         ('"0.0 0.0 0.1"', '"0.0 0.1"', 'joint "j": origin xyz must be 3 finite numbers; got "0.0 0.1"'),
@@ -163,13 +163,13 @@ BOMB = '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
         ('lower="-3"', 'lower="4"', 'joint "j": limit lower 4 is not below upper 3.5 rad'),
         ("<limit ", "<limits ", 'joint "j" is revolute and has no <limit>'),
         ('<parent link="a"/>', "", 'joint "j" has no <parent>'),
-        ('<child link="b"/>', '<child link="x"/>', 'joint "j" names the link "x", which is not there'),
+        ('<child link="b"/>', '<child link="x"/>', 'joint "j" names the link "x", which does not exist'),
         (' type="revolute"', "", 'joint "j" has no attribute "type"'),
         ("<robot ", '<robot xmlns:x="u" ', None),
         ("<link ", '<x:arg xmlns:x="u"/><link ', "still has xacro elements"),
     ],
 )
-def test_bad_files_are_told(tmp_path: Path, old: str, new: str, match: str | None) -> None:
+def test_invalid_files_are_refused(tmp_path: Path, old: str, new: str, match: str | None) -> None:
     path = write(tmp_path / "arm.urdf", [joint("j", "revolute", "a", "b")])
     text = path.read_text("utf-8")
     assert old in text

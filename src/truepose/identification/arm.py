@@ -1,4 +1,4 @@
-"""What is identified: changes x of named parameters of an arm, geometric ones first, then terms of the joints."""
+"""The parameters to identify: changes x of named parameters of an arm, geometric ones first, then joint terms."""
 
 from __future__ import annotations
 
@@ -20,30 +20,47 @@ _WIDE: Final = {"mm": 30.0, "rad": 3e-2}
 
 
 def tolerance(parameter: Parameter) -> float:
-    """Return how far a parameter may be from its nominal value, one standard deviation [its unit].
+    """Return the standard deviation of a parameter about its nominal value, in the unit of the parameter.
 
-    Links are made to 1 mm and 1 mrad, wide for arms; base and tool are what registration left, to 30 mm and 30 mrad;
-    joints deviate by 1 mrad, and by 5 µrad/Nm.
+    Links are taken to be accurate to 1 mm and 1 mrad, which is wide for arms. Base and tool, which registration has
+    already fitted, have 30 mm and 30 mrad. Joint terms have 1 mrad and 5 µrad/Nm.
+
+    Examples
+    --------
+    >>> tolerance(Parameter("a2", "mm", "a"))
+    1.0
     """
     return (_WIDE if parameter.group in ("base", "tool") else _TOLERANCE)[parameter.unit]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ParametricArm:
-    """An arm whose parameters may change by x: (p,) [mm], [rad].
+    """An arm whose parameters change by x: (p,) [mm], [rad].
 
     Attributes
     ----------
     model : ErrorModel
+        The geometry.
     active : (g,) int array
-        Which of the model's parameters may change.
+        The indices of the model's parameters that may change.
     terms : JointTerms
-        Deviations of the joints beside; none by default.
+        The deviations of the joints; none by default.
+
+    Examples
+    --------
+    >>> from truepose.robots import load_robot
+    >>> ParametricArm.of(load_robot("kuka-kr150-2"), parameters=["theta", "d3"], terms=["sin1 q2"])
+    <ParametricArm of kuka-kr150-2: hayati, 8 parameters (theta, d, sin1)>
     """
 
     model: ErrorModel[Robot]
     active: IntArray
     terms: JointTerms
+
+    def __repr__(self) -> str:
+        groups = ", ".join(dict.fromkeys(parameter.group for parameter in self.parameters))
+        name, count = self.model.robot.name, len(self.parameters)
+        return f"<ParametricArm of {name}: {self.model.convention}, {count} parameters ({groups})>"
 
     @classmethod
     def of(
@@ -58,23 +75,32 @@ class ParametricArm:
         gear_ratio: ArrayLike | None = None,
         outputs: Outputs = "position",
     ) -> ParametricArm:
-        """Return an arm of a robot.
+        """Return the arm of a robot with selected parameters.
 
         Parameters
         ----------
         robot : Robot
+            The arm.
         tool : (4, 4) array or (3,) array [mm], optional
-            tf_flange_tool.
+            tf_flange_tool, or the TCP's position in the flange frame.
         convention : str
-            See `truepose.robots.CONVENTIONS`.
+            The convention, one of `truepose.robots.CONVENTIONS`.
         parameters : sequence of str, optional
-            Geometric parameters, by name or group; all when not given, but for positions without the tool's turns.
+            The geometric parameters by name or group. When not given: all, or for positions all but the rotations of
+            the tool.
         terms : sequence of str
-            See `truepose.robots.joint_terms`.
-        load, gear_ratio
-            For the terms.
+            The joint terms, see `truepose.robots.joint_terms`.
+        load : Load, optional
+            The masses for compliance.
+        gear_ratio : (dof,) array, optional
+            The motor turns for one turn of each joint.
         outputs : {"position", "pose"}
-            What will be measured.
+            The measured quantity.
+
+        Raises
+        ------
+        RobotError
+            If a convention, parameter or term is unknown.
         """
         model = error_model(robot, convention, tool)
         active = model.index(parameters)
@@ -89,17 +115,17 @@ class ParametricArm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Their names."""
+        """The names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
     def nominal(self) -> FloatArray:
-        """Their nominal values; zero for terms: (p,)."""
+        """The nominal values of the parameters; zero for terms: (p,)."""
         return np.concatenate([self.model.nominal[self.active], np.zeros(len(self.terms.parameters))])
 
     @cached_property
     def tolerance(self) -> FloatArray:
-        """See `tolerance`: (p,)."""
+        """The standard deviations of the parameters, see `tolerance`: (p,)."""
         return np.array([tolerance(parameter) for parameter in self.parameters])
 
     def values(self, x: FloatArray) -> FloatArray:
@@ -109,7 +135,7 @@ class ParametricArm:
         return values
 
     def joints(self, q: FloatArray, x: FloatArray, approach: FloatArray | None = None) -> FloatArray:
-        """Return the angles (n, dof) [rad] that the joints have when q is commanded."""
+        """Return the actual joint angles (n, dof) [rad] at commanded joints q."""
         if not self.terms.parameters:
             return q
         return q + self.terms.spread(self.terms.basis(q, approach) * x[len(self.active) :])
@@ -131,7 +157,7 @@ class ParametricArm:
         return np.concatenate([columns, by_joint[:, :, self.terms.joint] * self._basis(q, approach)], axis=2)
 
     def poses_of(self, q: FloatArray, many: FloatArray, approach: FloatArray | None = None) -> FloatArray:
-        """Return the pose at one q (dof,) of arms that differ by (s, p): (s, 4, 4) [mm]."""
+        """Return the poses at one q (dof,) of arms with different changes (s, p): (s, 4, 4) [mm]."""
         fixed = self.model.fixed(self.values(many))
         joints = np.broadcast_to(q, (len(many), len(q)))
         if self.terms.parameters:

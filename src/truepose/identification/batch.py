@@ -1,8 +1,9 @@
 """Parameter identification in one batch, theory (11): iterated linear least squares, Levenberg–Marquardt.
 
 The changes x minimise Σ r_iᵀ C_i⁻¹ r_i + Σ (x_k / s_k)², with C_i the reading's covariance plus misfit² and s_k the
-tolerance of each parameter. The misfit, what the model cannot explain, is estimated with x so that the weighted squares
-equal their degrees of freedom. Without tolerances a minimal subset of parameters is fitted, and the others are kept.
+tolerance of each parameter. The misfit is the standard deviation that the model leaves unexplained; it is estimated
+with x so that the weighted squares equal their degrees of freedom. Without tolerances a minimal subset of parameters is
+fitted, and the others are kept.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares as scipy_least_squares
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification.arm import ParametricArm
+from truepose.identification.observability import observability
 from truepose.identification.observations import Observations
 
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
@@ -26,31 +28,34 @@ LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
 
 _STEPS: Final = 50
 _ROUNDS: Final = 20  # of the misfit's estimate
-_SETTLED: Final = 1e-6  # change of x in tolerances, of the misfit relative
-_FLOOR: Final = 1e-6  # mm and rad: no reading is better
+_SETTLED: Final = 1e-6  # change of x in tolerances, and relative change of the misfit
+_FLOOR: Final = 1e-6  # mm and rad: smallest misfit
 _DIGITS: Final = 1e-14  # of a system with tolerances, which has full rank by them
 _RANK: Final = 1e-8  # singular values of scaled columns, relative
-_TOLD: Final = 0.1  # one over standard deviation, in tolerances
+_DETERMINED: Final = 0.1  # one over standard deviation, in tolerances
 _FIRST: Final = 100.0  # how much sooner base and tool are taken into a minimal subset
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
-    """Identified changes and how well they are known.
+    """Identified changes and their uncertainty.
 
     Attributes
     ----------
     x : (p,) array
-        Changes from the nominal values; zero for parameters kept.
+        The changes from the nominal values; zero for parameters that were kept.
     covariance : (p, p) array
+        The covariance of the changes.
     free : (p,) bool array
-        Parameters that took part.
+        Whether each parameter was fitted.
     misfit : (kinds,) array [mm] or [mm], [rad]
-        Standard deviation of what is neither explained nor in the readings' covariance.
+        The standard deviation left unexplained by model and readings' covariance.
     residual : (n, k) array
+        The measured minus the predicted numbers.
     jacobian : (n, k, p) array
+        The derivative of the prediction by x.
     whitener : (n, k, k) array
-        Inverse Cholesky factors of C_i, times the square root of the robust weight.
+        The inverse Cholesky factors of C_i, times the square root of the robust weight.
     """
 
     x: FloatArray
@@ -60,6 +65,11 @@ class Identification:
     residual: FloatArray
     jacobian: FloatArray
     whitener: FloatArray
+
+    def __repr__(self) -> str:
+        misfit = ", ".join(f"{value:.4g} {unit}" for value, unit in zip(self.misfit, ("mm", "rad"), strict=False))
+        fitted = f"{self.free.sum()} of {len(self.x)} parameters from {len(self.residual)} readings"
+        return f"<Identification: {fitted}; misfit {misfit}>"
 
 
 def least_squares(
@@ -75,18 +85,21 @@ def least_squares(
     Parameters
     ----------
     arm : ParametricArm
+        The arm and its parameters.
     data : Observations
+        The readings.
     tolerance : (p,) array, optional
-        Standard deviations of the prior; none when not given.
+        The standard deviations of the prior; no prior when not given.
     free : (p,) bool array, optional
-        Parameters to change; all when not given. Without tolerances they must be identifiable: `minimal_subset`.
+        Whether each parameter is fitted; all when not given. Without tolerances they must be identifiable, as those of
+        `minimal_subset`.
     misfit : (kinds,) array, optional
-        Known instead of estimated.
+        The known misfit; estimated when not given.
 
     Raises
     ------
     IdentifiabilityError
-        If the free parameters cannot be told apart and there are no tolerances, or the steps do not settle.
+        If the data cannot separate the free parameters and there are no tolerances, or the steps do not converge.
     """
     free = np.ones(len(arm.parameters), np.bool_) if free is None else free
     x, level = np.zeros(len(free)), _start(arm, data, misfit)
@@ -103,8 +116,8 @@ def least_squares(
         if np.abs(step).max() < _SETTLED and (np.abs(level - before) <= _SETTLED * before + _FLOOR**2).all():
             return finish(arm, data, x, level, tolerance, free=free)
     raise IdentifiabilityError(
-        f"identification did not settle in {_STEPS} steps (last step {np.abs(step).max():.1e}); "
-        'use method="lm", or look for gross readings'
+        f"identification did not converge in {_STEPS} steps (last step {np.abs(step).max():.1e}); "
+        'use method="lm", or check the readings for outliers'
     )
 
 
@@ -117,16 +130,16 @@ def levenberg_marquardt(
     misfit: FloatArray | None = None,
     loss: Loss = "linear",
 ) -> Identification:
-    """Identify by damped steps (scipy's trust region), also with a robust loss of the whitened residuals.
+    """Identify by damped steps (scipy's trust region), with an optional robust loss of the whitened residuals.
 
-    Parameters are those of `least_squares`; `loss` is scipy's ("huber", "soft_l1", "cauchy"), which tolerances do not
-    take part in. With a loss the misfit is estimated by the median.
+    The parameters are those of `least_squares`. The loss is one of scipy's ("huber", "soft_l1", "cauchy") and does not
+    apply to the tolerances. With a robust loss the misfit is estimated from the median.
     """
     if loss not in LOSSES:
-        raise DataError(f'loss "{loss}" is not known; there are {", ".join(LOSSES)}')
+        raise DataError(f'unknown loss "{loss}"; expected one of {", ".join(LOSSES)}')
     free = np.ones(len(arm.parameters), np.bool_) if free is None else free
     x, level = np.zeros(len(free)), _start(arm, data, misfit)
-    settled = 1e-7 if loss == "linear" else 1e-3  # a median jumps
+    settled = 1e-7 if loss == "linear" else 1e-3  # a median changes in jumps
     for _ in range(_ROUNDS):
         x = _damped(arm, data, x, whiteners(data, level), tolerance, free, loss)
         found = finish(arm, data, x, level, tolerance, free=free, loss=loss)
@@ -153,7 +166,7 @@ def finish(
     free: BoolArray | None = None,
     loss: Loss = "linear",
 ) -> Identification:
-    """Return the solution at known changes: covariance of the linearised problem, residuals, weights."""
+    """Return the identification at known changes: covariance of the linearised problem, residuals, weights."""
     free = np.ones(len(arm.parameters), np.bool_) if free is None else free
     residual, columns = data.residual(arm, x), data.jacobian(arm, x)
     white = whiteners(data, misfit)
@@ -172,18 +185,18 @@ def finish(
 
 
 def minimal_subset(arm: ParametricArm, data: Observations) -> BoolArray:
-    """Return parameters that the data can tell apart, as many as there are (p,): QR with column pivoting.
+    """Return the largest set of parameters that the data can separate, (p,) bool: QR with column pivoting.
 
-    Base and tool are preferred, then the parameters seen best; the others are to be kept at their nominal values. A
-    parameter counts when the data tell it, the ones before it known, better than ten tolerances.
+    Base and tool are preferred, then the parameters determined best; the others are to be kept at their nominal values.
+    A parameter is included if the data determine it, given the previous ones, better than ten tolerances.
     """
     near = least_squares(arm, data, arm.tolerance)
     rows = (near.whitener @ near.jacobian).reshape(-1, len(arm.parameters)) * arm.tolerance
     first = np.array([_FIRST if p.group in ("base", "tool") else 1.0 for p in arm.parameters])
     r, order = qr(rows * first, mode="r", pivoting=True)
-    told = np.abs(np.diag(r)) / first[order[: len(r)]]
+    determined = np.abs(np.diag(r)) / first[order[: len(r)]]
     free = np.zeros(len(arm.parameters), np.bool_)
-    free[order[: len(r)][told > max(_TOLD, _RANK * told.max())]] = True
+    free[order[: len(r)][determined > max(_DETERMINED, _RANK * determined.max())]] = True
     return free
 
 
@@ -194,12 +207,16 @@ def whiteners(data: Observations, misfit: FloatArray) -> FloatArray:
 
 
 def estimate_misfit(data: Observations, residual: FloatArray, leverage: FloatArray) -> FloatArray:
-    """Return the misfit with which the weighted squares equal their degrees of freedom, for each kind of number.
+    """Return the misfit at which the weighted squares equal their degrees of freedom, for each kind of number.
 
     Parameters
     ----------
-    residual, leverage : (n, k) arrays
-        Leverage: what part of each number the fit used up.
+    data : Observations
+        The readings.
+    residual : (n, k) array
+        The residuals.
+    leverage : (n, k) array
+        The share of each number that the fit has absorbed.
     """
     variance = np.einsum("nkk->nk", data.covariance)
     found = []
@@ -229,7 +246,7 @@ def _start(arm: ParametricArm, data: Observations, misfit: FloatArray | None) ->
 
 
 def _robust_misfit(data: Observations, residual: FloatArray, used: int) -> FloatArray:
-    """Return 1.4826 times the median size (consistent for normal numbers), less the readings' own part."""
+    """Return 1.4826 times the median size (consistent for normal numbers), less the part of the readings."""
     share = residual.size / max(residual.size - used, 1)
     variance = np.einsum("nkk->nk", data.covariance)
     found = []
@@ -248,7 +265,7 @@ def _system(
     tolerance: FloatArray | None,
     free: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the scale of each step, and the rows and right side of the linear problem in scaled steps."""
+    """Return the scale of each step, and the matrix and right side of the linear problem in scaled steps."""
     rows = (white @ columns[:, :, free]).reshape(-1, int(free.sum()))
     right = np.einsum("nij,nj->ni", white, residual).ravel()
     if tolerance is None:
@@ -270,12 +287,10 @@ def _solved(
 
 
 def _cannot_tell(arm: ParametricArm, free: BoolArray, rows: FloatArray) -> IdentifiabilityError:
-    from truepose.identification.observability import observability
-
     names = [name for name, taken in zip(arm.names, free, strict=True) if taken]
     seen = observability(rows[:, None, :], names)
     return IdentifiabilityError(
-        f"identification: rank {seen.rank} of {len(names)} parameters; the data cannot tell {seen.describe()}; "
+        f"identification: rank {seen.rank} of {len(names)} parameters; the data cannot separate {seen.describe()}; "
         'use tolerances (prior="tolerance"), a minimal subset (prior="subset"), or measure other poses'
     )
 

@@ -1,13 +1,13 @@
-"""Sequential identification, theory (11): the parameters as the state of a Kalman filter that does not move.
+"""Sequential identification, theory (11): the parameters are the constant state of a Kalman filter.
 
-Each observation corrects x and its covariance P; before the first they are zero and the tolerances. Extended:
-linearised where each step ends. Unscented: sigma points (Wan and van der Merwe 2000), with the statistical
-linearisation H = P_xyᵀ P⁻¹ in its place. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays
-positive definite in rounding.
+Each observation corrects x and its covariance P, which start from zero and the tolerances. The extended filter
+linearises where each step ends. The unscented filter uses sigma points (Wan and van der Merwe 2000) and the statistical
+linearisation H = P_xyᵀ P⁻¹ instead. Both update P in Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, which stays
+positive definite despite rounding.
 
-A filter cannot take back what it linearised far from where it ends. So a series is filtered again from its prior, now
-linearised about the last pass's end, until that end is still: for the extended filter these are Gauss-Newton's steps
-(Bell 1994), for the unscented the iterated posterior linearisation (García-Fernández et al. 2015).
+A filter cannot revise a linearisation that was made far from its final state. So a series is filtered again from its
+prior, linearised about the final state of the last pass, until this state settles. For the extended filter these are
+Gauss-Newton steps (Bell 1994), for the unscented the iterated posterior linearisation (García-Fernández et al. 2015).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _BETA: Final = 2.0  # normal prior
 _ITERATIONS: Final = 5  # of one update of the extended filter
 _STILL: Final = 1e-2  # change of its step, in tolerances
 _PASSES: Final = 12
-_SETTLED: Final = 0.01  # of the misfit, relative, and of the parameters, in standard deviations
+_SETTLED: Final = 0.01  # relative change of the misfit, and change of the parameters in standard deviations
 
 
 class KalmanFilter:
@@ -38,19 +38,22 @@ class KalmanFilter:
     Parameters
     ----------
     arm : ParametricArm
+        The arm and its parameters.
     tolerance : (p,) array, optional
-        Standard deviations before the first observation; the arm's own when not given.
+        The standard deviations before the first observation; those of the arm when not given.
     kind : {"ekf", "ukf"}
+        The extended or the unscented filter.
     about : KalmanFilter, optional
-        Linearised about its state, not this filter's own: a second pass over a series that `about` has seen.
+        A filter that has already seen the series; this one linearises about its state instead of its own.
 
     Attributes
     ----------
     x : (p,) array
-        Changes from the nominal values.
+        The changes from the nominal values.
     covariance : (p, p) array
+        The covariance of the changes.
     n : int
-        Observations seen.
+        The number of observations.
     """
 
     def __init__(
@@ -67,25 +70,27 @@ class KalmanFilter:
 
     @property
     def x(self) -> FloatArray:
-        """Changes from the nominal values: (p,)."""
+        """The changes from the nominal values: (p,)."""
         return self._scale * self._z
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the changes: (p, p)."""
+        """The covariance of the changes: (p, p)."""
         return np.asarray(self._scale[:, None] * self._p * self._scale)
 
     def update(self, data: Observations, misfit: FloatArray) -> None:
-        """Take observations, one after the other, with what the model cannot explain as noise.
+        """Process observations one after the other; the misfit counts as noise.
 
         Parameters
         ----------
         data : Observations
+            The readings.
         misfit : (kinds,) array [mm] or [mm], [rad]
+            The standard deviation that the model leaves unexplained.
         """
         extra = np.diag(np.asarray(misfit, float)[data.kind] ** 2)
         step = self._extended if self.kind == "ekf" else self._unscented
-        for i in range(len(data)):  # a filter is a loop: each step needs the one before
+        for i in range(len(data)):  # each step depends on the one before
             gain, columns, noise, moved = step(data, i, data.covariance[i] + extra)
             self._z = self._z + moved
             kept = np.eye(len(self._z)) - gain @ columns
@@ -93,7 +98,7 @@ class KalmanFilter:
             self.n += 1
 
     def _extended(self, data: Observations, i: int, noise: FloatArray) -> _Step:
-        """Linearise where the step ends, until it ends there (iterated filter, Bell and Cathey 1993)."""
+        """Return one step, linearised at its end by iteration (iterated filter, Bell and Cathey 1993)."""
         one = data.one(i)
         moved = np.zeros(len(self._z)) if self._about is None else self._about._z - self._z
         for _ in range(_ITERATIONS if self._about is None else 1):
@@ -121,7 +126,7 @@ class KalmanFilter:
         covariance = weight * np.outer(first, first) + away.T @ away / (2 * spread**2)
         cross = -(points[1:] - centre._z).T @ away / (2 * spread**2)  # the prediction is minus the residual
         columns = np.linalg.solve(root.T, np.linalg.solve(root, cross)).T
-        noise = noise + covariance - columns @ centre._p @ columns.T  # what is not linear counts as noise
+        noise = noise + covariance - columns @ centre._p @ columns.T  # the nonlinear part counts as noise
         gain = self._gain(columns, noise)
         return gain, columns, noise, gain @ (innovation + columns @ (centre._z - self._z))
 
@@ -129,7 +134,7 @@ class KalmanFilter:
         return np.asarray(np.linalg.solve(columns @ self._p @ columns.T + noise, columns @ self._p).T)
 
     def again(self, data: Observations, misfit: FloatArray) -> KalmanFilter:
-        """Return a filter that has seen the whole series from the prior, linearised about this one's end."""
+        """Return a filter that processes the series again from the prior, linearised about this filter's state."""
         found = KalmanFilter(self.arm, self._scale, self.kind, about=self)
         found.update(data, misfit)
         found._about = None
@@ -148,10 +153,10 @@ def filtered(
     kind: Kind = "ekf",
     misfit: FloatArray | None = None,
 ) -> tuple[KalmanFilter, FloatArray]:
-    """Return a filter that has seen all observations, and the misfit.
+    """Return a filter that has processed all observations, and the misfit.
 
-    The series is filtered again, linearised about its own last end and (when the misfit is not given) with the misfit
-    that this end leaves, until both settle.
+    The series is filtered again, linearised about the last final state and (when the misfit is not given) with the
+    misfit of this state, until both settle.
     """
     residual = data.residual(arm, np.zeros(len(arm.parameters)))
     level = estimate_misfit(data, residual, np.zeros(residual.shape)) if misfit is None else np.asarray(misfit, float)

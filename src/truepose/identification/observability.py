@@ -1,10 +1,10 @@
-"""What measurements can tell: rank, condition number, observability indices, and names of what cannot be told apart."""
+"""Observability of parameters: rank, condition number, indices, and the parameters that cannot be separated."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -15,28 +15,31 @@ from truepose.identification.arm import ParametricArm
 
 _RANK: Final = 1e-8  # singular values of scaled columns, relative to the largest
 _UNSEEN: Final = 1e-9  # length of a column, relative to the longest
-_PART: Final = 0.05  # of the largest share: parameters with less are not named
+_PART: Final = 0.05  # of the largest share: parameters with smaller shares are not listed
 _NAMED: Final = 6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observability:
-    """What n observations say about p parameters.
+    """The observability of p parameters in n observations.
 
     Attributes
     ----------
     names : tuple of str
+        The names of the parameters.
     rank : int
+        The number of combinations of parameters that are determined.
     singular_values : (p,) array
-        Of the columns, each scaled to unit length.
+        The singular values of the columns, each scaled to unit length.
     condition : float
-        Largest over smallest of the singular values that count.
+        The ratio of the largest to the smallest of the first `rank` singular values.
     indices : dict of str to float
-        O1 (volume, Borm and Menq 1989), O2 (inverse condition number, Driels and Pathre 1990), O3 (smallest, Nahvi et
-        al. 1994), O4 (noise amplification, Nahvi and Hollerbach 1996), O5 (inverse sum, Sun and Hollerbach 2008), of
-        the `rank` singular values of the columns scaled by `scale`; with full rank they are the indices as published.
+        The indices O1 (volume, Borm and Menq 1989), O2 (inverse condition number, Driels and Pathre 1990), O3
+        (smallest, Nahvi et al. 1994), O4 (noise amplification, Nahvi and Hollerbach 1996), O5 (inverse sum, Sun and
+        Hollerbach 2008), of the `rank` singular values of the columns scaled by `scale`; with full rank they are the
+        published indices.
     apart : dict of str to tuple of str
-        For each parameter that others can imitate: these others. Empty for one that is not seen at all.
+        The partners of each parameter that cannot be separated; empty for one without any effect.
     """
 
     names: tuple[str, ...]
@@ -46,8 +49,16 @@ class Observability:
     indices: dict[str, float]
     apart: dict[str, tuple[str, ...]]
 
+    def __repr__(self) -> str:
+        mixed = f"; not separable: {self.describe()}" if self.apart else ""
+        return f"<Observability: rank {self.rank} of {len(self.names)}, condition number {self.condition:.3g}{mixed}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values, for JSON."""
+        return asdict(self) | {"singular_values": self.singular_values.tolist()}
+
     def describe(self) -> str:
-        """Return the parameters that cannot be told apart, for a message: "d2 with d3; theta1 with base rz"."""
+        """Return the parameters that cannot be separated, for a message: "d2 with d3; theta1 with base rz"."""
         lines = [f"{name} with {', '.join(others)}" if others else name for name, others in self.apart.items()]
         more = f" and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
         return "; ".join(lines[:_NAMED]) + more
@@ -59,10 +70,11 @@ def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray |
     Parameters
     ----------
     columns : (n, k, p) array
-        As `Robot.error_jacobian` gives it, or whitened.
+        The Jacobian, as from `Robot.error_jacobian`, or whitened.
     names : sequence of p str
+        The names of the parameters.
     scale : (p,) array, optional
-        Size of an ordinary change of each parameter, for the indices O1–O5; unit columns when not given.
+        The size of a typical change of each parameter, for the indices O1–O5; unit columns when not given.
 
     Raises
     ------
@@ -81,7 +93,7 @@ def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray |
     """
     rows = np.asarray(columns, float).reshape(-1, np.shape(columns)[-1])
     if len(names) != rows.shape[1] or not np.isfinite(rows).all():
-        raise DataError(f"{rows.shape[1]} columns and {len(names)} names; expected as many, of finite numbers")
+        raise DataError(f"expected as many finite columns as names, got {rows.shape[1]} columns and {len(names)} names")
     length = np.linalg.norm(rows, axis=0)
     seen = length > _UNSEEN * length.max()
     unit = rows[:, seen] / length[seen]
@@ -104,15 +116,32 @@ def observability(columns: FloatArray, names: Sequence[str], scale: FloatArray |
 def poses_to_add(
     arm: ParametricArm, q: FloatArray, count: int = 3, candidates: int = 300, rng: int | np.random.Generator = 0
 ) -> FloatArray:
-    """Return configurations (count, dof) [rad] whose positions would tell most of what those at q cannot.
+    """Return configurations whose measurement reduces the uncertainty most, in addition to those at q.
 
-    Greedy: of random configurations within the limits (±180 degrees where there are none), the one that lowers the
-    uncertainty of the parameters most, in the sense of the determinant, is taken first.
+    The search is greedy: among random configurations within the limits (±180 degrees where there are none), the one
+    that increases the determinant of the information matrix most is taken first.
+
+    Parameters
+    ----------
+    arm : ParametricArm
+        The arm and its parameters.
+    q : (n, dof) array [rad]
+        The configurations measured so far.
+    count : int
+        The number of configurations to add.
+    candidates : int
+        The number of random configurations.
+    rng : int or Generator
+        The seed, or source, of the random configurations.
+
+    Returns
+    -------
+    (count, dof) array [rad]
     """
     robot = arm.model.robot
     limits = np.clip(robot.limits, -np.pi, np.pi)
     pool = np.random.default_rng(rng).uniform(limits[:, 0], limits[:, 1], (candidates, robot.dof))
-    zero, scale = np.zeros(len(arm.parameters)), arm.tolerance / 0.1  # mm: of what a reading tells
+    zero, scale = np.zeros(len(arm.parameters)), arm.tolerance / 0.1  # mm, the accuracy of a reading
 
     def rows(q: FloatArray) -> FloatArray:
         return arm.jacobian(q, zero, np.ones_like(q) if arm.terms.needs_approach else None) * scale
@@ -139,10 +168,10 @@ def _indices(singular: FloatArray, n: int) -> dict[str, float]:
 
 
 def _apart(unit: FloatArray, names: list[str], rank: int) -> dict[str, tuple[str, ...]]:
-    """Write each column outside a basis (pivoted QR) by the basis, and name all that take part."""
+    """Express each column outside a basis (pivoted QR) in this basis, and list the columns that take part."""
     if rank == len(names):
         return {}
-    # base and tool first: then a link's parameter is named with them, not they with several links'
+    # base and tool first, so that a parameter of a link is listed with them, not they with those of several links
     weight = np.array([10.0 if name.startswith(("base", "tool")) else 1.0 for name in names])
     r, order = qr(unit * weight, mode="r", pivoting=True)
     shares = solve_triangular(r[:rank, :rank], r[:rank, rank:]) * weight[order[:rank], None] / weight[order[rank:]]

@@ -1,4 +1,4 @@
-"""What was measured: positions, full poses or distances; each says how far an arm with changes x is from it."""
+"""Observations of an arm: positions, full poses or distances, and their residuals for an arm with changes x."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from truepose.identification.arm import ParametricArm
 
 
 class Observations(Protocol):
-    """n observations of k numbers each.
-
-    `kind` (k,) says which of the k numbers share a unit, and one misfit; `covariance` (n, k, k) is the readings' own.
-    """
+    """A series of n observations of k numbers each."""
 
     @property
     def kind(self) -> IntArray:
-        """See above."""
+        """The group of each of the k numbers, from 0; a group has one unit and one misfit: (k,)."""
 
     @property
     def covariance(self) -> FloatArray:
-        """See above."""
+        """The covariances of the readings: (n, k, k)."""
 
     def __len__(self) -> int: ...
 
@@ -48,10 +45,13 @@ class Positions:
     Attributes
     ----------
     q : (n, dof) array [rad]
-    p : (n, 3) array [mm], base frame (registered: what is left is for the base's parameters)
+        The commanded joints.
+    p : (n, 3) array [mm], base frame
+        The measured positions after registration.
     covariance : (n, 3, 3) array [mm²], base frame
-        Of the readings; zero where it is not known, as the misfit is estimated.
+        The covariances of the readings; zero where unknown, as the misfit is estimated.
     approach : (n, dof) array of -1, 0, +1, optional
+        The signs of the last motion of each joint.
     """
 
     q: FloatArray
@@ -84,14 +84,18 @@ class Positions:
 
 @dataclass(frozen=True, eq=False)
 class PoseObservations:
-    """Full poses: position, and the rotation vector between measured and predicted orientation, base frame.
+    """Full poses; residuals are position and rotation vector from predicted to measured orientation, base frame.
 
     Attributes
     ----------
     q : (n, dof) array [rad]
-    tf : (n, 4, 4) array [mm]
+        The commanded joints.
+    tf : (n, 4, 4) array [mm], base frame
+        The measured poses after registration.
     covariance : (n, 6, 6) array [mm²], [mm rad], [rad²]
+        The covariances of the readings.
     approach : (n, dof) array of -1, 0, +1, optional
+        The signs of the last motion of each joint.
     """
 
     q: FloatArray
@@ -124,17 +128,20 @@ class PoseObservations:
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Distances between the tool point's positions in pairs of configurations: no station is needed, none is found.
+    """Distances between positions of the tool point in pairs of configurations; the tracker's station is not needed.
 
     Attributes
     ----------
     q : (n, dof) array [rad]
-        Configurations.
+        The commanded joints.
     pairs : (m, 2) int array
-        Rows of q.
+        The rows of q that form each pair.
     distance : (m,) array [mm]
+        The measured distances.
     covariance : (m, 1, 1) array [mm²]
+        The variances of the distances.
     approach : (n, dof) array of -1, 0, +1, optional
+        The signs of the last motion of each joint.
     """
 
     q: FloatArray

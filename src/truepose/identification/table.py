@@ -1,4 +1,4 @@
-"""Identified parameters as a table: what a person reads."""
+"""Identified parameters as a table."""
 
 from __future__ import annotations
 
@@ -11,19 +11,30 @@ from truepose.identification.arm import ParametricArm
 from truepose.identification.batch import Identification
 from truepose.identification.observability import Observability
 
-_ONLY_PRIOR: Final = 0.9  # of the tolerance: with more the data said next to nothing
+_ONLY_PRIOR: Final = 0.9  # of the tolerance: with a larger standard deviation the data contribute almost nothing
 
 
 def parameter_table(
     arm: ParametricArm, solution: Identification, seen: Observability, prior: bool
 ) -> list[dict[str, Any]]:
-    """Return one row for each parameter.
+    """Return the table of identified parameters, one row for each.
+
+    Parameters
+    ----------
+    arm : ParametricArm
+        The arm and its parameters.
+    solution : Identification
+        The identified changes.
+    seen : Observability
+        The observability of the parameters.
+    prior : bool
+        Whether the tolerances took part in the fit.
 
     Returns
     -------
     list of dict
-        ``parameter``, ``group``, ``unit``, ``nominal``, ``identified``, ``change``, ``std`` (None where it was kept),
-        ``note``: why it is not known by itself, or empty.
+        ``parameter``, ``group``, ``unit``, ``nominal``, ``identified``, ``change``, ``std`` (None where the
+        parameter was kept), and ``note``, a remark on its identifiability.
     """
     std = np.sqrt(np.diag(solution.covariance))
     rows = []
@@ -47,8 +58,8 @@ def parameter_table(
 def _note(name: str, free: bool, part: float, apart: Mapping[str, tuple[str, ...]], prior: bool) -> str:
     if name in apart:
         others = ", ".join(apart[name])
-        said = f"not identifiable with {others}" if others else "not identifiable: it moves nothing"
-        return said if free else f"{said}; kept"
+        remark = f"not identifiable with {others}" if others else "not identifiable: it has no effect"
+        return remark if free else f"{remark}; kept"
     if prior and part > _ONLY_PRIOR:
         return "known by its tolerance only"
     return "" if free else "kept"

@@ -24,8 +24,8 @@ LINK_CONVENTIONS: tuple[LinkConvention, ...] = ("mdh", "dh")
 
 ChainT = TypeVar("ChainT", bound="Chain")
 
-_CHUNK = 2048  # poses worked on at once: their transforms stay in the cache
-_LIMIT_ROUNDING = 1e-9  # rad
+_CHUNK = 2048  # poses at once, so that their transforms stay in the cache
+_LIMIT_ROUNDING = 1e-9  # rad, by which a joint may exceed its limit
 
 
 def _not_given() -> FloatArray:
@@ -129,7 +129,7 @@ class Chain:
 
     @cached_property
     def fixed(self) -> FloatArray:
-        """Between the joints, (dof + 1, 4, 4) [mm]: T = fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n."""
+        """The fixed transforms, (dof + 1, 4, 4) [mm]: T = fixed_0 Rz(theta_1) fixed_1 … Rz(theta_n) fixed_n."""
         before = np.concatenate([self.link_before, self.tf_last_flange[None]])
         after = np.concatenate([self.tf_base_first[None], self.link_after])
         return np.asarray(after @ before)
@@ -144,7 +144,7 @@ class Chain:
         Parameters
         ----------
         q : (dof,) or (n, dof) array [rad]
-            Joint vectors, in the robot's own order and sign. More leading axes are kept.
+            Joint vectors, in the robot's own order and sign; more leading axes are kept.
         tool : (4, 4) array or (3,) array [mm], optional
             tf_flange_tool, or the TCP's position in the flange frame.
 
@@ -165,8 +165,8 @@ class Chain:
     def frames(self, q: ArrayLike) -> FloatArray:
         """Return the cumulative transforms tf_base_first A_1 … A_i in the robot's own convention.
 
-        With "mdh" they carry all that an error Jacobian needs, theory (3): the x axis of frame i-1 (a, alpha), the
-        z axis of frame i turned back by beta (theta, d), the y axis of frame i (beta).
+        With "mdh" they hold the axes of an error Jacobian, theory (3): the x axis of frame i-1 (a, alpha), the z axis
+        of frame i turned back by beta (theta, d), the y axis of frame i (beta).
 
         Parameters
         ----------
@@ -203,7 +203,7 @@ class Chain:
         return np.asarray((joints >= lower - _LIMIT_ROUNDING) & (joints <= upper + _LIMIT_ROUNDING))
 
     def check_limits(self, q: ArrayLike) -> None:
-        """Raise `RobotError` that names rows, joints, values and limits [deg] of joints beyond their limits.
+        """Raise `RobotError` if joints are beyond their limits; the message names rows, joints and limits [deg].
 
         Parameters
         ----------
@@ -219,19 +219,21 @@ class Chain:
         joints = np.atleast_2d(self.check_joints(q))
         beyond = np.argwhere(~self.within_limits(joints))
         if len(beyond):
-            told = "; ".join(
+            listed = "; ".join(
                 f"row {row} joint {j + 1} at {np.rad2deg(joints[row, j]):.3f} deg, limits "
                 f"{np.rad2deg(self.limits[j, 0]):.6g} to {np.rad2deg(self.limits[j, 1]):.6g}"
                 for row, j in beyond[:3]
             )
             more = f" and {len(beyond) - 3} more" if len(beyond) > 3 else ""
-            raise RobotError(f"{self.name}: joints beyond their limits: {told}{more}; check joint order, sign and unit")
+            raise RobotError(
+                f"{self.name}: joints beyond their limits: {listed}{more}; check joint order, sign and unit"
+            )
 
     def check_joints(self, q: ArrayLike) -> FloatArray:
-        """Return `q` as a float array (…, dof); raise `DataError` for another shape, NaN, or degrees."""
+        """Return `q` as a float array (…, dof); raise `DataError` for another shape, NaN, or values in degrees."""
         joints = as_floats("joints", q)
         if joints.ndim < 1 or joints.shape[-1] != self.dof:
-            raise DataError(f"joints have shape {joints.shape}, expected (n, {self.dof}) for {self.name}")
+            raise DataError(f"expected joints of shape (n, {self.dof}) for {self.name}, got {joints.shape}")
         if not joints.size:
             raise DataError("joints are empty, expected at least one joint vector")
         rows = joints.reshape(-1, self.dof)
@@ -256,11 +258,11 @@ def walk(theta: FloatArray, fixed: FloatArray) -> Iterator[tuple[FloatArray, Flo
     Yields
     ------
     axes : (3, 3, n) array
-        Columns x, y, z of the rotation (first axis), after each joint's rotation, and at last after fixed_n.
+        The columns x, y, z of the rotation (first axis), after each joint's rotation and finally after fixed_n.
     p : (3, n) array [mm]
     """
     n = len(theta)
-    cos, sin = cos_sin(np.ascontiguousarray(theta.T))
+    cos, sin = _cos_sin(np.ascontiguousarray(theta.T))
     axes = np.broadcast_to(fixed[0, :3, :3].T[..., None], (3, 3, n))
     p = np.broadcast_to(fixed[0, :3, 3, None], (3, n))
     for c, s, link in zip(cos, sin, fixed[1:], strict=True):
@@ -284,10 +286,10 @@ def end_poses(theta: FloatArray, fixed: FloatArray) -> FloatArray:
     return tf
 
 
-def cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return cosine and sine by the tangent of half the angle: one function that NumPy computes in vectors, not two.
+def _cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return cosine and sine from the tangent of half the angle: one vectorised function instead of two.
 
-    Both to 3e-16: at pi the tangent is 1.6e16, and neither overflows nor cancels.
+    Both are exact to 3e-16. At pi the tangent is 1.6e16; the formulas neither overflow nor cancel there.
     """
     tangent = np.tan(0.5 * angle)
     square = tangent * tangent
@@ -296,7 +298,7 @@ def cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(axes: FloatArray, p: FloatArray, link: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Append one fixed transform (4, 4) to transforms (3, 3, n) and (3, n): one product for axes and origin."""
+    """Append one fixed transform (4, 4) to axes (3, 3, n) and origins (3, n), in one product."""
     n = p.shape[1]
     moved = link[:3].T @ axes.reshape(3, 3 * n)
     return moved[:3].reshape(3, 3, n), p + moved[3].reshape(3, n)
@@ -311,5 +313,5 @@ def tool_transform(tool: ArrayLike | None) -> FloatArray:
         check_finite("tool", array[None])
         return make_transform(translation=array)
     if array.shape != (4, 4):
-        raise DataError(f"tool has shape {array.shape}, expected (4, 4), or (3,) for a position in the flange frame")
+        raise DataError(f"expected tool of shape (4, 4), or (3,) for a position in the flange frame, got {array.shape}")
     return check_transforms("tool", array)

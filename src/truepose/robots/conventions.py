@@ -1,19 +1,18 @@
-"""Conventions of kinematic parameters as views of one engine (`truepose.robots.error_model`), and their conversions.
+"""Conventions of kinematic parameters: the motions and nominal values that describe the links of an arm.
 
-Of the links between two joints only the line of the next axis matters: a turn about it and a shift along it pass
-through the next joint into the next link. Each convention takes a link apart as ``form(parameters) Rz Tz``, and carries
-Rz Tz on.
+Only the line of the next axis determines a link: a turn about it and a shift along it pass through the next joint into
+the next link. Each convention factors a link as ``form(parameters) Rz Tz``, and multiplies Rz Tz into the next link.
 
 - "hayati": modified D-H (Craig) with Hayati's beta, theory (1).
 - "dh": standard D-H, Rz(theta) Tz(d) Tx(a) Rx(alpha); where the next axis is nearly parallel d is zero and Ry(beta)
-  follows (Hayati and Mirmirani 1985), as the common normal would run far away.
-- "s-model": Rz(beta) Tz(d) Tx(a) Rx(alpha) Rz(gamma) Tz(b) (Stone and Sanderson 1987); six for each link, not
-  continuous at parallel axes.
+  follows (Hayati and Mirmirani 1985), because the common normal would be far away.
+- "s-model": Rz(beta) Tz(d) Tx(a) Rx(alpha) Rz(gamma) Tz(b) (Stone and Sanderson 1987); six parameters for each
+  link, not continuous at parallel axes.
 - "cpc": complete and parametrically continuous (Zhuang, Roth and Hamano 1992): the smallest rotation of z to b, then
-  Tx(x) Ty(y). Of b the component of largest size is dependent, the other two are parameters.
-- "mcpc": the modified one (Zhuang, Wang and Roth 1993): Rx(alpha) Ry(beta) Tx(x) Ty(y).
+  Tx(x) Ty(y). The largest component of b is dependent, the other two are parameters.
+- "mcpc": modified CPC (Zhuang, Wang and Roth 1993): Rx(alpha) Ry(beta) Tx(x) Ty(y).
 - "poe": product of exponentials in adjoint form (Chen et al. 2014): each axis is displaced by two shifts and two turns
-  square to it; four for each joint, no singularity.
+  square to it; four parameters for each joint, no singularity.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from truepose.robots.motions import Kind, Motion, Parameter, tilt, transform
 
 _NEARLY_PARALLEL: Final = 0.05  # sine of the angle between axes: Hayati and Mirmirani (1985)
 _PARALLEL: Final = 1e-13
-_FARTHEST: Final = 1e7  # mm: with a common normal further away a position keeps less than 1e-8 mm
+_FARTHEST: Final = 1e7  # mm: rounding of positions exceeds 1e-8 mm if the common normal is farther away
 _STEEP: Final = 0.7  # sine of MCPC's beta: its singularity is at 1
 _BACKWARD: Final = 0.2  # 1 + b_z of CPC: its singularity is at 0
 
@@ -45,7 +44,7 @@ _TOOL: Final = tuple(Parameter(p.name.replace("base", "tool"), p.unit, "tool") f
 
 
 class _Part(NamedTuple):
-    """A motion before it has a place: parameters by name, unit and value."""
+    """A motion whose parameters have names and values, but no indices yet."""
 
     kind: Kind
     axis: int
@@ -78,7 +77,7 @@ def parametrise_links(robot: Chain, links: FloatArray, convention: str) -> Param
     """Return the arm L_0 Rz(s_1 q_1) L_1 … L_n, links (dof + 1, 4, 4) [mm], in a convention."""
     if convention not in CONVENTIONS:
         known = ", ".join(CONVENTIONS)
-        raise RobotError(f'{robot.name}: no convention "{convention}"; there are {known}')
+        raise RobotError(f'{robot.name}: unknown convention "{convention}"; expected one of {known}')
     if convention == "hayati":
         return _hayati(mdh_of_fixed(replace(robot, offset=np.zeros(robot.dof)), links), np.eye(4))
     if convention == "poe":
@@ -92,13 +91,13 @@ def parametrise_links(robot: Chain, links: FloatArray, convention: str) -> Param
         carry = invert_transform(_product(found)) @ wanted
         carry[:3, :3] = axis_rotation(2, np.arctan2(carry[1, 0], carry[0, 0]))[:3, :3]
         carry[:2, 3] = 0.0
-    # the last frame is met exactly: nothing comes after it that could take up a rest
+    # the last frame is matched exactly: no link follows that could take up the remainder
     parts[-1].append(_fixed(invert_transform(_product(parts[-1])) @ wanted))
     return _place(convention, parts)
 
 
 def _place(convention: str, parts: list[list[_Part]]) -> Parametrisation:
-    """Give names their place, group by group, and add base and tool."""
+    """Assign indices to the parameters, group by group, and add those of base and tool."""
     named: dict[str, float] = {}
     for link in parts:
         for part in link:
@@ -179,7 +178,7 @@ def _standard(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
         theta, d, a, alpha = _common_normal(z, p)
         beta: tuple[_Part, ...] = ()
     else:
-        origin = p - p[2] / z[2] * z  # where the axis meets the plane of the joint
+        origin = p - p[2] / z[2] * z  # where the axis intersects the plane of the joint
         theta, a = _half_turn(origin[0], origin[1])
         d = 0.0
         x, y, up = axis_rotation(2, -theta)[:3, :3] @ z
@@ -217,7 +216,7 @@ def _stone(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
 def _continuous(tf: FloatArray, k: int, robot: Chain) -> list[_Part]:
     before: list[_Part] = []
     z, p = tf[:3, 2], tf[:3, 3]
-    if 1.0 + z[2] < _BACKWARD:  # the other sense of the axis, as b_z >= 0 is wanted
+    if 1.0 + z[2] < _BACKWARD:  # reverse the axis, so that b_z >= 0
         half = np.diag([1.0, -1.0, -1.0, 1.0])
         before, z, p = [_fixed(half)], half[:3, :3] @ z, half[:3, :3] @ p
     dependent = int(np.argmax(np.abs(z)))
@@ -262,7 +261,7 @@ def _exponentials(robot: Chain, links: FloatArray) -> Parametrisation:
 
 
 def _common_normal(z: FloatArray, p: FloatArray) -> tuple[float, float, float, float]:
-    """Return theta, d, a, alpha of Rz Tz Tx Rx that reach the line through p along z; d = 0 where it is parallel."""
+    """Return theta, d, a, alpha of Rz Tz Tx Rx to the line through p along z; d = 0 for a parallel line."""
     sine = np.hypot(z[0], z[1])
     if sine < _PARALLEL:
         theta, a = _half_turn(p[0], p[1])
@@ -271,7 +270,7 @@ def _common_normal(z: FloatArray, p: FloatArray) -> tuple[float, float, float, f
     side = float(np.sign(flip))
     alpha = float(np.arctan2(side * sine, z[2]))
     along = (p[0] * z[0] + p[1] * z[1]) / sine**2
-    foot = p - along * z  # on the next axis, where the common normal meets it
+    foot = p - along * z  # of the common normal on the next axis
     return theta, float(foot[2]), float(foot[0] * np.cos(theta) + foot[1] * np.sin(theta)), alpha
 
 
@@ -293,4 +292,4 @@ _FORMS: Final[dict[str, Callable[[FloatArray, int, Chain], list[_Part]]]] = {
     "mcpc": _modified_continuous,
 }
 CONVENTIONS: Final = ("hayati", *_FORMS, "poe")
-"""All conventions by name."""
+"""The names of all conventions."""

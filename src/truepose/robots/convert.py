@@ -1,4 +1,4 @@
-"""Any serial chain of revolute joints as modified D-H with Hayati's beta."""
+"""Conversion of serial chains of revolute joints to modified D-H with Hayati's beta."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SQUARE = 1e-9
 
 
 def to_mdh(robot: ChainT) -> ChainT:
-    """Return the same arm with the parameters of theory (1); frames and flange are kept to rounding.
+    """Return the same arm in the parameters of theory (1); its flange poses are equal to rounding.
 
     Examples
     --------
@@ -36,13 +36,14 @@ def mdh_of_fixed(robot: ChainT, fixed: FloatArray) -> ChainT:
     Parameters
     ----------
     robot : Robot
-        Gives names, signs, offsets and limits.
+        The arm whose names, signs, offsets and limits are kept.
     fixed : (dof + 1, 4, 4) array [mm]
-        Transforms between rotations about z, as `Robot.fixed`.
+        The transforms between the rotations about z, as in `Robot.fixed`.
 
     Notes
     -----
-    Neighbouring axes that are parallel, or nearly so, get d = 0 and beta; all others beta = 0 and their common normal.
+    Neighbouring axes that are parallel, or nearly so, have d = 0 and a beta; all others beta = 0 and their common
+    normal.
     """
     dof = robot.dof
     turn = np.tile(np.eye(4), (dof, 1, 1))
@@ -68,7 +69,7 @@ def mdh_of_fixed(robot: ChainT, fixed: FloatArray) -> ChainT:
             origin = point[i + 1] - (to_next @ z_next) * z_next
         else:
             x = normal / np.linalg.norm(normal)
-            side = np.cross(z, x)  # the foot on the next axis has no part along it
+            side = np.cross(z, x)  # the foot of the normal on the next axis has no component along it
             origin = point[i + 1] - (to_next @ side) / (z_next @ side) * z_next
             d[i] = (origin - here) @ z
         turned = x @ frame[:3, 0]
@@ -102,7 +103,7 @@ def _same_line(tf: FloatArray, axis: FloatArray, point: FloatArray) -> bool:
 
 
 def _square_to(z: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the unit vector square to z nearest to another; taken twice, as a short one is mostly rounding."""
+    """Return the unit vector square to z nearest to another; two passes remove the rounding of short vectors."""
     x = wanted / np.linalg.norm(wanted)
     for _ in range(2):
         x = x - (x @ z) * z
@@ -111,5 +112,5 @@ def _square_to(z: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def _cleaned(tf: FloatArray) -> FloatArray:
-    """Exactly the identity where it is so but for rounding."""
+    """Return exactly the identity for a transform that equals it up to rounding."""
     return np.eye(4) if np.abs(tf - np.eye(4)).max() < 1e-12 else tf

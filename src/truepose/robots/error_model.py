@@ -1,11 +1,11 @@
-"""The one engine under every convention: an arm as elementary motions, and its derivative by each parameter.
+"""Error models of arms: links as elementary motions, and the derivative of the tool point by each parameter.
 
     T = L_0 Rz(s_1 q_1) L_1 … Rz(s_n q_n) L_n
 
 Each link L_k is a product of motions: turns about an axis, shifts along one, fixed transforms. A convention
-(`truepose.robots.conventions`) says which motions, and which of them are parameters. A parameter moves all that comes
-after it by a twist that is constant in the frame of its link, so that a convention's Jacobian is one fixed matrix
-behind the Jacobian of the link frames: the chain rule of theory (3).
+(`truepose.robots.conventions`) defines these motions and their parameters. A parameter moves everything after it by a
+twist that is constant in the frame of its link, so the Jacobian of a convention is that of the link frames times one
+constant matrix: the chain rule of theory (3).
 """
 
 from __future__ import annotations
@@ -32,22 +32,23 @@ GROUPS: Final = ("base", "tool")
 RobotT = TypeVar("RobotT", bound=Chain, covariant=True)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ErrorModel(Generic[RobotT]):
-    """An arm in one convention: parameters by name, their nominal values, and the motions that they drive.
+    """An arm in one convention: parameters by name, their nominal values, and the motions that they control.
 
     Attributes
     ----------
     robot : Robot
-        Names, signs and limits.
+        The arm, which gives names, signs and limits.
     convention : str
+        The convention of the parameters.
     parameters : tuple of Parameter
-        Of the links, then base (6) and tool (6). The base's shift and turn the whole arm about the base origin's axes;
-        the tool's act at the tool point, along its axes.
-    nominal : (p,) array
-        Their values [mm], [rad]; zero for base and tool.
+        The parameters of the links, then of the base (6) and the tool (6). Those of the base shift and turn the whole
+        arm along the base axes; those of the tool act at the tool point, along its axes.
+    nominal : (p,) array [mm], [rad]
+        The nominal values; zero for base and tool.
     links : tuple of tuples of Motion
-        dof + 1 of them.
+        The motions of the dof + 1 links.
     """
 
     robot: RobotT
@@ -56,18 +57,22 @@ class ErrorModel(Generic[RobotT]):
     nominal: FloatArray
     links: tuple[tuple[Motion, ...], ...]
 
+    def __repr__(self) -> str:
+        groups = ", ".join(dict.fromkeys(parameter.group for parameter in self.parameters))
+        return f"<ErrorModel of {self.robot.name}: {self.convention}, {len(self.parameters)} parameters ({groups})>"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
     def index(self, names: Sequence[str] | None) -> IntArray:
-        """Return where parameters stand; a group's name ("base", "theta") means all of it, None means all.
+        """Return the indices of parameters, by name or group ("base", "theta"); None means all parameters.
 
         Raises
         ------
         RobotError
-            If there is no such parameter.
+            If a parameter is unknown.
         """
         if names is None:
             return np.arange(len(self.parameters))
@@ -78,13 +83,13 @@ class ErrorModel(Generic[RobotT]):
                 groups = ", ".join(dict.fromkeys(p.group for p in self.parameters))
                 raise RobotError(
                     f'{self.robot.name}: no parameter "{name}" in the convention "{self.convention}"; '
-                    f"its groups are {groups}, its names such as {self.names[0]}"
+                    f"expected a name such as {self.names[0]}, or a group: {groups}"
                 )
             found += here
         return np.array(list(dict.fromkeys(found)), dtype=np.intp)
 
     def fixed(self, values: FloatArray | None = None) -> FloatArray:
-        """Return the links: (…, dof + 1, 4, 4) [mm] for values (…, p); the nominal ones when not given."""
+        """Return the links, (…, dof + 1, 4, 4) [mm], at values (…, p); at the nominal values when not given."""
         values = self.nominal if values is None else values
         links = []
         for motions in self.links:
@@ -103,10 +108,10 @@ class ErrorModel(Generic[RobotT]):
         return self.twists()
 
     def twists(self, values: FloatArray | None = None) -> FloatArray:
-        """Return what each parameter does, (dof + 1, 6, p): twist (v, ω) in the frame of each link.
+        """Return the twists (v, ω) of the parameters in the frame of each link, (dof + 1, 6, p).
 
-        The frame of link k is that after joint k has turned, the base for k = 0; a point p of the arm beyond the
-        parameter moves by v + ω × p, the unit of v being mm over that of the parameter.
+        The frame of link k is that after joint k has turned, the base for k = 0. A point p of the arm beyond the
+        parameter moves by v + ω × p, with v in mm per unit of the parameter.
         """
         values = self.nominal if values is None else values
         out = np.zeros((len(self.links), 6, len(self.parameters)))
@@ -139,19 +144,20 @@ class ErrorModel(Generic[RobotT]):
         Parameters
         ----------
         q : (n, dof) array [rad]
+            The joint vectors.
         values : (p,) array, optional
-            Where the derivative is taken; at the nominal values when not given.
+            The parameters at which the derivative is taken; the nominal values when not given.
         outputs : {"position", "pose"}
-            Rows: mm, or mm and rad (rotation vector in the base frame).
+            The rows: mm, or mm and rad (rotation vector in the base frame).
         parameters : sequence of str, optional
-            Names or groups; all when not given.
+            The columns by name or group; all when not given.
         """
         joints = self.robot.check_joints(q).reshape(-1, self.robot.dof)
         fixed = self._fixed_at(values)
         twists = self._nominal_twists if values is None else self.twists(values)
         wanted = self.index(parameters)
         found = columns(self.robot.sign * joints, fixed, twists[..., wanted], outputs)
-        if outputs == "position":  # exactly: a turn of the tool about its own point
+        if outputs == "position":  # exactly zero: turns of the tool about its own point
             found[:, :, np.isin(wanted, self.index(["tool rx", "tool ry", "tool rz"]))] = 0.0
         return found
 
@@ -169,7 +175,7 @@ class ErrorModel(Generic[RobotT]):
         Raises
         ------
         RobotError
-            If there is no such convention, or it cannot describe these axes.
+            If the convention is unknown, or cannot describe these axes.
         """
         return ErrorModel(self.robot, convention, *parametrise_links(self.robot, self.fixed(values), convention))
 
@@ -187,15 +193,16 @@ def error_model(robot: ChainT, convention: str = "hayati", tool: ArrayLike | Non
     Parameters
     ----------
     robot : Robot
+        The arm.
     convention : str
-        One of `truepose.robots.CONVENTIONS`.
+        The convention, one of `truepose.robots.CONVENTIONS`.
     tool : (4, 4) array or (3,) array [mm], optional
         tf_flange_tool, or the tool point in the flange frame.
 
     Raises
     ------
     RobotError
-        If there is no such convention, or it cannot describe this robot.
+        If the convention is unknown, or cannot describe this robot.
 
     Examples
     --------

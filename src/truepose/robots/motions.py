@@ -18,11 +18,11 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     name : str
-        Such as "theta2", "base rz", "sin1 q3".
+        The name, such as "theta2", "base rz", "sin1 q3".
     unit : str
-        "mm", "rad", "rad/Nm", "1/K", or "1".
+        The unit: "mm", "rad", "rad/Nm", "1/K", or "1".
     group : str
-        Its kind without the joint: "theta", "base", "sin1".
+        The kind without the joint: "theta", "base", "sin1".
     """
 
     name: str
@@ -33,9 +33,9 @@ class Parameter(NamedTuple):
 class Motion(NamedTuple):
     """An elementary motion of a link.
 
-    A "turn" about, or "shift" along, coordinate axis `axis` by `factor` times the value of a parameter; a "fixed"
-    transform `tf`; or a "tilt", the smallest rotation that takes z to the unit vector b (Zhuang, Roth and Hamano 1992)
-    of which two components are parameters and component `axis`, of sign `factor`, is dependent.
+    It is a "turn" about, or a "shift" along, the coordinate axis `axis` by `factor` times a parameter; a "fixed"
+    transform `tf`; or a "tilt", the smallest rotation that takes z to the unit vector b (Zhuang, Roth and Hamano 1992).
+    Two components of b are parameters; component `axis`, with the sign of `factor`, depends on them.
     """
 
     kind: Kind
@@ -46,7 +46,7 @@ class Motion(NamedTuple):
 
 
 def tilt(b: FloatArray) -> FloatArray:
-    """Return the smallest rotations that take z to unit vectors b (…, 3): (…, 4, 4). Not defined at b = −z."""
+    """Return the smallest rotations that take z to unit vectors b (…, 3): (…, 4, 4); not defined at b = −z."""
     x, y, z = np.moveaxis(b, -1, 0)
     tf = np.zeros((*b.shape[:-1], 4, 4))
     tf[..., 0, 0], tf[..., 1, 1] = 1.0 - x * x / (1.0 + z), 1.0 - y * y / (1.0 + z)
@@ -77,7 +77,7 @@ def _direction(motion: Motion, values: FloatArray) -> FloatArray:
 
 
 def local_twists(motion: Motion, values: FloatArray) -> list[tuple[int, FloatArray, FloatArray]]:
-    """Return parameter, v and ω of a motion, in the frame before it."""
+    """Return index, v and ω of each parameter of a motion, in the frame before it."""
     zero = np.zeros(3)
     if motion.kind in ("turn", "shift"):
         unit = motion.factor * np.eye(3)[motion.axis]
@@ -97,6 +97,6 @@ def local_twists(motion: Motion, values: FloatArray) -> list[tuple[int, FloatArr
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a × b of two vectors; numpy's is made for arrays of them."""
+    """Return a × b of two vectors; for single vectors this is faster than `numpy.cross`."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -1,14 +1,14 @@
-"""What makes an arm err beside its geometry: deviations of each joint's angle, by name, theory, kinematics.
+"""Nongeometric errors: deviations of each joint's angle as named terms (theory, kinematics).
 
-A term says by how much joint j is off at a configuration, δq_j = c f(q, approach), with one coefficient c to identify.
-The columns of the Jacobian are (∂P/∂q_j) f, and the model itself is F(q + Σ c f), exact also for large c.
+A term is the deviation of joint j at a configuration, δq_j = c f(q, approach), with one coefficient c to identify. The
+columns of the Jacobian are (∂P/∂q_j) f. The model itself is F(q + Σ c f), which is exact for large c as well.
 
-- "compliance q2": f = gravity's torque about the joint [Nm], c [rad/Nm];
+- "compliance q2": f = the torque of gravity about the joint [Nm], c [rad/Nm];
 - "sin1 q2", "cos1 q2", "sin2 q2" …: harmonics of the joint's own angle, c [rad] (eccentric gear or encoder);
 - "gearsin1 q2", "gearcos1 q2" …: harmonics of the motor's angle, gear ratio times q, c [rad];
 - "backlash q2": f = −1, 0, +1, the sign of the joint's last motion, c [rad];
-- "thermal a2", "thermal d1" …: growth of a length, f = length × (T − T_ref), c [1/K]. It is no joint's deviation: see
-  `thermal_columns`.
+- "thermal a2", "thermal d1" …: growth of a length, f = length × (T − T_ref), c [1/K]. This is not the deviation of a
+  joint: see `thermal_columns`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats
 from truepose.robots.chain import Chain
 from truepose.robots.error_model import ErrorModel
+from truepose.robots.jacobian import Outputs
 from truepose.robots.motions import Parameter
 
 GRAVITY: Final = 9.80665  # m/s²
@@ -38,24 +39,29 @@ UNITS: Final = {
     "backlash": "rad",
     "thermal": "1/K",
 }
-"""Unit of the coefficient of each kind of term."""
+"""The unit of the coefficient of each kind of term."""
 
 _NAME: Final = re.compile(r"(compliance|backlash|(?:gear)?(?:sin|cos)(?P<order>[1-9]\d*))(?: q(?P<joint>[1-9]\d*))?")
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Masses that bend the arm.
+    """The masses that bend the arm.
 
     Attributes
     ----------
     payload_kg : float
+        The mass of the payload.
     p_flange_payload : (3,) array [mm]
-        Centre of the payload's mass, flange frame.
+        The centre of mass of the payload, flange frame.
     link_kg : (dof,) array, optional
-        Mass that joint j carries next to it, at the middle between its axis and the next (the flange for the last).
-        When not given, a rough guess from the arm's reach: it scales and bends the coefficients, which absorb most of
-        it, not the fit.
+        The masses of the links, each in the middle between its axis and the next (the flange for the last). When not
+        given, they are estimated roughly from the arm's reach; the fitted coefficients absorb most of the error.
+
+    Examples
+    --------
+    >>> Load(payload_kg=120.0, p_flange_payload=np.array([0.0, 0.0, 200.0])).payload_kg
+    120.0
     """
 
     payload_kg: float = 0.0
@@ -63,18 +69,22 @@ class Load:
     link_kg: FloatArray | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class JointTerms:
     """Deviations of joints by named terms, linear in their coefficients.
 
     Attributes
     ----------
     robot : Robot
+        The arm.
     parameters : tuple of Parameter
+        The coefficients of the k terms.
     joint : (k,) int array
-        The joint of each, from 0.
+        The joint of each term, from 0.
     load : Load
+        The masses for compliance.
     gear_ratio : (dof,) array
+        The motor turns for one turn of each joint.
     """
 
     robot: Chain
@@ -83,9 +93,13 @@ class JointTerms:
     load: Load
     gear_ratio: FloatArray
 
+    def __repr__(self) -> str:
+        names = ", ".join(parameter.name for parameter in self.parameters) or "none"
+        return f"<JointTerms of {self.robot.name}: {names}>"
+
     @property
     def needs_approach(self) -> bool:
-        """Whether a term asks for the approach signs."""
+        """Whether a term requires the approach signs."""
         return any(parameter.group == "backlash" for parameter in self.parameters)
 
     def basis(self, q: FloatArray, approach: FloatArray | None = None) -> FloatArray:
@@ -94,16 +108,17 @@ class JointTerms:
         Parameters
         ----------
         q : (n, dof) array [rad]
+            The joint vectors.
         approach : (n, dof) array of -1, 0, +1, optional
-            Needed by backlash.
+            The signs of the last motion of each joint, required by backlash.
 
         Raises
         ------
         DataError
-            If backlash is among the terms and there is no approach.
+            If backlash is among the terms and `approach` is missing.
         """
         if self.needs_approach and approach is None:
-            raise DataError("backlash needs the approach signs (-1, 0, +1 of each joint's last motion)")
+            raise DataError("backlash needs the approach signs: -1, 0 or +1 for the last motion of each joint")
         out = np.empty((len(q), len(self.parameters)))
         torque = None
         for k, (parameter, j) in enumerate(zip(self.parameters, self.joint, strict=True)):
@@ -121,7 +136,7 @@ class JointTerms:
         return out
 
     def spread(self, per_term: FloatArray) -> FloatArray:
-        """Sum values of terms (…, k) over the joints they belong to: (…, dof)."""
+        """Return the sums over each joint of values of terms (…, k): (…, dof)."""
         return np.asarray(per_term @ (self.joint[:, None] == np.arange(self.robot.dof)))
 
     def jacobian(self, q: FloatArray, by_joint: FloatArray, approach: FloatArray | None = None) -> FloatArray:
@@ -132,21 +147,23 @@ class JointTerms:
 def joint_terms(
     robot: Chain, names: Sequence[str], load: Load | None = None, gear_ratio: ArrayLike | None = None
 ) -> JointTerms:
-    """Return terms by name; a name without a joint ("sin1", "compliance") means those of all joints.
+    """Return the terms of given names; a name without a joint ("sin1", "compliance") means all joints.
 
     Parameters
     ----------
     robot : Robot
+        The arm.
     names : sequence of str
+        The names of the terms.
     load : Load, optional
-        For compliance.
+        The masses for compliance.
     gear_ratio : (dof,) array, optional
-        Motor turns for one turn of each joint; needed by "gearsin" and "gearcos".
+        The motor turns for one turn of each joint; required by "gearsin" and "gearcos".
 
     Raises
     ------
     RobotError
-        If there is no such term or joint, or the gear ratios are missing.
+        If a term or joint is unknown, or the gear ratios are missing.
 
     Examples
     --------
@@ -160,7 +177,7 @@ def joint_terms(
         match = _NAME.fullmatch(name)
         if match is None:
             kinds = 'compliance, backlash, sin1, cos1, gearsin1, gearcos1 (any order), alone or with a joint: "sin1 q2"'
-            raise RobotError(f'no term "{name}"; there are {kinds}')
+            raise RobotError(f'unknown term "{name}"; expected {kinds}')
         group = match[1]
         kind = group.rstrip("0123456789")
         if kind.startswith("gear") and gear_ratio is None:
@@ -173,7 +190,7 @@ def joint_terms(
             found[full] = (Parameter(full, UNITS[kind], group), j)
     ratio = np.ones(robot.dof) if gear_ratio is None else as_floats("gear_ratio", gear_ratio)
     if ratio.shape != (robot.dof,):
-        raise RobotError(f"gear_ratio has shape {ratio.shape}, expected ({robot.dof},) for {robot.name}")
+        raise RobotError(f"expected gear_ratio of shape ({robot.dof},) for {robot.name}, got {ratio.shape}")
     return JointTerms(
         robot,
         tuple(parameter for parameter, _ in found.values()),
@@ -186,12 +203,12 @@ def joint_terms(
 def gravity_torque(robot: Chain, q: FloatArray, load: Load | None = None) -> FloatArray:
     """Return the torque of gravity about each joint, positive with the joint's own turn: (n, dof) [Nm].
 
-    τ_j = s_j z_j · Σ_m (c_m − p_j) × m g, over the masses beyond joint j; gravity along −z of the base.
+    τ_j = s_j z_j · Σ_m (c_m − p_j) × m g, summed over the masses beyond joint j, with gravity along −z of the base.
     """
     load = load or Load()
     kg = rough_masses(robot) if load.link_kg is None else np.asarray(load.link_kg, float)
     if kg.shape != (robot.dof,):
-        raise RobotError(f"link_kg has shape {kg.shape}, expected ({robot.dof},) for {robot.name}")
+        raise RobotError(f"expected link_kg of shape ({robot.dof},) for {robot.name}, got {kg.shape}")
     frames = robot.frames(q)
     # the joint's axis: z of the frame before it, moved by the link's constant part
     joints = frames[:, :-1] @ robot.link_before
@@ -201,7 +218,7 @@ def gravity_torque(robot: Chain, q: FloatArray, load: Load | None = None) -> Flo
     payload = flange[:, :3, 3] + flange[:, :3, :3] @ np.asarray(load.p_flange_payload, float)
     centre = np.concatenate([middle, payload[:, None]], axis=1) * 1e-3  # m
     newton = np.append(kg, load.payload_kg) * GRAVITY
-    beyond = np.cumsum((centre * newton[:, None])[:, ::-1], axis=1)[:, ::-1]  # Σ m g c over what lies beyond
+    beyond = np.cumsum((centre * newton[:, None])[:, ::-1], axis=1)[:, ::-1]  # Σ m g c over the masses beyond
     weight = np.cumsum(newton[::-1])[::-1]
     moment_arm = (beyond - weight[:, None] * np.append(origin[:, :-1], origin[:, -1:], axis=1) * 1e-3)[:, :-1]
     axis = robot.sign[:, None] * joints[:, :, :3, 2]
@@ -210,9 +227,9 @@ def gravity_torque(robot: Chain, q: FloatArray, load: Load | None = None) -> Flo
 
 
 def rough_masses(robot: Chain) -> FloatArray:
-    """Return a guess of the masses beyond each joint (dof,) [kg]: total 40 kg m^-2.7 reach^2.7, by the links' lengths.
+    """Return an estimate of the link masses (dof,) [kg]: 40 kg m^-2.7 reach^2.7, shared by the lengths of the links.
 
-    The exponent fits makers' figures for arms of 0.6 to 3 m reach within a factor of two.
+    The exponent matches makers' figures for arms of 0.6 to 3 m reach within a factor of two.
     """
     lengths = np.linalg.norm(robot.fixed[1:, :3, 3], axis=1) + 50.0  # mm; no link is empty
     total = 40.0 * (lengths.sum() * 1e-3) ** 2.7
@@ -220,23 +237,27 @@ def rough_masses(robot: Chain) -> FloatArray:
 
 
 def thermal_columns(
-    model: ErrorModel[Chain], q: ArrayLike, temperature_difference: ArrayLike, outputs: str = "position"
+    model: ErrorModel[Chain], q: ArrayLike, temperature_difference: ArrayLike, outputs: Outputs = "position"
 ) -> tuple[tuple[Parameter, ...], FloatArray]:
-    """Return the columns of thermal growth: one for each length that is not zero, c [1/K].
+    """Return the columns of thermal growth: one for each length other than zero, with coefficient c [1/K].
 
     Parameters
     ----------
     model : ErrorModel
+        The arm in a convention.
     q : (n, dof) array [rad]
+        The joint vectors.
     temperature_difference : (n,) array [K]
-        T − T_ref.
+        The differences T − T_ref.
     outputs : {"position", "pose"}
+        The rows: position, or position and rotation vector.
 
     Returns
     -------
     parameters : tuple of Parameter
+        The coefficients.
     columns : (n, 3 or 6, k) array
-        ∂P/∂length × length × (T − T_ref).
+        The derivatives ∂P/∂length × length × (T − T_ref).
     """
     place = [
         i
@@ -246,7 +267,7 @@ def thermal_columns(
     grown = tuple(Parameter(f"thermal {model.names[i]}", UNITS["thermal"], "thermal") for i in place)
     difference = as_floats("temperature_difference", temperature_difference)
     names = [model.names[i] for i in place]
-    found = model.jacobian(q, outputs=outputs, parameters=names)  # type: ignore[arg-type]
+    found = model.jacobian(q, outputs=outputs, parameters=names)
     if difference.shape != (len(found),):
-        raise DataError(f"temperature_difference has shape {difference.shape}, expected ({len(found)},)")
+        raise DataError(f"expected temperature_difference of shape ({len(found)},), got {difference.shape}")
     return grown, found * model.nominal[place] * difference[:, None, None]

@@ -17,7 +17,7 @@ from truepose.robots.jacobian import Outputs
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(Chain):
-    """A serial arm of revolute joints with its nominal parameters.
+    """A serial arm of revolute joints: nominal parameters, forward and inverse kinematics, error Jacobian.
 
     Joint i turns by theta_i = sign_i q_i + offset_i about its z axis and contributes, by convention,
 
@@ -30,25 +30,28 @@ class Robot(Chain):
     Parameters
     ----------
     name : str
-        Library name, maker-model in lower case.
+        The library name, maker-model in lower case.
     alpha, offset : (dof,) array [rad]
+        The twists of the links, and the joint offsets.
     a, d : (dof,) array [mm]
+        The lengths of the links, and the offsets along the joint axes.
     beta : (dof,) array [rad], optional
-        Zero when not given; only with "mdh".
+        Hayati's parameters, only with "mdh"; zero when not given.
     sign : (dof,) array of -1 or +1, optional
-        All +1 when not given.
+        The senses of rotation; all +1 when not given.
     limits : (dof, 2) array [rad], optional
-        Lower and upper limit of each joint; infinite where there is none.
+        The lower and upper limits of the joints; infinite when not given.
     convention : {"mdh", "dh"}
+        The convention of the parameters.
     tf_base_first, tf_last_flange : (4, 4) array [mm], optional
-        Fixed transforms before the first and after the last A_i; identity when not given.
+        The fixed transforms before the first and after the last A_i; the identity when not given.
     maker, model, source : str
-        For people: who makes it, its name on the plate, where the numbers came from.
+        The maker, the model as printed on the name plate, and the source of the numbers, for display.
 
     Raises
     ------
     RobotError
-        If the parameters do not make a chain.
+        If the parameters have wrong shapes or invalid values.
 
     Examples
     --------
@@ -83,28 +86,29 @@ class Robot(Chain):
         Parameters
         ----------
         q : (dof,) or (n, dof) array [rad]
+            The joint vectors.
         outputs : {"position", "pose"}
-            Rows: the position [mm], or position and rotation vector [rad], base frame.
+            The rows: the position [mm], or position and rotation vector [rad], base frame.
         tool : (4, 4) array or (3,) array [mm], optional
             tf_flange_tool, or the TCP in the flange frame.
         convention : str
-            Whose parameters: "hayati" is theory (1), to which another chain is converted; see
-            `truepose.robots.CONVENTIONS`.
+            The convention of the parameters, one of `truepose.robots.CONVENTIONS`. "hayati" is theory (1), to which
+            other chains are converted.
         parameters : sequence of str, optional
-            Names of columns, in that order, or of groups ("theta", "base", "tool"). When not given: `parameter_names`,
-            or for another convention all but base and tool.
+            The columns by name or group ("theta", "base", "tool"), in this order. When not given: `parameter_names`, or
+            for another convention all but base and tool.
 
         Returns
         -------
         (3 or 6, p) or (n, 3 or 6, p) array
-            Per mm, or per rad, of each parameter.
+            The derivative per mm or per rad of each parameter.
 
         Raises
         ------
         DataError
             As `forward`.
         RobotError
-            If there is no such convention or parameter, or the convention cannot describe this arm.
+            If a convention or parameter is unknown, or the convention cannot describe this arm.
 
         Examples
         --------

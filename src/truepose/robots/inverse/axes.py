@@ -1,4 +1,4 @@
-"""A chain seen as screw axes at q = 0, from which the closed-form inverses take their letters."""
+"""The joint axes of a chain at q = 0, from which the closed-form inverses derive their lengths and angles."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from truepose.robots.chain import Chain
 
 PARALLEL = 1e-9  # rad
 TOUCHING = 1e-6  # mm
-SINGULAR = 1e-12  # sine of the middle wrist joint below which the outer two turn about one line
-_STRETCHED = 1e-12  # cosines beyond 1 by rounding: the arm is stretched, not out of reach
+SINGULAR = 1e-12  # sine of the middle wrist joint below which the axes of the outer two coincide
+_STRETCHED = 1e-12  # cosines that exceed 1 by rounding only: the arm is stretched, not out of reach
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Axes:
     def of(cls, robot: Chain) -> Axes:
         """Return the axes of a robot."""
         zero = np.zeros(robot.dof)
-        # the joints turn about z of their frames before the rest of A_i
+        # each joint turns about z of the frame before it, moved by the constant part of the link
         joints = robot.frames(zero)[:-1] @ robot.link_before
         return cls(robot.sign[:, None] * joints[:, :3, 2], joints[:, :3, 3], robot.forward(zero))
 
     def parallel(self, i: int, j: int) -> bool:
-        """Whether axes i and j have one direction, or opposite ones."""
+        """Whether axes i and j have the same or opposite directions."""
         return bool(np.linalg.norm(np.cross(self.direction[i], self.direction[j])) < PARALLEL)
 
     def square(self, i: int, j: int) -> bool:
@@ -41,14 +41,14 @@ class Axes:
         return bool(abs(self.direction[i] @ self.direction[j]) < PARALLEL)
 
     def crossing(self, i: int, j: int) -> FloatArray | None:
-        """Return the point [mm] that square axes i and j share, or None when they pass each other."""
+        """Return the intersection [mm] of axes i and j at right angles, or None if they do not intersect."""
         between = self.point[j] - self.point[i]
         if abs(between @ np.cross(self.direction[i], self.direction[j])) > TOUCHING:
             return None
         return np.asarray(self.point[i] + (between @ self.direction[i]) * self.direction[i])
 
     def root(self) -> FloatArray:
-        """Return a frame on axis 1, tf_base_root [mm]: z along axis 1 and up, y along axis 2, which is square to it."""
+        """Return a frame on axis 1, tf_base_root [mm]: z along axis 1 and up, y along axis 2, at right angles to it."""
         up = self.direction[0] if self.direction[0, 2] >= 0 else -self.direction[0]
         rotation = np.column_stack([np.cross(self.direction[1], up), self.direction[1], up])
         return make_transform(rotation, self.point[0])
@@ -61,9 +61,9 @@ class Axes:
 
 
 def shoulder_angle(x: FloatArray, y: FloatArray, b: float, branch: FloatArray, bent: float | None = None) -> FloatArray:
-    """Return t1 that brings (x, y) [mm] to the side offset b: forward (branch +1) or over the back (-1) [rad].
+    """Return t1 [rad] that aligns (x, y) [mm] with the side offset b: forward (branch +1) or over the back (-1).
 
-    Where (x, y) is nearer than b: NaN, or, given `bent` [rad], the angle that comes nearest, but for that much.
+    Where (x, y) is nearer to the axis than b: NaN, or with `bent` [rad] the nearest angle, kept off by that much.
     """
     beside = _arcsin(b / np.maximum(np.hypot(x, y), np.finfo(float).tiny), bent)
     return np.asarray(np.arctan2(y, x) - np.where(branch > 0, beside, np.pi - beside))
@@ -74,7 +74,7 @@ def triangle_angles(
 ) -> tuple[FloatArray, FloatArray]:
     """Return shoulder and elbow angle, from upright, of two links that reach (forward, up) [mm].
 
-    Out of reach: NaN, or, given `bent` [rad], the angles that come nearest with an elbow bent by that much.
+    Out of reach: NaN, or with `bent` [rad] the nearest angles with an elbow bent by that much.
     """
     cosine = (forward**2 + up**2 - upper**2 - fore**2) / (2 * upper * fore)
     elbow = branch * (np.pi / 2 - _arcsin(cosine, bent))
@@ -83,7 +83,7 @@ def triangle_angles(
 
 
 def _arcsin(value: FloatArray, bent: float | None) -> FloatArray:
-    """Arc sine, NaN beyond ±1, where rounding does not count; or, given `bent`, no nearer to ±pi/2 than that."""
+    """Return the arc sine, NaN beyond ±1 up to rounding; with `bent` kept off ±pi/2 by that angle."""
     if bent is not None:
         return np.asarray(np.arcsin(np.clip(value, -np.cos(bent), np.cos(bent))))
     inside = np.abs(value) <= 1.0 + _STRETCHED
@@ -91,7 +91,7 @@ def _arcsin(value: FloatArray, bent: float | None) -> FloatArray:
 
 
 def half_turn(angle: FloatArray) -> FloatArray:
-    """Bring angles into [-pi, pi) [rad]."""
+    """Wrap angles into [-pi, pi) [rad]."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 

@@ -20,7 +20,7 @@ from truepose.robots.inverse.search import distance_beyond_reach, follow_nominal
 SINGULAR = 0.01  # m/rad: below this smallest singular value small errors move joints by degrees
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Branches:
     """The branches of n poses, from `find_branches`.
 
@@ -44,6 +44,11 @@ class Branches:
     sigma_min: FloatArray
     moved: FloatArray
     beyond_mm: FloatArray
+
+    def __repr__(self) -> str:
+        reached = int(self.exists.any(axis=1).sum())
+        within = int(self.within_limits.any(axis=1).sum())
+        return f"<Branches of {len(self.q)} poses of {self.robot.name}: {reached} reached, {within} within limits>"
 
     @property
     def exists(self) -> BoolArray:

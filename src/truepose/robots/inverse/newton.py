@@ -1,13 +1,13 @@
-"""Damped Newton from given starts, arrays of poses at once: the inverse of arms that have no closed form.
+"""Damped Newton from given starts, for arrays of poses: the inverse of arms without a closed form.
 
-With r the miss in position [m] and orientation [rad] and J the geometric Jacobian, each row takes the step of Levenberg
-and Marquardt, with the damping of Sugihara (2011), "Solvability-unconcerned inverse kinematics by the
+With r the residual in position [m] and orientation [rad] and J the geometric Jacobian, each row takes the step of
+Levenberg and Marquardt, with the damping of Sugihara (2011), "Solvability-unconcerned inverse kinematics by the
 Levenberg–Marquardt method", IEEE Transactions on Robotics 27:
 
     (Jᵀ J + |r|² I) dq = Jᵀ r,
 
-and turns no joint by more than 0.2 rad. So steps are short where the arm is nearly singular and far from the pose, and
-Newton's own near the solution. |r| may grow for a step: a nearly singular arm has to follow a curved valley.
+and turns no joint by more than 0.2 rad. Steps are short where the arm is nearly singular and far from the pose, and
+Newton's near the solution. |r| may grow in a step, because a nearly singular arm has to follow a curved valley.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from truepose.robots.chain import Chain, walk
 
 REACHED_MM = 1e-9
 _REACHED_RAD = 1e-11
-_SETTLED = 1e-13  # m and rad: |r| where rounding begins
+_CONVERGED = 1e-13  # m and rad: |r| at the level of rounding
 _STEP = 0.2  # rad
 _STEPS = 60
 _CHUNK = 4096
@@ -32,7 +32,7 @@ _METRE = MM_PER["m"]
 
 @dataclass(frozen=True)
 class Newton:
-    """Where the iteration ended: joints (n, dof) [rad], misses (n,) [mm], [rad], and whether the pose is reached."""
+    """The result of the iteration: joints (n, dof) [rad] and residuals (n,) [mm], [rad]."""
 
     q: FloatArray
     miss_mm: FloatArray
@@ -45,7 +45,7 @@ class Newton:
 
 
 def damped_newton(robot: Chain, tf_base_flange: FloatArray, q_start: FloatArray, *, steps: int = _STEPS) -> Newton:
-    """Return joints near `q_start` (n, dof) [rad] whose flange poses are (n, 4, 4) [mm]; one start for each pose."""
+    """Return the joints near `q_start` (n, dof) [rad] of flange poses (n, 4, 4) [mm]; one start for each pose."""
     q = np.empty_like(q_start)
     miss = np.empty((len(q), 6))
     for start in range(0, len(q), _CHUNK):
@@ -55,14 +55,14 @@ def damped_newton(robot: Chain, tf_base_flange: FloatArray, q_start: FloatArray,
 
 
 def _solve(robot: Chain, pose: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return the best joints met, and their misses."""
+    """Return the best joints found, and their residuals."""
     now, diagonal = start, np.arange(robot.dof)
     r, J = linearised(robot, pose, now)
     cost = np.einsum("ni,ni->n", r, r)
     q, miss, least = now.copy(), r.copy(), cost.copy()
     going = np.arange(len(now))
     for _ in range(steps):
-        open_ = cost > _SETTLED**2
+        open_ = cost > _CONVERGED**2
         going, now, r, J, cost = going[open_], now[open_], r[open_], J[open_], cost[open_]
         if not len(going):
             break
@@ -80,7 +80,7 @@ def _solve(robot: Chain, pose: FloatArray, start: FloatArray, steps: int) -> tup
 
 
 def linearised(robot: Chain, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what is missing to flange poses, (n, 6) [m, rad] in the base frame, and its Jacobian (n, 6, dof).
+    """Return the residuals to flange poses, (n, 6) [m, rad] in the base frame, and the Jacobian (n, 6, dof).
 
     Joint j turns about z_j, the unit vector of its axis through p_j: columns z_j × (P - p_j) and z_j, theory (3).
     """
@@ -121,7 +121,7 @@ def _turn_between(R: FloatArray, R_wanted: FloatArray) -> FloatArray:
     sine = 0.5 * np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1)
     length = np.linalg.norm(sine, axis=1)
     angle = np.arctan2(length, 0.5 * (np.einsum("nii->n", D) - 1.0))
-    known = length > 1e-6  # below it the angle is 0, where sin x = x, or pi, where any axis will do for a step
+    known = length > 1e-6  # below it the angle is 0, where sin x = x, or pi, where any axis serves for a step
     factor = np.where(known, angle / np.where(known, length, 1.0), 1.0)
     turn = factor[:, None] * sine
     turn[~known & (angle > 1.0), 0] = np.pi

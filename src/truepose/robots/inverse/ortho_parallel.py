@@ -1,13 +1,13 @@
 """Arms with a parallel base pair and a spherical wrist: eight branches in closed form.
 
-The letters are those of Brandstötter, Angerer and Hofbaur (2014), "An analytical solution of the inverse kinematics
+The symbols are those of Brandstötter, Angerer and Hofbaur (2014), "An analytical solution of the inverse kinematics
 problem of industrial serial manipulators with an ortho-parallel basis and a spherical wrist":
 
     R = Rz(t1) Ry(t2 + t3) Rz(t4) Ry(t5) Rz(t6), and the wrist centre at
     P = Rz(t1) [a1 + c2 sin t2 + k sin(t23 + psi),  b,  c1 + c2 cos t2 + k cos(t23 + psi)],
 
 with k and psi the length and angle of (a2, c3). t1 follows from the y of P, t2 and t3 from the triangle of upper arm
-and forearm, the wrist from what is left of R. Each angle is computed from those before it, so that rounding cancels.
+and forearm, the wrist from the rest of R. Each angle is computed from those before it, so that rounding cancels.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from truepose.robots.inverse.axes import (
 
 @dataclass(frozen=True)
 class OrthoParallel:
-    """The letters of an ortho-parallel arm [mm], and how its joints become the paper's: theta = sign q + offset.
+    """The dimensions of an ortho-parallel arm [mm], and its joints in the paper's sense: theta = sign q + offset.
 
     Upright (theta = 0) the base pair turns about z and y, the upper arm c2 and the forearm c3 point up, and the wrist
     centre lies a1 + a2 in front of axis 1 and b beside it.
@@ -52,7 +52,7 @@ class OrthoParallel:
 
     @classmethod
     def of(cls, robot: Chain) -> OrthoParallel | None:
-        """Return the letters of a robot, or None when it is no ortho-parallel arm."""
+        """Return the closed form of a robot, or None if it is not an ortho-parallel arm."""
         if robot.dof != 6:
             return None
         axes = Axes.of(robot)
@@ -97,16 +97,16 @@ class OrthoParallel:
 
     @property
     def elbow_angle(self) -> float:
-        """The t3 at which upper arm and wrist centre are in line, atan2(-a2, c3) = -psi [rad]: KUKA's phi."""
+        """The angle t3 at which upper arm and wrist centre are in line, atan2(-a2, c3) = -psi [rad]: KUKA's phi."""
         return float(np.arctan2(-self.a2, self.c3))
 
     @property
     def reach(self) -> float:
-        """Length of the forearm with its offset, k [mm]."""
+        """The length of the forearm with its offset, k [mm]."""
         return float(np.hypot(self.a2, self.c3))
 
     def slot(self, q: FloatArray) -> IntArray:
-        """Return the slot of `branches` that joints (…, 6) [rad] belong to: (…)."""
+        """Return the slots of `branches` of joints (…, 6) [rad]: (…)."""
         _, t2, t3, _, t5, _ = np.moveaxis(self.sign * q + self.offset, -1, 0)
         elbow = t3 - self.elbow_angle
         x = self.a1 + self.c2 * np.sin(t2) + self.reach * np.sin(t2 + elbow)
@@ -115,8 +115,8 @@ class OrthoParallel:
     def branches(self, tf_base_flange: FloatArray, bent: float | None = None) -> FloatArray:
         """Return the eight branches, (n, 8, 6) [rad], of flange poses (n, 4, 4); slots keep their meaning.
 
-        Slot 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0); NaN where a branch does not exist, or, given
-        `bent` [rad], the joints that come nearest to the pose with elbow (and shoulder offset) so far from stretched.
+        The slot is 4 · (reaching back) + 2 · (t3 + psi < 0) + (t5 < 0). A branch that does not exist is NaN, or with
+        `bent` [rad] the joints nearest to the pose with elbow (and shoulder offset) that far from stretched.
         """
         pose = invert_transform(self.tf_base_root) @ tf_base_flange @ invert_transform(self.tf_wrist_flange)
         n = len(pose)

@@ -1,11 +1,11 @@
-"""Arms with three parallel axes and a wrist of square, touching axes (Universal Robots): closed form.
+"""Arms with three parallel axes and a wrist of perpendicular, intersecting axes (Universal Robots): closed form.
 
 With R = Rz(t1) Ry(t2 + t3 + t4) Rz(t5) Ry(t6) and, upright, the wrist point P (axes 5 and 6) at
 
     P = Rz(t1) [a1 + l2 sin t2 + l3 sin t23 + l5 sin t234,  b,  c1 + l2 cos t2 + l3 cos t23 + l5 cos t234],
 
-t1 follows from the y of P, t5 and t6 from the second row of Rz(-t1) R, t234 from what is left, t2 and t3 from the
-triangle of upper arm and forearm. (Own derivation; compare Hawkins 2013, "Analytic inverse kinematics for the Universal
+t1 follows from the y of P, t5 and t6 from the second row of Rz(-t1) R, t234 from the rest, t2 and t3 from the triangle
+of upper arm and forearm. (Own derivation; compare Hawkins 2013, "Analytic inverse kinematics for the Universal
 Robots UR-5/UR-10 arms".)
 """
 
@@ -23,7 +23,7 @@ from truepose.robots.inverse.axes import SINGULAR, TOUCHING, Axes, shoulder_angl
 
 @dataclass(frozen=True)
 class ThreeParallel:
-    """The letters of the formulas above [mm], and how the joints become theirs: theta = sign q + offset."""
+    """The dimensions in the formulas above [mm], and the joints in their sense: theta = sign q + offset."""
 
     a1: float
     b: float
@@ -38,7 +38,7 @@ class ThreeParallel:
 
     @classmethod
     def of(cls, robot: Chain) -> ThreeParallel | None:
-        """Return the letters of a robot, or None when it is no such arm."""
+        """Return the closed form of a robot, or None if it is not such an arm."""
         if robot.dof != 6:
             return None
         axes = Axes.of(robot)
@@ -75,8 +75,8 @@ class ThreeParallel:
     def branches(self, tf_base_flange: FloatArray, bent: float | None = None) -> FloatArray:
         """Return the eight branches, (n, 8, 6) [rad], of flange poses (n, 4, 4); slots keep their meaning.
 
-        Slot 4 · (other shoulder) + 2 · (t5 < 0) + (other elbow); NaN where a branch does not exist, or, given
-        `bent` [rad], the joints that come nearest to the pose with elbow (and shoulder offset) so far from stretched.
+        The slot is 4 · (other shoulder) + 2 · (t5 < 0) + (other elbow). A branch that does not exist is NaN, or with
+        `bent` [rad] the joints nearest to the pose with elbow (and shoulder offset) that far from stretched.
         """
         pose = invert_transform(self.tf_base_root) @ tf_base_flange @ invert_transform(self.tf_wrist_flange)
         n = len(pose)

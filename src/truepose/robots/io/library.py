@@ -27,20 +27,20 @@ def list_robots() -> list[str]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Return a robot of the library by its name, or of a .toml or .urdf file by its path.
+    """Return a robot from the library, or from a .toml or .urdf file.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A name of `list_robots`, or the path of a file. URDF: the chain from the root link to the only tip; use
-        `truepose.robots.load_urdf` to name other links.
+        A name from `list_robots`, or the path of a file. From URDF the chain between the root link and the only tip
+        is read; pass other links to `truepose.robots.load_urdf`.
 
     Raises
     ------
     RobotError
-        If there is no such robot (the nearest names are given), or the chain is not supported.
+        If the name is unknown (the message lists the nearest ones), or the chain is not supported.
     FileError
-        If the file cannot be read or understood.
+        If the file cannot be read, or its content is invalid.
 
     Examples
     --------

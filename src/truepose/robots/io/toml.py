@@ -30,12 +30,20 @@ _OPTIONAL: Final = ("beta_deg", "sign", "lower_deg", "upper_deg")
 
 
 def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
-    """Return the robot that the text of a library file describes; `path` stands in messages.
+    """Return the robot that the text of a library file describes; error messages name `path`.
+
+    Parameters
+    ----------
+    text : str
+        The text of the file.
+    path : str or Path
+        The file's name in error messages.
 
     Raises
     ------
     FileError
-        If it is no TOML, a key is missing, unknown (the nearest is given) or no number, or the chain is wrong.
+        If the text is not TOML, a key is missing or unknown (the message names the nearest one), a value is not a
+        number, or the parameters are invalid.
     """
     table = parse_toml(text, path)
     _check_keys(path, "", table)

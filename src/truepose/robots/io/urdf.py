@@ -22,7 +22,7 @@ from truepose.robots.convert import mdh_of_fixed
 from truepose.robots.robot import Robot
 
 _TURNING: Final = ("revolute", "continuous")
-_TIPS: Final = ("tool0", "flange")  # names of the last frame in ROS (REP 199), in the order we prefer them
+_TIPS: Final = ("tool0", "flange")  # names of the last frame in ROS (REP 199), preferred first
 
 
 @dataclass(frozen=True)
@@ -40,21 +40,23 @@ def load_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
     Parameters
     ----------
     path : str or Path
+        The file.
     base : str, optional
-        Link whose frame is the robot base; the root link when not given. Only fixed joints may lie between the two.
-        ROS's base_link and the controller's base may differ by a turn about z.
+        The link whose frame is the robot base; the root link when not given. Only fixed joints may lie between the
+        two. ROS's base_link and the controller's base may differ by a turn about z.
     tip : str, optional
-        Link whose frame is the flange; the only end of the chain when not given, or of several `tool0` or `flange`.
+        The link whose frame is the flange. When not given, the only end of the chain, or `tool0` or `flange` if there
+        are several ends.
 
     Returns
     -------
     Robot
-        In the parameters of theory (1), mm and rad; poses agree with the file's to rounding.
+        The arm in the parameters of theory (1); its poses agree with the file's to rounding.
 
     Raises
     ------
     FileError
-        If the file is no URDF, or a number or link is missing or wrong.
+        If the file is not URDF, or a number or link is missing or invalid.
     RobotError
         If the chain has prismatic, floating, planar or mimicking joints, branches or loops.
     """
@@ -76,17 +78,17 @@ def load_urdf(path: str | Path, base: str | None = None, tip: str | None = None)
         limits.append(_limits(path, joint))
         tf = invert_transform(turn)
     if not fixed:
-        raise RobotError(f"{path}: no revolute joint between {root} and {tip}; name another tip")
+        raise RobotError(f"{path}: no revolute joint between {root} and {tip}; pass another tip")
     zero = np.zeros(len(fixed))
     names = Robot(name, alpha=zero, a=zero, d=zero, offset=zero, limits=np.array(limits), source=str(path))
     return mdh_of_fixed(names, np.array([*fixed, tf]))
 
 
 def to_urdf(robot: Chain) -> str:
-    """Return the text of a URDF file (m and rad, all digits); `load_urdf` reads the same arm back.
+    """Return a robot as the text of a URDF file (m and rad, all digits), which `load_urdf` reads back.
 
-    Joint i turns about z of its frame, or −z where the robot's sign is −1, so that its zero and sense are the
-    controller's.
+    The links are base_link, link_1 …, tool0, without masses and shapes. Joint i turns about z of its frame, or −z where
+    the robot's sign is −1, so that its zero and sense are the controller's. Calibrated arms are written exactly.
 
     Examples
     --------
@@ -118,7 +120,7 @@ def _read(path: str | Path) -> tuple[list[_Joint], set[str], str]:
     text = read_text(path)
     # entities are declared in a DOCTYPE, which URDF never needs: without one nothing can be expanded
     if "<!doctype" in text.lower() or "<!entity" in text.lower():
-        raise FileError(path, "has a DOCTYPE or ENTITY declaration, which is not read; remove it")
+        raise FileError(path, "has a DOCTYPE or ENTITY declaration, which is not supported; remove it")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
@@ -126,7 +128,7 @@ def _read(path: str | Path) -> tuple[list[_Joint], set[str], str]:
     except ValueError as error:
         raise FileError(path, f"is not XML: {error}") from None
     if root.tag != "robot":
-        raise FileError(path, f"is no URDF: its root is <{root.tag}>, expected <robot>")
+        raise FileError(path, f"is not URDF: its root is <{root.tag}>, expected <robot>")
     if any("}" in element.tag for element in root.iter()):
         raise FileError(path, "still has xacro elements; expand them first (xacro FILE > robot.urdf)")
     links = {_attribute(path, link, "name", "a link") for link in root.findall("link")}
@@ -141,7 +143,7 @@ def _read(path: str | Path) -> tuple[list[_Joint], set[str], str]:
                 raise FileError(path, f"{where} has no <{end}>")
             ends.append(_attribute(path, found, "link", where))
             if ends[-1] not in links:
-                raise FileError(path, f'{where} names the link "{ends[-1]}", which is not there')
+                raise FileError(path, f'{where} names the link "{ends[-1]}", which does not exist')
         joints.append(_Joint(joint_name, _attribute(path, element, "type", where), ends[0], ends[1], element))
     if not joints:
         raise RobotError(f"{path}: no joints; expected a serial chain")
@@ -154,21 +156,21 @@ def _parents(path: str | Path, joints: list[_Joint]) -> dict[str, _Joint]:
         other = by_child.setdefault(joint.child, joint)
         if other is not joint:
             raise RobotError(
-                f'{path}: link "{joint.child}" hangs on two joints, "{other.name}" and "{joint.name}": a closed chain '
-                "or parallel linkage is not supported; give the equivalent serial chain"
+                f'{path}: link "{joint.child}" has two parent joints, "{other.name}" and "{joint.name}": a closed '
+                "chain or parallel linkage is not supported; describe the equivalent serial chain"
             )
     return by_child
 
 
 def _only_tip(path: str | Path, joints: list[_Joint], links: set[str]) -> str:
-    """Return the end of the chain; fixed side links count as ends only after the last turning joint."""
+    """Return the end of the chain; links on fixed joints are ends only after the last turning joint."""
     children: dict[str, list[_Joint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
     moving_below: dict[str, bool] = {}
     roots = sorted(links - {joint.child for joint in joints})
     if len(roots) != 1:
-        raise RobotError(f"{path}: expected one root link, found {', '.join(roots) or 'a loop of links'}; name the tip")
+        raise RobotError(f"{path}: expected one root link, found {', '.join(roots) or 'a loop of links'}; pass tip=…")
     order = [roots[0]]
     for link in order:  # breadth first: grows while it is read
         order.extend(joint.child for joint in children.get(link, ()))
@@ -181,7 +183,7 @@ def _only_tip(path: str | Path, joints: list[_Joint], links: set[str]) -> str:
         if len(ways) > 1:
             names = " and ".join(f'"{joint.name}"' for joint in ways)
             raise RobotError(
-                f'{path}: the chain branches at link "{link}" into {names}; name the tip of the arm (tip=…)'
+                f'{path}: the chain branches at link "{link}" into {names}; pass the tip of the arm (tip=…)'
             )
         link = ways[0].child
     below = [link]
@@ -193,9 +195,7 @@ def _only_tip(path: str | Path, joints: list[_Joint], links: set[str]) -> str:
         return ends[0]
     if named:
         return named[0]
-    raise RobotError(
-        f"{path}: the last joint carries several links, {', '.join(ends)}; name the flange among them (tip=…)"
-    )
+    raise RobotError(f"{path}: the last joint carries several links, {', '.join(ends)}; pass the flange (tip=…)")
 
 
 def _chain(path: str | Path, by_child: dict[str, _Joint], links: set[str], tip: str) -> list[_Joint]:
@@ -220,7 +220,7 @@ def _fixed_path(path: str | Path, by_child: dict[str, _Joint], links: set[str], 
         if joint.kind != "fixed":
             raise RobotError(
                 f'{path}: joint "{joint.name}" ({joint.kind}) lies between the root "{root}" and the base "{base}"; '
-                "name a base before the first joint that moves"
+                "pass a base before the first joint that moves"
             )
         tf = tf @ _origin(path, joint)
     return tf
@@ -230,13 +230,13 @@ def _check_supported(path: str | Path, joint: _Joint) -> None:
     if joint.kind not in _TURNING:
         raise RobotError(
             f'{path}: joint "{joint.name}" is {joint.kind}; only revolute, continuous and fixed joints are supported: '
-            "name a base and a tip so that it is not between them"
+            "pass a base and a tip that exclude it"
         )
     mimic = joint.element.find("mimic")
     if mimic is not None:
         raise RobotError(
             f'{path}: joint "{joint.name}" mimics "{mimic.get("joint")}" (a parallel linkage or gripper): '
-            "not supported; give the equivalent serial chain"
+            "not supported; describe the equivalent serial chain"
         )
 
 
@@ -306,7 +306,7 @@ def _between(parent: str, child: str, tf: FloatArray) -> list[str]:
 
 
 def _rpy(tf: FloatArray) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), exact also where yaw and roll turn about one line."""
+    """Return roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), exact also at pitch ±90 deg."""
     yaw = np.arctan2(tf[1, 0], tf[0, 0])
     rest = axis_rotation(2, -yaw) @ tf
     return float(np.arctan2(-rest[1, 2], rest[1, 1])), float(np.arctan2(-rest[2, 0], rest[0, 0])), float(yaw)
