@@ -10,12 +10,10 @@ entry in both switches, and an entry in `truepose.similarity.families.FAMILIES`.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import prange, types
-from numba.extending import intrinsic
+from numba import prange
 
 from truepose._typing import FloatArray
 from truepose.numerics.compiled import BLOCK, REORDER, compiled
@@ -57,30 +55,15 @@ POLYNOMIAL: Final = (
 TARGETS: Final = 16
 
 
-# --- exp(-t), written so that it becomes vector instructions --------------------------------------------------------
-
-
-def _double_to_int(context: Any, x: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], ir.IntType(64))
-
-    return types.int64(types.float64), generate
-
-
-def _int_to_double(context: Any, x: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-_bits: Any = intrinsic(_double_to_int)
-_from_bits: Any = intrinsic(_int_to_double)
+# --- exp(-t) as vector instructions ---------------------------------------------------------------------------------
 
 
 @compiled(fastmath={"contract"}, forceinline=True)
 def _decay(t: float) -> float:
-    """exp(-t), t >= 0, to the last bit or two: 2^k exp(f) with |f| <= ln(2)/2; ends at exp(-708)."""
+    """Return exp(-t), t >= 0, to the last bit or two: 2^k exp(f) with |f| <= ln(2)/2; at least exp(-708).
+
+    LLVM vectorises the loops around it, which it cannot do with a call of the C library's exp.
+    """
     x = -min(t, 708.0)
     shifted = x * LOG2_E + ROUND
     k = shifted - ROUND
@@ -97,7 +80,8 @@ def _decay(t: float) -> float:
     p = p * f + POLYNOMIAL[9]
     p = p * f + 1.0
     p = p * f + 1.0
-    power: float = _from_bits((_bits(shifted) + 1023) << 52)
+    bits = (np.float64(shifted).view(np.int64) + 1023) << 52
+    power: float = np.int64(bits).view(np.float64)
     return p * power
 
 

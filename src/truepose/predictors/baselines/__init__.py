@@ -1,1 +1,0 @@
-"""Interpolators and other baselines."""
