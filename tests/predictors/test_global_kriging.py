@@ -17,8 +17,8 @@ from truepose.predictors import (
     VecchiaKriging,
     block_folds,
 )
-from truepose.predictors.kriging.drift import Drift
 from truepose.similarity import VariogramModel, experimental_variogram
+from truepose.similarity.trend import DriftBasis
 
 MODEL = VariogramModel("matern32", nugget=0.1, sill=1.0, range=0.4)
 NESTED = MODEL + VariogramModel("spherical", sill=0.5, range=(0.3, 0.9, 2.0), rotation=(0.1, 0.2, 0.3))
@@ -42,7 +42,7 @@ def test_equation_8(seed, d, drift):
     rng = np.random.default_rng(seed)
     x, e, targets = rng.random((60, d)), rng.standard_normal((60, 2)), rng.random((7, d))
     mean, std = UniversalKriging(drift, MODEL).fit(x, e).predict(targets, return_std=True)
-    basis = Drift.of(drift, x)
+    basis = DriftBasis.of(drift, x)
     expected, variance = dense(MODEL, x, e, targets, basis(x), basis(targets))
     np.testing.assert_allclose(mean, expected, atol=1e-9)
     np.testing.assert_allclose(std[:, 0] ** 2, variance, atol=1e-9)

@@ -268,7 +268,7 @@ def test_poor_condition_is_told_with_its_remedy(rng):
         (MODEL, 1, 3, "there is 1 sample"),
         (None, 4, 3, "4 samples are too few to fit a variogram; measure at least 5"),
         (VariogramModel("spherical", sill=1, range=1), 9, 4, "valid in up to 3 coordinates, but there are 4"),
-        ((MODEL, MODEL), 9, 3, "2 variograms came for 3 components"),
+        ((MODEL, MODEL), 9, 3, "expected one variogram for all of 3 components or one for each, got 2"),
         ((MODEL, MODEL, VariogramModel("gaussian", sill=1, range=1)), 9, 3, "differ in family or range"),
         ((MODEL, 3, MODEL), 9, 3, "int is no variogram model"),
     ],

@@ -126,7 +126,7 @@ def test_a_hundred_thousand_samples(rng):
     [
         ({"neighbours": 0}, "neighbours is 0; expected a whole number of 1 or more"),
         ({"neighbours": 2.5}, "neighbours is 2.5"),
-        ({"neighbours": 3, "drift": "linear"}, "3 neighbours cannot tell a drift of 4 columns"),
+        ({"neighbours": 3, "drift": "linear"}, "3 neighbours do not determine a drift of 4 columns"),
         ({"variogram": VariogramModel("linear", sill=1.0, range=1.0)}, "needs a sill, and linear has none"),
         ({"variogram": VariogramModel("gaussian", sill=1.0, range=50.0)}, "singular to 64 bits"),
     ],

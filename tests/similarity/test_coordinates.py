@@ -80,9 +80,9 @@ def test_trend(rng):
 
 def test_refusals(rng):
     x = rng.random((5, 3))
-    with pytest.raises(DataError, match="5 samples cannot bear a drift of 10 columns"):
+    with pytest.raises(DataError, match="5 samples do not determine a drift of 10 columns"):
         remove_drift(x, x, "quadratic")
-    with pytest.raises(DataError, match="'cubic' is not known; use constant"):
+    with pytest.raises(DataError, match="drift is 'cubic'; expected constant"):
         remove_drift(x, x, "cubic")
     with pytest.raises(DataError, match=r"expected \(5, p\)"):
         remove_drift(x, x, np.ones((4, 1)))

@@ -2,23 +2,57 @@
 
 from __future__ import annotations
 
-from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.baselines.inverse_distance import InverseDistance
-from truepose.predictors.baselines.nearest import GridCell, Nearest
-from truepose.predictors.baselines.radial_basis import RadialBasis
-from truepose.predictors.baselines.registration_only import RegistrationOnly
-from truepose.predictors.calibration import KinematicCalibration
-from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds
-from truepose.predictors.kinematic import KinematicKriging
-from truepose.predictors.kriging.local import LocalKriging
-from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging, UniversalKriging
-from truepose.predictors.kriging.vecchia import VecchiaKriging
-from truepose.predictors.kriging.vector import VectorKriging
-from truepose.predictors.orientation import PosePredictor
-from truepose.predictors.registry import FORMER_NAMES, PREDICTORS, ArmContext, make_predictor, predictor_spec
-from truepose.predictors.residual_network import ResidualNetwork
-from truepose.predictors.selection.choice import Choice, rank_predictors
-from truepose.predictors.selection.cross_validation import PositionalErrors
+from typing import TYPE_CHECKING
+
+from truepose._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from truepose.predictors.base import LeaveOneOut, Predictor
+    from truepose.predictors.baselines import GridCell, InverseDistance, Nearest, RadialBasis, RegistrationOnly
+    from truepose.predictors.calibration import KinematicCalibration
+    from truepose.predictors.folds import block_folds, branch_folds, point_folds, random_folds
+    from truepose.predictors.kinematic import KinematicKriging
+    from truepose.predictors.kriging.neighbours import LocalKriging
+    from truepose.predictors.kriging.ordinary import OrdinaryKriging, SimpleKriging, UniversalKriging
+    from truepose.predictors.kriging.vecchia import VecchiaKriging
+    from truepose.predictors.kriging.vector import VectorKriging
+    from truepose.predictors.orientation import PosePredictor
+    from truepose.predictors.registry import FORMER_NAMES, PREDICTORS, ArmContext, make_predictor, predictor_spec
+    from truepose.predictors.residual_network import ResidualNetwork
+    from truepose.predictors.selection.choice import Choice, rank_predictors
+    from truepose.predictors.selection.cross_validation import PositionalErrors
+
+_HOME = {
+    "FORMER_NAMES": "registry",
+    "ArmContext": "registry",
+    "Choice": "selection.choice",
+    "GridCell": "baselines",
+    "InverseDistance": "baselines",
+    "KinematicCalibration": "calibration",
+    "KinematicKriging": "kinematic",
+    "LeaveOneOut": "base",
+    "LocalKriging": "kriging.neighbours",
+    "Nearest": "baselines",
+    "OrdinaryKriging": "kriging.ordinary",
+    "PREDICTORS": "registry",
+    "PosePredictor": "orientation",
+    "PositionalErrors": "selection.cross_validation",
+    "Predictor": "base",
+    "RadialBasis": "baselines",
+    "RegistrationOnly": "baselines",
+    "ResidualNetwork": "residual_network",
+    "SimpleKriging": "kriging.ordinary",
+    "UniversalKriging": "kriging.ordinary",
+    "VecchiaKriging": "kriging.vecchia",
+    "VectorKriging": "kriging.vector",
+    "block_folds": "folds",
+    "branch_folds": "folds",
+    "make_predictor": "registry",
+    "predictor_spec": "registry",
+    "point_folds": "folds",
+    "random_folds": "folds",
+    "rank_predictors": "selection.choice",
+}
 
 __all__ = [
     "FORMER_NAMES",
@@ -51,3 +85,10 @@ __all__ = [
     "random_folds",
     "rank_predictors",
 ]
+
+
+__getattr__ = lazy_names(__name__, _HOME)
+
+
+def __dir__() -> list[str]:
+    return __all__

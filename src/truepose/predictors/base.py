@@ -1,8 +1,8 @@
 """The contract of all error models, which is scikit-learn's with standard deviations.
 
-A model is stored by `__init__`, fitted by ``fit(X, y, noise_std)``, asked by ``predict(X, return_std)``. Here stands
-all that is alike: what may come in, what its faults are called, and that a model fitted to one column answers with one
-column. A subclass writes `_fit`, `_predict` and `_leave_one_out` on (n, d) and (n, k) arrays of finite numbers.
+`__init__` stores the parameters, ``fit(X, y, noise_std)`` fits, ``predict(X, return_std)`` predicts. The base validates
+the arrays, names their faults, and returns one column from a model that was fitted to one column. A subclass
+implements `_fit`, `_predict` and `_leave_one_out` on (n, d) and (n, k) arrays of finite numbers.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import Any, ClassVar, Literal, NamedTuple, Self, overload
+from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeGuard, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.numerics.threads import LARGE, blas_threads
-from truepose.similarity import VariogramModel
 
 
 class LeaveOneOut(NamedTuple):
@@ -44,16 +43,16 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Attributes
     ----------
     arm_parameters : tuple of str
-        Parameters that say which arm it is about, as `make_predictor` hands them on; empty where none does.
+        The parameters that describe the arm, which `make_predictor` passes on; empty where there are none.
     """
 
     arm_parameters: ClassVar[tuple[str, ...]] = ()
 
     has_local_std: ClassVar[bool] = True
-    """Whether the standard deviation is that of each pose; otherwise one figure holds for all of them."""
+    """Whether the standard deviation depends on the pose; otherwise one value holds for all poses."""
 
     _blas_threads_from: ClassVar[float] = LARGE
-    """Samples from which BLAS gains by more than one thread."""
+    """Number of samples from which more than one BLAS thread is faster."""
 
     def fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
         """Fit the model to samples.
@@ -65,7 +64,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         y : (n, k) or (n,) array_like [mm]
             Positional errors e, base frame.
         noise_std : float, (n,) or (n, k) array_like [mm], optional
-            Standard deviation of the readings: for all, for each sample, or for each sample and component.
+            The standard deviation of the readings: of all, of each sample, or of each sample and component.
 
         Returns
         -------
@@ -76,7 +75,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         DataError
             If shapes disagree or a number is not finite; the row is named.
         KrigingError
-            If the samples cannot bear the model.
+            If the samples do not determine the model.
         """
         if y is None:
             raise DataError(
@@ -93,17 +92,17 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     @property
     def noise_std_(self) -> FloatArray | None:
-        """Standard deviation of the samples' readings (n, k) [mm], as `fit` was told; None if it was not."""
+        """Standard deviation of the samples' readings (n, k) [mm], as given to `fit`; None without it."""
         check_is_fitted(self)
         return self._given[2]
 
     @property
     def nugget_(self) -> FloatArray:
-        """Variance of what a reading holds beyond the field and beyond `noise_std`, (k,) [mm²].
+        """Variance of a reading that neither the field nor `noise_std` explains, (k,) [mm²].
 
-        Noise that `fit` was not told of, and errors of the arm that the model cannot describe: what moves from pose to
-        pose without likeness (ripple of a motor), and what the coordinates do not show (orientation, in a Cartesian
-        model). Zero where the model counts all of it to the field.
+        It contains noise that was not given to `fit`, and errors of the arm that the model does not describe: those
+        that vary from pose to pose without similarity (motor ripple), and those that depend on something that is no
+        coordinate (orientation, in a Cartesian model). Zero where the model attributes all of it to the field.
         """
         check_is_fitted(self)
         return self._nugget_variance()
@@ -122,13 +121,13 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         X : (m, d) array_like
-            In the coordinates of the samples.
+            The targets, in the coordinates of the samples.
         return_std : bool
-            Also return the standard deviation.
+            Whether the standard deviation is returned as well.
         include_nugget : bool
-            Whether the standard deviation is that of one new reading: with `nugget_` in it; what is known of that
-            reading beforehand, as `noise_std` of `fit`, comes on top. Otherwise it is that of the field that the model
-            describes, without noise. What the tool tip will do lies between the two: see
+            Whether the standard deviation is that of one new reading, `nugget_` included; the known noise of that
+            reading (as `noise_std` of `fit`) has to be added. Otherwise it is that of the field that the model
+            describes, without noise. The standard deviation of the tool tip lies between the two: see
             `truepose.ErrorMap.predict_errors`.
 
         Returns
@@ -170,7 +169,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         blocks : (n,) array_like
-            Label of each sample's block, as `block_folds` gives them.
+            The label of each sample's block, as returned by `block_folds`.
 
         Returns
         -------
@@ -180,7 +179,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         DataError, KrigingError
-            If the labels are not as many as the samples, or what is left without a block cannot bear the model.
+            If there is not one label for each sample, or the samples outside a block do not determine the model.
         """
         check_is_fitted(self)
         labels, n = np.asarray(blocks), len(self._given[0])
@@ -190,7 +189,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             with self._blas():
                 residual, std = self._leave_blocks_out(labels)
         except np.linalg.LinAlgError:
-            raise DataError("without one of the blocks the others cannot tell the model; take smaller blocks") from None
+            raise DataError(
+                "the samples outside one of the blocks do not determine the model; use smaller blocks"
+            ) from None
         return LeaveOneOut(self._shaped(residual), self._shaped(std))
 
     def with_fitted_parameters(self) -> Self:
@@ -207,9 +208,15 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     @classmethod
     def from_dict(cls, parameters: Mapping[str, Any]) -> Self:
         """Return the unfitted model that `to_dict` described; parameters of the arm are added to it."""
+        arm = cls.arm_parameters
         return cls(
-            **{name: value if name in cls.arm_parameters else _rich(value) for name, value in parameters.items()}
+            **{name: value if name in arm else cls._parameter(name, value) for name, value in parameters.items()}
         )
+
+    @classmethod
+    def _parameter(cls, name: str, value: Any) -> Any:
+        """Return a parameter from its plain value."""
+        return _tuples(value)
 
     @abstractmethod
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None: ...
@@ -243,7 +250,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return LeaveOneOut(e - predicted, std)
 
     def _to_fit_again(self) -> Self:
-        """Return the unfitted copy that `leave_blocks_out` fits: with the hyperparameters, without what they tell."""
+        """Return the unfitted copy that `leave_blocks_out` fits, with the fitted hyperparameters."""
         return self.with_fitted_parameters()
 
     def _shaped(self, values: FloatArray) -> FloatArray:
@@ -251,6 +258,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Return X (n, d) and y, finite and of 64 bits; an empty y when none was given."""
+        none = np.empty(0)
+        if _is_table(X) and (y is None or (_is_table(y, 1) and len(y) == len(X))) and self._has_plain_columns(X, y):
+            return X, none if y is None else y
         options: dict[str, Any] = {"dtype": np.float64, "ensure_all_finite": False, "reset": y is not None}
         if y is not None:
             _check_finite("y", y)  # before scikit-learn, which does not name the row
@@ -261,14 +271,33 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             if "feature names" in str(error):  # scikit-learn's own words, on several lines
                 raise
             raise DataError(f"X: {' '.join(str(error).split())}") from None
-        X, y = checked if y is not None else (checked, np.empty(0))
+        X, y = checked if y is not None else (checked, none)
         _check_finite("X", X)
         return np.asarray(X, dtype=np.float64), np.asarray(y, dtype=np.float64)
+
+    def _has_plain_columns(self, X: FloatArray, y: ArrayLike | None) -> bool:
+        """Whether scikit-learn's slower validation has nothing to add for checked arrays: no names, right width."""
+        if hasattr(self, "feature_names_in_"):
+            return False
+        if y is not None:
+            self.n_features_in_ = X.shape[1]
+        return bool(self.n_features_in_ == X.shape[1])
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
         tags.target_tags.multi_output = True
         return tags
+
+
+def _is_table(values: ArrayLike, least: int = 2) -> TypeGuard[FloatArray]:
+    """Whether values are a finite, not empty array of 64-bit numbers with two dimensions, or with `least`."""
+    return (
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and least <= values.ndim <= 2
+        and values.size > 0
+        and bool(np.isfinite(values).all())
+    )
 
 
 def _check_finite(name: str, values: Any) -> None:
@@ -295,12 +324,11 @@ def checked_noise(noise_std: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, VariogramModel):
-        return value.to_dict()
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.to_dict() if hasattr(value, "to_dict") else value
 
 
-def _rich(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return dict(value) if "joint_std" in value else VariogramModel.from_dict(dict(value))
-    return tuple(_rich(item) for item in value) if isinstance(value, list | tuple) else value
+def _tuples(value: Any) -> Any:
+    """Return a value with tuples for its lists, as `json` reads them."""
+    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value

@@ -15,13 +15,10 @@ from typing import Any, Final, Literal
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
-from truepose.predictors.baselines.inverse_distance import InverseDistance
-from truepose.predictors.baselines.nearest import GridCell, Nearest
-from truepose.predictors.baselines.radial_basis import RadialBasis
-from truepose.predictors.baselines.registration_only import RegistrationOnly
+from truepose.predictors.baselines import GridCell, InverseDistance, Nearest, RadialBasis, RegistrationOnly
 from truepose.predictors.calibration import KinematicCalibration
 from truepose.predictors.kinematic import KinematicKriging
-from truepose.predictors.kriging.local import LocalKriging
+from truepose.predictors.kriging.neighbours import LocalKriging
 from truepose.predictors.kriging.ordinary import OrdinaryKriging, UniversalKriging
 from truepose.predictors.kriging.vecchia import VecchiaKriging
 from truepose.predictors.kriging.vector import VectorKriging

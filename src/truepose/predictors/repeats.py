@@ -1,7 +1,6 @@
 """Repeated measurements of one point: averaged, with their scatter as an estimate of the noise.
 
-Points nearer to each other than the last digits of their coordinates are one point. Points that are only near must not
-contradict each other where a prediction is to pass through both.
+Points nearer to each other than the last digits of their coordinates are one point.
 """
 
 from __future__ import annotations
@@ -16,20 +15,12 @@ from scipy.spatial import KDTree
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
-from truepose.similarity import VariogramModel
 
 AGREE: Final = 1e-9
 """Repeats agree when they differ by less than this share of the largest error."""
 
 SAME: Final = 1e-10
 """Points are one point when they are apart by less than this share of the points' extent."""
-
-NEAR: Final = 0.01
-"""Points are near when they are apart by less than this share of the usual distance to the nearest point; the errors
-of near points differ when they do so by more than this share of the standard deviation of all."""
-
-CONTRADICTION: Final = 30.0
-"""Near points contradict each other when their errors differ by this many standard deviations of the variogram."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +43,11 @@ class Points:
     @classmethod
     def of(cls, x: FloatArray) -> Self:
         """Find the distinct rows of x (n, d)."""
+        tree, reach = KDTree(x), _reach(x)
+        if tree.count_neighbors(tree, reach) == len(x):  # each point with itself
+            return cls(x, np.arange(len(x)), np.ones(len(x), np.int64))
         points, inverse = np.unique(x, axis=0, return_inverse=True)
         first, group = _alike(points)
-        if len(first) == len(x):
-            return cls(x, np.arange(len(x)), np.ones(len(x), np.int64))
         inverse = group[inverse.reshape(-1)]
         return cls(points[first], inverse, np.bincount(inverse))
 
@@ -96,51 +88,21 @@ class Points:
                 "use exact=False, give noise_std, or average them"
             )
 
-    def refuse_near_contradictions(
-        self, e: FloatArray, models: tuple[VariogramModel, ...], coordinates: FloatArray
-    ) -> None:
-        """Raise KrigingError, naming the rows, where near points differ more than the variograms allow.
-
-        Parameters
-        ----------
-        e : (u, k) array
-            Errors of the points, which have no noise.
-        models : tuple of k VariogramModel
-        coordinates : (u, d) array
-            The points in the coordinates of the variograms: without columns that are drift only.
-        """
-        if len(self.x) < 3:
-            return
-        found = KDTree(self.x).query(self.x, k=2)
-        distance, nearest = np.asarray(found[0])[:, 1], np.asarray(found[1])[:, 1]
-        i = np.flatnonzero(distance < NEAR * np.median(distance))
-        j = nearest[i]
-        for c, model in enumerate(models):
-            scale = e[:, c].var() / (model.nugget + model.sill) if model.bounded else 1.0
-            expected = 2 * scale * model.semivariance_between(coordinates[i], coordinates[j])
-            difference = np.abs(e[i, c] - e[j, c])
-            ratio = np.where(difference > NEAR * e[:, c].std(), difference / np.sqrt(np.maximum(expected, 1e-30)), 0.0)
-            if ratio.size and ratio.max() > CONTRADICTION:
-                worst = int(np.argmax(ratio))
-                rows = sorted(int(np.flatnonzero(self.inverse == point)[0]) for point in (i[worst], j[worst]))
-                raise KrigingError(
-                    f"rows {rows[0]} and {rows[1]} are {distance[i[worst]]:.3g} apart, but their errors differ by "
-                    f"{difference[worst]:.3g}, {ratio[worst]:.3g} standard deviations of the "
-                    "variogram, and exact Kriging would swing between them; use exact=False with a nugget, give "
-                    "noise_std, or drop one"
-                )
-
     def _sum(self, values: FloatArray) -> FloatArray:
         total = np.zeros((len(self.x), values.shape[1]))
         np.add.at(total, self.inverse, values)
         return total
 
 
+def _reach(x: FloatArray) -> float:
+    """Return the distance up to which points are one point."""
+    return SAME * float(np.linalg.norm(np.ptp(x, axis=0)))
+
+
 def _alike(points: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the first of each group of points that differ in their last digits only, and the group of each point."""
     alone = np.arange(len(points))
-    reach = SAME * float(np.linalg.norm(np.ptp(points, axis=0)))
-    pairs = KDTree(points).query_pairs(reach, output_type="ndarray") if len(points) > 1 else np.empty((0, 2), np.int64)
+    pairs = KDTree(points).query_pairs(_reach(points), output_type="ndarray")
     if not len(pairs):
         return alone, alone
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))

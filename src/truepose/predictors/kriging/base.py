@@ -1,195 +1,80 @@
-"""The engine of Kriging from all samples: one factorisation, any drift, all components (equations (7) and (8))."""
+"""The base of Kriging predictors: their variogram, given or fitted, their drift, noise and groups of components."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import KDTree
-from sklearn.utils.validation import check_is_fitted
 
-from truepose._typing import BoolArray, FloatArray, IntArray
+from truepose._typing import FloatArray
 from truepose.errors import KrigingError
-from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.kriging.correlation import (
-    Correlation,
-    check_models,
-    given_models,
-    mean_model,
-    with_pseudo_sill,
-)
-from truepose.predictors.kriging.drift import Drift, DriftLike
-from truepose.predictors.kriging.random_fields import draw
-from truepose.predictors.kriging.repeats import Points
-from truepose.predictors.kriging.support import POINT, Support
-from truepose.predictors.kriging.system import WORST, System
-from truepose.predictors.kriging.variogram_estimation import estimate_model, own_scales
-from truepose.similarity import VariogramModel
+from truepose.predictors.base import Predictor
+from truepose.predictors.kriging.correlation import Correlation
+from truepose.predictors.repeats import Points
+from truepose.similarity.experimental import experimental_variogram
+from truepose.similarity.fit import fit_variogram
+from truepose.similarity.fit_record import without_warning
+from truepose.similarity.gstools_models import as_variogram, is_covmodel
+from truepose.similarity.likelihood import fit_likelihood
+from truepose.similarity.model import VariogramModel
+from truepose.similarity.trend import DriftBasis, DriftLike
 
-CHUNK: Final = 2**22
-"""Covariances of targets and samples in memory at once: 32 MB."""
+VariogramLike = VariogramModel | Sequence[VariogramModel] | str | Sequence[str] | None
 
+SMALLEST_SCALE: Final = 1e-12
+"""Variance of a component that does not vary, in units of the fitted model's."""
 
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Components whose covariance matrices are proportional: one factorisation.
+NEAR: Final = 0.01
+"""Points are near when they are apart by less than this share of the usual distance to the nearest point; the errors
+of near points differ when they do so by more than this share of the standard deviation of all."""
 
-    Attributes
-    ----------
-    components : list of int
-    signal, micro : float
-        Shares of partial sill and exact nugget in the unit variance.
-    noise : (u,) array
-        Unit variance of the noise of each point's mean.
-    system : System
-    """
-
-    components: list[int]
-    signal: float
-    micro: float
-    noise: FloatArray
-    system: System
+CONTRADICTION: Final = 30.0
+"""Near points contradict each other when their errors differ by this many standard deviations of the variogram."""
 
 
-class GlobalKriging(Predictor):
-    """Base of Kriging from all samples; a subclass says what the drift is.
+class Kriging(Predictor):
+    """Base of Kriging: a subclass states the drift, and how the systems of equations are solved.
 
     Parameters
     ----------
     variogram : VariogramModel, sequence of VariogramModel, str or sequence of str, optional
-        As for `OrdinaryKriging`.
+        The variogram, as for `OrdinaryKriging`.
     exact : bool
         Whether the nugget belongs to the error and not to the readings.
     """
 
-    variogram: VariogramModel | Sequence[VariogramModel] | str | Sequence[str] | None
+    variogram: VariogramLike
     exact: bool
 
-    # --- what a user asks -------------------------------------------------------------------------------------------
-
-    def gradient(self, X: ArrayLike) -> FloatArray:
-        """Return the derivative of the prediction by X, (m, k, d) or (m, d).
-
-        At a sample, where a model with a cusp (spherical, exponential, linear) has none, that sample counts as flat.
-        The nugget of exact Kriging has no derivative either.
-        """
-        check_is_fitted(self)
-        x = self._validate(X)[0]
-        inner = self._sums.gradient(self._coordinates(x), self._weights)
-        slope = np.zeros((len(x), inner.shape[1], x.shape[1]))
-        slope[:, :, self._is_coordinate(x.shape[1])] = inner
-        if self._drift is not None:
-            slope += np.einsum("mpd,pk->mkd", self._drift.gradient(x), self.beta_)
-        return slope[:, 0] if self._flat else slope
-
-    def predict_block(
-        self, X: ArrayLike, size: ArrayLike, return_std: bool = False, nodes: int = 4
-    ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Predict the mean of the error over boxes (block Kriging).
-
-        The mean over a box is that of Gauss and Legendre's nodes. A nugget averages out over a volume, so the standard
-        deviation has none. Source: A. G. Journel & C. J. Huijbregts, Mining Geostatistics (1978), §V.A.
-
-        Parameters
-        ----------
-        X : (m, d) array_like
-            Centres of the boxes.
-        size : float or (d,) array_like
-            Lengths of the boxes' edges, in the unit of the coordinates.
-        return_std : bool
-        nodes : int
-            Nodes along each edge.
-
-        Returns
-        -------
-        e : (m, k) or (m,) array [mm]
-        std : (m, k) or (m,) array [mm]
-            Only with `return_std`.
-
-        Raises
-        ------
-        KrigingError
-            If size or nodes cannot be, or the drift has columns of its own, which are not known inside the box.
-        """
-        check_is_fitted(self)
-        x = self._validate(X)[0]
-        if not self._is_coordinate(x.shape[1]).all():
-            raise KrigingError("columns of X that are drift are not known inside a box; predict points instead")
-        support = Support.box(size, x.shape[1], nodes, self._correlation)
-        e = self._mean(x, support)
-        if not return_std:
-            return self._shaped(e)
-        none = np.empty(0, np.int64)
-        return self._shaped(e), self._shaped(np.sqrt(self._variance(x, none, none, support)))
-
-    def covariance(self, X: ArrayLike, include_nugget: bool = False) -> FloatArray:
-        """Return the covariance of the prediction's errors between m targets, (k, m, m) or (m, m) [mm²].
-
-        Its diagonal is the square of `predict`'s standard deviation.
-        """
-        check_is_fitted(self)
-        covariance = self._covariance(self._validate(X)[0], include_nugget)
-        return covariance[0] if self._flat else covariance
-
-    def simulate(
-        self, X: ArrayLike, size: int = 1, *, rng: np.random.Generator | int = 0, include_nugget: bool = False
-    ) -> FloatArray:
-        """Draw fields that could be, given the samples (conditional simulation).
-
-        They pass through what `predict` passes through, and vary between as the variogram says. Drawn from the joint
-        covariance of the targets, which takes 8 m² bytes and O(m³) time.
-
-        Parameters
-        ----------
-        X : (m, d) array_like
-        size : int
-            Number of fields.
-        rng : Generator or int
-        include_nugget : bool
-            Add the noise of one new reading at each target.
-
-        Returns
-        -------
-        (size, m, k) or (size, m) array [mm]
-        """
-        check_is_fitted(self)
-        x = self._validate(X)[0]
-        fields = self._predict(x, False)[0] + draw(self._covariance(x, include_nugget), size, rng)
-        return fields[:, :, 0] if self._flat else fields
-
-    def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
-        """Predict the samples of each block from those of the others, from the one factorisation.
-
-        Residual of a block I: (P_II)⁻¹ (P e)_I, with covariance (P_II)⁻¹; a point measured repeatedly is left out with
-        all its repeats. Source: D. Ginsbourger & C. Schärer, Fast calculation of Gaussian process multiple-fold
-        cross-validation residuals (2021).
-        """
-        residual, field = np.empty_like(self._e), np.empty_like(self._e)
-        for label in np.unique(labels):
-            rows = np.flatnonzero(labels == label)
-            points, place = np.unique(self._points.inverse[rows], return_inverse=True)
-            for group in self._groups:
-                c = np.array(group.components)
-                covariance: FloatArray = _inverse(group.system.left_out_precision(points), label)
-                prediction = self._mean_e[np.ix_(points, c)] - covariance @ self._alpha[np.ix_(points, c)]
-                own = np.maximum(covariance.diagonal() - group.noise[points], 0.0)
-                residual[np.ix_(rows, c)] = self._e[np.ix_(rows, c)] - prediction[place]
-                field[np.ix_(rows, c)] = own[place, None] * self._total[c]
-        return LeaveOneOut(residual, np.sqrt(field + self._reading))
-
-    # --- what a subclass says ---------------------------------------------------------------------------------------
+    # --- methods of a subclass --------------------------------------------------------------------------------------
 
     @abstractmethod
     def _drift_kind(self) -> DriftLike | None:
         """Return the drift, or None for a known mean."""
 
-    def _known_mean(self, k: int) -> FloatArray:
-        return np.zeros(k)
+    @abstractmethod
+    def _check_parameters(self, u: int, k: int) -> None:
+        """Raise KrigingError where a parameter does not suit u points with k components."""
+
+    @abstractmethod
+    def _check_sill(self, model: VariogramModel) -> None:
+        """Raise KrigingError where the predictor needs a sill, and the model has none."""
+
+    @abstractmethod
+    def _solve(self, x: FloatArray, signal: FloatArray, micro: FloatArray) -> None:
+        """Prepare predictions from points (u, d), given the shares of the unit variance of each component, (k,)."""
+
+    @abstractmethod
+    def _scale(self) -> FloatArray:
+        """Return the variance of each component in units of its model's, (k,)."""
+
+    def _refined(self, model: VariogramModel, noise: FloatArray) -> VariogramModel:
+        """Return a fitted variogram, refined where a subclass can."""
+        return model
 
     # --- fit --------------------------------------------------------------------------------------------------------
 
@@ -203,27 +88,25 @@ class GlobalKriging(Predictor):
         if self.exact and noise_std is None:
             self._points.refuse_contradictions(e)
         kind = self._drift_kind()
-        self._drift = None if kind is None else Drift.of(kind, self._points.x)
-        self._offset = self._known_mean(k)
+        self._drift = None if kind is None else DriftBasis.of(kind, self._points.x)
+        self._check_parameters(u, k)
         given = given_models(self.variogram, k)
         if given:
-            self._factorise(given, noise)
+            self._assemble(given, noise)
             self.variogram_ = mean_model(given)
-        else:
-            self.variogram_ = estimate_model(
-                self.variogram, self._coordinates(X), e, self._basis(X), noise, self._points, self.exact
-            )
-            self._factorise(own_scales(self.variogram_, self._factorise((self.variogram_,) * k, noise)), noise)
+            return
+        x, drift = self._coordinates(X), self._basis(X)
+        found = estimate_model(self.variogram, x, e, drift, noise, self._points, self.exact)
+        self.variogram_ = self._refined(found, noise)
+        self._assemble((self.variogram_,) * k, noise)
+        self._assemble(own_scales(self.variogram_, self._scale()), noise)
 
-    def _factorise(self, models: tuple[VariogramModel, ...], noise: FloatArray) -> FloatArray:
-        """Store all that a prediction needs; return the scale that GLS finds of each component's model, (k,)."""
-        from truepose.numerics.compiled import pack
-
+    def _assemble(self, models: tuple[VariogramModel, ...], noise: FloatArray) -> None:
+        """Store what a prediction needs, given the models of all components and the variance of the readings."""
         points, k = self._points, len(models)
         x = self._coordinates(points.x)
         check_models(models, x.shape[1])
-        if self._drift is None and not models[0].bounded:
-            raise KrigingError(f"simple Kriging needs a sill, and {models[0].family} has none; use OrdinaryKriging")
+        self._check_sill(models[0])
         nugget = np.array([m.nugget for m in models])
         self.variograms_ = models
         self._nugget = np.zeros(k) if self.exact else nugget
@@ -232,131 +115,36 @@ class GlobalKriging(Predictor):
         self._reading = noise + self._nugget
         self._mean_e, self._mean_noise = points.average(self._e, self._reading)
         if not self._mean_noise.any():
-            points.refuse_near_contradictions(self._mean_e, models, x)
-
+            _refuse_near_contradictions(points, self._mean_e, models, x)
         model, rise = with_pseudo_sill(models[0], x)
         signal = rise * np.array([m.partial_sill for m in models])
         self._total = signal + nugget
         self._correlation = Correlation.of(model, x.shape[1])
-        self._sums = self._correlation.at(x)
-        self._groups = self._grouped(x, signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
+        self._solve(x, signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
 
-        u = len(points.x)
-        self._alpha, weights, scale = np.empty((u, k)), np.empty((u, k)), np.empty(k)
-        self.beta_ = np.empty((self._groups[0].system.q.shape[1], k))
-        for group in self._groups:
-            c = group.components
-            self.beta_[:, c], self._alpha[:, c], s2 = group.system.solve(self._mean_e[:, c] - self._offset[c])
-            scale[c] = s2.diagonal()
-            weights[:, c] = group.signal * self._alpha[:, c]
-        self._weights = pack(weights)
-        self.condition_ = max(group.system.condition for group in self._groups)
-        own: FloatArray = scale / self._total
-        return own
-
-    def _grouped(self, x: FloatArray, signal: FloatArray, micro: FloatArray) -> list[_Group]:
-        """Return one factorisation for all components with the same unit covariance matrix."""
-        u = len(x)
+    def _alike(self, signal: FloatArray, micro: FloatArray) -> tuple[list[list[int]], FloatArray]:
+        """Return the components with the same unit covariance matrix, and the unit variance of the noise, (u, k)."""
         noise = self._mean_noise / self._total
         shares = np.vstack([signal, micro, noise])
-        groups: list[_Group] = []
+        groups: list[list[int]] = []
         for c in range(len(signal)):
-            alike = [g for g in groups if np.allclose(shares[:, g.components[0]], shares[:, c], rtol=1e-9, atol=1e-15)]
-            if alike:
-                alike[0].components.append(c)
-                continue
-            matrix = self._sums.cross(x)
-            matrix *= signal[c]
-            matrix.flat[:: u + 1] = signal[c] + micro[c] + noise[:, c]
-            system = System.factorise(matrix, self._basis(self._points.x), self._points.x)
-            groups.append(_Group([c], float(signal[c]), float(micro[c]), noise[:, c], system))
-        return groups
+            for group in groups:
+                first, own = shares[:, group[0]], shares[:, c]
+                if np.array_equal(first, own) or np.allclose(first, own, rtol=1e-9, atol=1e-15):
+                    group.append(c)
+                    break
+            else:
+                groups.append([c])
+        return groups, noise
 
-    # --- prediction -------------------------------------------------------------------------------------------------
+    @classmethod
+    def _parameter(cls, name: str, value: Any) -> Any:
+        return models_from_plain(value) if name == "variogram" else super()._parameter(name, value)
 
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        e = self._mean(X, POINT)
-        targets, points = self._at_samples(X)
-        variance = self._variance(X, targets, points, POINT) if return_std else None
-        for group in self._groups:
-            c = np.array(group.components)
-            e[np.ix_(targets, c)] += group.micro * self._alpha[np.ix_(points, c)]
-            silent = group.noise[points] == 0  # a reading without noise is the error itself
-            e[np.ix_(targets[silent], c)] = self._mean_e[np.ix_(points[silent], c)]
-            if variance is not None:
-                variance[np.ix_(targets[silent], c)] = 0.0
-        if variance is None:
-            return e, None
-        return e, np.sqrt(variance)
+    # --- parts of predictions ---------------------------------------------------------------------------------------
 
     def _nugget_variance(self) -> FloatArray:
         return self._nugget
-
-    def _mean(self, X: FloatArray, support: Support) -> FloatArray:
-        e = self._sums.weighted
-        x = self._coordinates(X)
-        smooth = support.average(lambda shift: e(x + shift, self._weights))
-        return self._offset + smooth + support.average(lambda shift: self._basis(X + shift)) @ self.beta_
-
-    def _variance(self, X: FloatArray, targets: IntArray, points: IntArray, support: Support) -> FloatArray:
-        """Return the variance of the prediction at m targets, (m, k), in chunks of bounded memory."""
-        variance = np.empty((len(X), len(self._total)))
-        for part in self._chunks(len(X)):
-            inside = (targets >= part.start) & (targets < part.stop)
-            drift = support.average(lambda shift, X=X[part]: self._basis(X + shift))  # type: ignore[misc]
-            for group in self._groups:
-                cross = self._cross(group, X[part], targets[inside] - part.start, points[inside], support)
-                prior = group.signal * support.within + group.micro * (support is POINT)
-                unit = group.system.variance(cross, drift, prior)
-                variance[part, group.components] = unit[:, None] * self._total[group.components]
-        return variance
-
-    def _cross(
-        self, group: _Group, X: FloatArray, targets: IntArray, points: IntArray, support: Support = POINT
-    ) -> FloatArray:
-        """Return the unit covariance of targets and points, (m, u)."""
-        x = self._coordinates(X)
-        cross = support.average(lambda shift: self._sums.cross(x + shift))
-        cross *= group.signal
-        cross[targets, points] += group.micro
-        return cross
-
-    def _covariance(self, X: FloatArray, include_nugget: bool) -> FloatArray:
-        targets, points = self._at_samples(X)
-        out = np.empty((len(self._total), len(X), len(X)))
-        drift, same = self._basis(X), self._coordinates(X)
-        one = (same[:, None] == same[None]).all(axis=2) if self.exact else np.zeros(0)
-        for group in self._groups:
-            half, spread = group.system.reduce(self._cross(group, X, targets, points), drift)
-            unit = group.signal * self._correlation.matrix(same) - half.T @ half + spread.T @ spread
-            if group.micro:
-                unit += group.micro * one
-            silent = targets[group.noise[points] == 0]
-            unit[silent] = unit[:, silent] = 0.0
-            out[group.components] = unit * self._total[group.components, None, None]
-        if include_nugget:
-            out[:, np.arange(len(X)), np.arange(len(X))] += self._nugget[:, None]
-        return out
-
-    def _at_samples(self, X: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the targets that are samples, and which, where that makes a difference: else nothing."""
-        if not any(group.micro or (group.noise == 0).any() for group in self._groups):
-            return np.empty(0, np.int64), np.empty(0, np.int64)
-        found = KDTree(self._points.x).query(X, distance_upper_bound=1e-150)
-        targets = np.flatnonzero(np.asarray(found[0]) == 0)
-        return targets, np.asarray(found[1])[targets]
-
-    # --- the rest ---------------------------------------------------------------------------------------------------
-
-    def _leave_one_out(self) -> LeaveOneOut:
-        prediction, field = np.empty_like(self._mean_e), np.empty_like(self._mean_e)
-        for group in self._groups:
-            c = group.components
-            left_out = group.system.left_out_variance()[:, None]
-            prediction[:, c] = self._mean_e[:, c] - self._alpha[:, c] * left_out
-            field[:, c] = np.maximum(left_out - group.noise[:, None], 0.0) * self._total[c]
-        inverse = self._points.inverse
-        return LeaveOneOut(self._e - prediction[inverse], np.sqrt(field[inverse] + self._reading))
 
     def _fitted_parameters(self) -> dict[str, Any]:
         models = tuple(replace(model, fit=None) for model in self.variograms_)
@@ -365,26 +153,146 @@ class GlobalKriging(Predictor):
     def _coordinates(self, X: FloatArray) -> FloatArray:
         return X if self._drift is None else self._drift.coordinates(X)
 
-    def _is_coordinate(self, d: int) -> BoolArray:
-        return np.ones(d, bool) if self._drift is None else ~np.isin(np.arange(d), self._drift.columns)
-
     def _basis(self, X: FloatArray) -> FloatArray:
         return np.empty((len(X), 0)) if self._drift is None else self._drift(X)
 
-    def _chunks(self, m: int) -> list[slice]:
-        rows = max(1, CHUNK // len(self._points.x))
-        return [slice(start, min(start + rows, m)) for start in range(0, m, rows)]
+
+def given_models(variogram: Any, k: int) -> tuple[VariogramModel, ...]:
+    """Return the model of each of k components; an empty tuple when they have to be fitted."""
+    if variogram is None or isinstance(variogram, str):
+        return ()
+    if isinstance(variogram, VariogramModel) or is_covmodel(variogram):
+        return (as_variogram(variogram),) * k
+    models = tuple(variogram)
+    if models and all(isinstance(model, str) for model in models):
+        return ()
+    models = tuple(as_variogram(model) for model in models)
+    if len(models) != k:
+        raise KrigingError(f"expected one variogram for all of {k} components or one for each, got {len(models)}")
+    return models
 
 
-def _inverse(precision: FloatArray, label: Any) -> FloatArray:
-    """Return the inverse of P_II, which is singular where the others cannot tell the drift."""
-    try:
-        factor = cho_factor(precision, lower=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        factor = None
-    if factor is None or factor[0].diagonal().min() ** 2 < WORST * precision.diagonal().max():
+def models_from_plain(value: Any) -> Any:
+    """Return the variogram parameter of a predictor from the plain value of `to_dict`."""
+    if isinstance(value, Mapping):
+        return VariogramModel.from_dict(dict(value))
+    return tuple(models_from_plain(item) for item in value) if isinstance(value, list | tuple) else value
+
+
+def check_models(models: Sequence[VariogramModel], d: int) -> None:
+    """Raise KrigingError where models are not valid in d coordinates, or differ in more than nugget and sill."""
+    models[0].check_dimensions(d)
+    others = [model for model in models[1:] if model is not models[0]]
+    if any(_correlation_of(model) != _correlation_of(models[0]) for model in others):
         raise KrigingError(
-            f"without block {label} of {len(precision)} points the others cannot tell the drift; use smaller blocks"
+            "the variograms of the components differ in family or range; give them one correlation, or fit one "
+            "predictor for each component"
         )
-    inverse: FloatArray = cho_solve(factor, np.eye(len(precision)), check_finite=False)
-    return inverse
+
+
+def mean_model(models: Sequence[VariogramModel]) -> VariogramModel:
+    """Return the mean over components of models that differ in nugget and sill alone."""
+    if all(model == models[0] for model in models):
+        return models[0]
+    nugget, sill = np.mean([(model.nugget, model.partial_sill) for model in models], axis=0)
+    own = max(models, key=lambda model: model.partial_sill)
+    factor = float(sill) / own.partial_sill if own.partial_sill else 1.0
+    return replace(own.scaled(factor), nugget=float(nugget), fit=None)
+
+
+def with_pseudo_sill(model: VariogramModel, x: FloatArray) -> tuple[VariogramModel, float]:
+    """Return a model with a sill whose covariance can stand for −γ at points x, and the factor on the partial sill."""
+    if model.bounded:
+        return model, 1.0
+    pseudo = model.with_pseudo_sill(x)
+    return pseudo, pseudo.partial_sill / model.partial_sill
+
+
+def _correlation_of(model: VariogramModel) -> list[tuple[object, ...]]:
+    return [
+        (part.family, part.shape, part.range, part.rotation, round(part.sill / model.partial_sill, 9))
+        for part in model.structures
+    ]
+
+
+def estimate_model(
+    variogram: Any, x: FloatArray, e: FloatArray, drift: FloatArray, noise: FloatArray, points: Points, exact: bool
+) -> VariogramModel:
+    """Fit the variogram of the components' mean.
+
+    The nugget is at least the scatter of repeats, and the known noise is subtracted from it.
+
+    Parameters
+    ----------
+    variogram : None, str or sequence of str
+        The families for weighted least squares; None for restricted likelihood.
+    x : (n, d) array
+        The coordinates.
+    e : (n, k) array
+        The errors.
+    drift : (n, p) array
+        The columns of the drift, removed from e by least squares first if there is more than a constant.
+    noise : (n, k) array
+        The variance of the readings.
+    points : Points
+        The distinct points of the samples.
+    exact : bool
+        Whether the nugget belongs to the error and not to the readings.
+    """
+    n, k = e.shape
+    if drift.shape[1] > 1:
+        e = e - drift @ np.linalg.lstsq(drift, e)[0]
+    with without_warning():  # a predictor is fitted many times; its variogram keeps the remarks
+        if variogram is None:
+            model = fit_likelihood(x, e)
+        else:
+            bins = max(4, min(20, n * (n - 1) // 60))
+            families = cast("str | Sequence[str]", variogram)
+            model = fit_variogram(experimental_variogram(x, e / np.sqrt(k), bins=bins), families)
+    nugget = model.nugget if exact else max(model.nugget, float(points.scatter(e).mean()))
+    least = 1e-6 * model.nugget if model.partial_sill == 0 else 0.0  # something must vary
+    return replace(model, nugget=max(nugget - float(noise.mean()), least))
+
+
+def own_scales(model: VariogramModel, scale: FloatArray) -> tuple[VariogramModel, ...]:
+    """Return the model of each component, of variance `scale` (k,) in units of the mean's."""
+    scale = np.maximum(scale, SMALLEST_SCALE)
+    return tuple(model.scaled(float(s)) for s in scale)
+
+
+def _refuse_near_contradictions(
+    points: Points, e: FloatArray, models: tuple[VariogramModel, ...], coordinates: FloatArray
+) -> None:
+    """Raise KrigingError, naming the rows, where near points differ more than the variograms allow.
+
+    Parameters
+    ----------
+    points : Points
+        The points.
+    e : (u, k) array
+        The errors of the points, which have no noise.
+    models : tuple of k VariogramModel
+        The model of each component.
+    coordinates : (u, d) array
+        The points in the coordinates of the variograms: without columns that are drift only.
+    """
+    if len(points.x) < 3:
+        return
+    found = KDTree(points.x).query(points.x, k=2)
+    distance, nearest = np.asarray(found[0])[:, 1], np.asarray(found[1])[:, 1]
+    i = np.flatnonzero(distance < NEAR * np.median(distance))
+    j = nearest[i]
+    for c, model in enumerate(models):
+        scale = e[:, c].var() / (model.nugget + model.sill) if model.bounded else 1.0
+        expected = 2 * scale * model.semivariance_between(coordinates[i], coordinates[j])
+        difference = np.abs(e[i, c] - e[j, c])
+        ratio = np.where(difference > NEAR * e[:, c].std(), difference / np.sqrt(np.maximum(expected, 1e-30)), 0.0)
+        if ratio.size and ratio.max() > CONTRADICTION:
+            worst = int(np.argmax(ratio))
+            rows = sorted(int(np.flatnonzero(points.inverse == point)[0]) for point in (i[worst], j[worst]))
+            raise KrigingError(
+                f"rows {rows[0]} and {rows[1]} are {distance[i[worst]]:.3g} apart, but their errors differ by "
+                f"{difference[worst]:.3g}, {ratio[worst]:.3g} standard deviations of the "
+                "variogram, and exact Kriging would swing between them; use exact=False with a nugget, give "
+                "noise_std, or drop one"
+            )

@@ -1,20 +1,24 @@
-"""The correlation of a variogram model between points: the one place where predictors meet the compiled kernels.
+"""The correlation of a variogram model between points, and its mean over boxes.
 
-A correlation is a sum of structures; each sees its own scaled coordinates u, in which its range is 1.
+A correlation is a sum of structures, each with scaled coordinates u of its own, in which its range is 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
-from truepose.similarity import VariogramModel, as_variogram
-from truepose.similarity.gstools_models import is_covmodel
+from truepose.similarity.model import VariogramModel
+
+MOST_NODES: Final = 4096
+"""Largest number of nodes in a box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,51 +143,60 @@ class Sums:
         return zip(self.correlation.structures, self.samples, strict=True)
 
 
-def given_models(variogram: Any, k: int) -> tuple[VariogramModel, ...]:
-    """Return the model of each of k components, or nothing when they are to be fitted."""
-    if variogram is None or isinstance(variogram, str):
-        return ()
-    if isinstance(variogram, VariogramModel) or is_covmodel(variogram):
-        return (as_variogram(variogram),) * k
-    models = tuple(variogram)
-    if models and all(isinstance(model, str) for model in models):
-        return ()
-    models = tuple(as_variogram(model) for model in models)
-    if len(models) != k:
-        raise KrigingError(f"{len(models)} variograms came for {k} components; give one for all, or one for each")
-    return models
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Nodes about a target, and their weights.
+
+    Attributes
+    ----------
+    nodes : (q, d) array, or (1, 1) for a point
+    weights : (q,) array
+        With the sum 1.
+    within : float
+        Mean correlation of two points of the support.
+    """
+
+    nodes: FloatArray
+    weights: FloatArray
+    within: float = 1.0
+
+    @classmethod
+    def box(cls, size: ArrayLike, d: int, nodes: int, correlation: Correlation) -> Self:
+        """Return the support of a box with edges of `size`, a number or (d,).
+
+        Raises
+        ------
+        KrigingError
+            If a size is not above 0, or there are too few or too many nodes.
+        """
+        edges = np.asarray(size, dtype=np.float64)
+        if edges.shape not in ((), (d,)) or not (np.isfinite(edges) & (edges > 0)).all():
+            raise KrigingError(f"block size is {size!r}; expected a number above 0, or one for each of {d} coordinates")
+        if not (nodes >= 1 and nodes**d <= MOST_NODES):
+            raise KrigingError(
+                f"{nodes} nodes along each of {d} edges; expected at least 1, and {MOST_NODES} in the box at most"
+            )
+        edges = np.broadcast_to(edges, (d,))
+        at, weights = _nodes(nodes, edges)
+        others, their = _nodes(nodes + 1, edges)  # no node is its own pair: a cusp at 0 would bias the mean
+        within = float(weights @ correlation.at(others).cross(at) @ their)
+        return cls(at, weights, within)
+
+    def average(self, values: Callable[[FloatArray | float], FloatArray]) -> FloatArray:
+        """Return the mean of a function of the shift from the target."""
+        if len(self.nodes) == 1 and not self.nodes.any():
+            return values(0.0)
+        total = self.weights[0] * values(self.nodes[0])
+        for node, weight in zip(self.nodes[1:], self.weights[1:], strict=True):
+            total += weight * values(node)
+        return np.asarray(total)
 
 
-def check_models(models: Sequence[VariogramModel], d: int) -> None:
-    """Raise KrigingError where models are not valid in d coordinates, or differ in more than nugget and sill."""
-    models[0].check_dimensions(d)
-    if any(_correlation_of(model) != _correlation_of(models[0]) for model in models[1:]):
-        raise KrigingError(
-            "the variograms of the components differ in family or range; give them one correlation, or fit one "
-            "predictor for each component"
-        )
+POINT: Final = Support(np.zeros((1, 1)), np.ones(1))
 
 
-def mean_model(models: Sequence[VariogramModel]) -> VariogramModel:
-    """Return the mean over components of models that differ in nugget and sill alone."""
-    if all(model == models[0] for model in models):
-        return models[0]
-    nugget, sill = np.mean([(model.nugget, model.partial_sill) for model in models], axis=0)
-    own = max(models, key=lambda model: model.partial_sill)
-    factor = float(sill) / own.partial_sill if own.partial_sill else 1.0
-    return replace(own.scaled(factor), nugget=float(nugget), fit=None)
-
-
-def with_pseudo_sill(model: VariogramModel, x: FloatArray) -> tuple[VariogramModel, float]:
-    """Return a model with a sill whose covariance can stand for −γ at points x, and the factor on the partial sill."""
-    if model.bounded:
-        return model, 1.0
-    pseudo = model.with_pseudo_sill(x)
-    return pseudo, pseudo.partial_sill / model.partial_sill
-
-
-def _correlation_of(model: VariogramModel) -> list[tuple[object, ...]]:
-    return [
-        (part.family, part.shape, part.range, part.rotation, round(part.sill / model.partial_sill, 9))
-        for part in model.structures
-    ]
+def _nodes(count: int, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    t, w = np.polynomial.legendre.leggauss(count)
+    grid = np.array(list(product(t, repeat=len(edges))))
+    weights = np.prod(np.array(list(product(w / 2, repeat=len(edges)))), axis=1)
+    return np.asarray(grid * edges / 2), np.asarray(weights)

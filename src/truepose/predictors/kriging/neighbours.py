@@ -1,11 +1,11 @@
-"""The engine of Kriging from the samples near each target (13): many small systems instead of a large one."""
+"""Kriging from the samples near each target (13): many small systems instead of a large one."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,13 +15,10 @@ from sklearn.utils.validation import check_is_fitted
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.threads import threads
-from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.kriging.correlation import Correlation, check_models, given_models, mean_model
-from truepose.predictors.kriging.drift import Drift, DriftLike
-from truepose.predictors.kriging.ordinary import VariogramLike
-from truepose.predictors.kriging.repeats import Points
-from truepose.predictors.kriging.variogram_estimation import estimate_model, own_scales
-from truepose.similarity import VariogramModel
+from truepose.predictors.base import LeaveOneOut
+from truepose.predictors.kriging.base import Kriging, VariogramLike
+from truepose.similarity.model import VariogramModel
+from truepose.similarity.trend import DriftLike
 
 CHUNK: Final = 2**21
 """Correlations worked on at once: 16 MB."""
@@ -57,7 +54,7 @@ class Group:
         return self.signal + self.micro
 
 
-class NeighbourKriging(Predictor):
+class NeighbourKriging(Kriging):
     """Base of Kriging from the nearest samples; a subclass says how the drift is found.
 
     Parameters
@@ -91,10 +88,10 @@ class NeighbourKriging(Predictor):
                 slope[part, group.components] = self._slope(x[part], near, group)
         return slope[:, 0] if self._flat else slope
 
-    # --- what a subclass says ---------------------------------------------------------------------------------------
+    # --- methods of a subclass --------------------------------------------------------------------------------------
 
     @abstractmethod
-    def _scale(self, group: Group) -> FloatArray:
+    def _group_scale(self, group: Group) -> FloatArray:
         """Return the variance of the group's components in units of the model's, (c,)."""
 
     @abstractmethod
@@ -105,89 +102,51 @@ class NeighbourKriging(Predictor):
     def _coefficients(self, group: Group, inverse: FloatArray, near: IntArray) -> FloatArray:
         """Return beta of each target, (m, p, c), given K⁻¹ of its neighbours (m, k, k)."""
 
-    def _refined(self, model: VariogramModel, noise: FloatArray) -> VariogramModel:
-        """Return a fitted variogram (k components alike), refined where a subclass can."""
-        return model
-
     def _prepare(self) -> None:
-        """Prepare what is common to all targets, once the groups are there."""
+        """Prepare what is common to all targets, once the groups exist."""
 
     # --- fit --------------------------------------------------------------------------------------------------------
 
-    def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
-        self._e, self._points = e, Points.of(X)
-        u, k = len(self._points.x), e.shape[1]
-        if u < 2:
-            count = "is 1 sample" if len(e) == 1 else f"are {len(e)} samples, all at one"
-            raise KrigingError(f"Kriging needs samples at 2 points or more, but there {count}; measure more")
-        if (
-            isinstance(self.neighbours, bool)
-            or not isinstance(self.neighbours, int | np.integer)
-            or self.neighbours < 1
-        ):
-            raise KrigingError(f"neighbours is {self.neighbours!r}; expected a whole number of 1 or more")
-        noise = np.zeros_like(e) if noise_std is None else noise_std**2
-        if self.exact and noise_std is None:
-            self._points.refuse_contradictions(e)
-        self._drift = Drift.of(self.drift, self._points.x)
-        columns = self._drift(self._points.x[:1]).shape[1]
-        if min(self.neighbours, u) < columns:
-            raise KrigingError(
-                f"{min(self.neighbours, u)} neighbours cannot tell a drift of {columns} columns; use more neighbours "
-                "or a simpler drift"
-            )
-        given = given_models(self.variogram, k)
-        if given:
-            self._set(given, noise)
-            self.variogram_ = mean_model(given)
-            return
-        x, basis = self._drift.coordinates(X), self._drift(X)
-        found = estimate_model(self.variogram, x, e, basis, noise, self._points, self.exact)
-        self.variogram_ = self._refined(found, noise)
-        self._set((self.variogram_,) * k, noise)
-        scale = np.empty(k)
-        for group in self._groups:
-            scale[group.components] = self._scale(group)
-        self._set(own_scales(self.variogram_, scale), noise)
+    def _drift_kind(self) -> DriftLike:
+        return self.drift
 
-    def _set(self, models: tuple[VariogramModel, ...], noise: FloatArray) -> None:
-        """Store all that a prediction needs."""
-        points, k = self._points, len(models)
-        x = self._drift.coordinates(points.x)
-        check_models(models, x.shape[1])
-        if not models[0].bounded:
+    def _check_parameters(self, u: int, k: int) -> None:
+        count = self.neighbours
+        if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+            raise KrigingError(f"neighbours is {count!r}; expected a whole number of 1 or more")
+        columns = self._basis(self._points.x[:1]).shape[1]
+        if min(count, u) < columns:
             raise KrigingError(
-                f"{type(self).__name__} needs a sill, and {models[0].family} has none; use OrdinaryKriging"
+                f"{min(count, u)} neighbours do not determine a drift of {columns} columns; use more neighbours or a "
+                "simpler drift"
             )
-        nugget = np.array([m.nugget for m in models])
-        self.variograms_ = models
-        self._nugget = np.zeros(k) if self.exact else nugget
-        if not (self.exact or noise.any() or nugget.any()):
-            self._nugget = points.scatter(self._e)
-        self._reading = noise + self._nugget
-        self._mean_e, self._mean_noise = points.average(self._e, self._reading)
-        if not self._mean_noise.any():
-            points.refuse_near_contradictions(self._mean_e, models, x)
-        signal = np.array([m.partial_sill for m in models])
-        self._total = signal + nugget
-        self._correlation = Correlation.of(models[0], x.shape[1])
+
+    def _check_sill(self, model: VariogramModel) -> None:
+        if not model.bounded:
+            raise KrigingError(f"{type(self).__name__} needs a sill, and {model.family} has none; use OrdinaryKriging")
+
+    def _solve(self, x: FloatArray, signal: FloatArray, micro: FloatArray) -> None:
         self._scaled = tuple(s.scaled(x) for s in self._correlation.structures) or (x,)
         self._tree = KDTree(self._scaled[0])
-        self._basis = self._drift(points.x)
-        self._groups = self._grouped(signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
+        self._columns = self._basis(self._points.x)
+        groups, noise = self._alike(signal, micro)
+        self._groups = [
+            Group(
+                np.array(c),
+                float(signal[c[0]]),
+                float(micro[c[0]]),
+                noise[:, c[0]].copy(),
+                np.ascontiguousarray(np.hstack([self._columns, self._mean_e[:, c]])),
+            )
+            for c in groups
+        ]
         self._prepare()
 
-    def _grouped(self, signal: FloatArray, micro: FloatArray) -> list[Group]:
-        noise = self._mean_noise / self._total
-        shares = np.vstack([signal, micro, noise])
-        left, groups = list(range(len(signal))), []
-        while left:
-            alike = [c for c in left if np.allclose(shares[:, left[0]], shares[:, c], rtol=1e-9, atol=1e-15)]
-            left = [c for c in left if c not in alike]
-            c = alike[0]
-            right = np.ascontiguousarray(np.hstack([self._basis, self._mean_e[:, alike]]))
-            groups.append(Group(np.array(alike), float(signal[c]), float(micro[c]), noise[:, c].copy(), right))
-        return groups
+    def _scale(self) -> FloatArray:
+        scale = np.empty(len(self._total))
+        for group in self._groups:
+            scale[group.components] = self._group_scale(group)
+        return scale
 
     # --- prediction -------------------------------------------------------------------------------------------------
 
@@ -199,15 +158,12 @@ class NeighbourKriging(Predictor):
             return e, None
         return e, np.sqrt(variance)
 
-    def _nugget_variance(self) -> FloatArray:
-        return self._nugget
-
     def _moments(self, X: FloatArray, near: IntArray, here: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance at targets, (m, k); `here` where the first neighbour is at the target."""
         e, variance = np.empty((2, len(X), len(self._total)))
-        targets = [s.scaled(self._drift.coordinates(X)) for s in self._correlation.structures]
+        targets = [s.scaled(self._coordinates(X)) for s in self._correlation.structures]
         rho = self._rho(targets, near)
-        f0 = self._drift(X)
+        f0 = self._basis(X)
         for group in self._groups:
             gram = self._gram(group, rho, near, np.where(here, group.micro, 0.0))
             mean, unit = self._combine(group, gram, f0)
@@ -244,7 +200,7 @@ class NeighbourKriging(Predictor):
 
     def _parts(self, X: FloatArray, neighbours: int) -> Iterator[tuple[slice, IntArray, FloatArray]]:
         """Yield parts of the targets with their nearest points in units of the ranges and the distances, (m, k)."""
-        scaled = self._drift.coordinates(X)
+        scaled = self._coordinates(X)
         if self._correlation.structures:
             scaled = self._correlation.structures[0].scaled(scaled)
         k = min(neighbours, len(self._points.x))
@@ -259,7 +215,7 @@ class NeighbourKriging(Predictor):
         from truepose.similarity.covariance import slope_over_distance
 
         m, k = near.shape
-        p = self._basis.shape[1]
+        p = self._columns.shape[1]
         matrix: FloatArray = np.zeros((m, k, k))
         for s, u in zip(self._correlation.structures, self._scaled, strict=False):
             one = replace(self._correlation, structures=(s,))
@@ -269,9 +225,10 @@ class NeighbourKriging(Predictor):
         inverse: FloatArray = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
         beta = self._coefficients(group, inverse, near)
         alpha = inverse @ (group.right[near][:, :, p:] - group.right[near][:, :, :p] @ beta)
+        assert self._drift is not None
         slope = np.einsum("mpd,mpc->mcd", self._drift.gradient(X), beta)
         columns = np.delete(np.arange(X.shape[1]), self._drift.columns)
-        x = self._drift.coordinates(X)
+        x = self._coordinates(X)
         for s, u in zip(self._correlation.structures, self._scaled, strict=False):
             offset = s.scaled(x)[:, None] - u[near]
             rate = s.share * slope_over_distance(s.code, np.linalg.norm(offset, axis=2), s.shape)
@@ -294,6 +251,64 @@ class NeighbourKriging(Predictor):
         inverse = self._points.inverse
         return LeaveOneOut(self._e - prediction[inverse], np.sqrt(field[inverse] + self._reading))
 
-    def _fitted_parameters(self) -> dict[str, Any]:
-        models = tuple(replace(model, fit=None) for model in self.variograms_)
-        return {"variogram": models[0] if all(model == models[0] for model in models) else models}
+
+class LocalKriging(NeighbourKriging):
+    """Ordinary or universal Kriging of each target from its nearest samples, theory (13).
+
+    Near is meant in units of the variogram's ranges. The prediction jumps a little where the neighbours change; the
+    standard deviation is that of Kriging from these neighbours. A fitted variogram gets the scale of each component
+    from leave-one-out residuals.
+
+    Parameters
+    ----------
+    neighbours : int
+        Nearest samples used for each target.
+    variogram : VariogramModel, sequence of VariogramModel, str or sequence of str, optional
+        As for `OrdinaryKriging`; a model with a sill.
+    exact : bool
+        Whether the nugget belongs to the error and not to the readings.
+    drift : {"constant", "linear", "quadratic", "cubic"}, int, sequence of int, or callable
+        As for `UniversalKriging`; its coefficients are each target's own.
+
+    Attributes
+    ----------
+    variogram_ : VariogramModel
+        Mean over the components, as given or fitted.
+    variograms_ : tuple of VariogramModel
+        Of each component.
+
+    Examples
+    --------
+    >>> x = np.arange(100.0)[:, None]
+    >>> model = LocalKriging(4, VariogramModel("matern52", sill=1.0, range=20.0)).fit(x, np.sin(x / 10))
+    >>> model.predict([[25.5]]).round(3)
+    array([[0.558]])
+    """
+
+    def _group_scale(self, group: Group) -> FloatArray:
+        u = len(self._points.x)
+        some = np.random.default_rng(0).choice(u, min(u, SCALING), replace=False)
+        prediction, field = self._left_out(some)
+        c = group.components
+        variance = field[:, c] + self._mean_noise[np.ix_(some, c)]
+        squares = (self._mean_e[np.ix_(some, c)] - prediction[:, c]) ** 2
+        return np.asarray(np.mean(squares / np.maximum(variance, np.finfo(float).tiny), axis=0))
+
+    def _combine(self, group: Group, gram: FloatArray, f0: FloatArray) -> tuple[FloatArray, FloatArray]:
+        p = f0.shape[1]
+        information, unexplained = gram[:, 1 : 1 + p, 1 : 1 + p], f0 - gram[:, 0, 1 : 1 + p]
+        try:
+            lagrange = np.linalg.solve(information, unexplained[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            raise KrigingError(
+                f"near some target {self.neighbours} neighbours cannot tell the {p} columns of the drift; use more "
+                "neighbours or a simpler drift"
+            ) from None
+        mean = gram[:, 0, 1 + p :] + np.einsum("mp,mpc->mc", lagrange, gram[:, 1 : 1 + p, 1 + p :])
+        return mean, group.prior - gram[:, 0, 0] + np.einsum("mp,mp->m", unexplained, lagrange)
+
+    def _coefficients(self, group: Group, inverse: FloatArray, near: IntArray) -> FloatArray:
+        p = self._columns.shape[1]
+        right = group.right[near]
+        explained = right[:, :, :p].transpose(0, 2, 1) @ inverse
+        return np.asarray(np.linalg.solve(explained @ right[:, :, :p], explained @ right[:, :, p:]))

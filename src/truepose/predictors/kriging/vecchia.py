@@ -19,11 +19,11 @@ from scipy.spatial import KDTree
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.threads import threads
-from truepose.predictors.kriging.drift import DriftLike
+from truepose.predictors.kriging.base import VariogramLike
 from truepose.predictors.kriging.neighbours import CHUNK, Group, NeighbourKriging
-from truepose.predictors.kriging.ordinary import VariogramLike
 from truepose.predictors.kriging.system import System, dependent
-from truepose.similarity import VariogramModel
+from truepose.similarity.model import VariogramModel
+from truepose.similarity.trend import DriftLike
 
 FARTHEST: Final = 6.0
 """Logarithm of the largest change of a parameter in a refinement."""
@@ -116,7 +116,7 @@ class VecchiaKriging(NeighbourKriging):
             return replace(model.stretched(float(longer)).scaled(float(larger)), nugget=nugget, fit=None)
 
         def loss(step: FloatArray) -> float:
-            self._set((moved(step),) * k, noise)
+            self._assemble((moved(step),) * k, noise)
             if free[2]:
                 return -float(self.log_likelihood_.sum())
             u = len(self._points.x)
@@ -129,7 +129,7 @@ class VecchiaKriging(NeighbourKriging):
         u = len(self._points.x)
         order = np.random.default_rng(0).permutation(u)
         self._drifts = [self._gather(group, order) for group in self._groups]
-        self.beta_ = np.empty((self._basis.shape[1], len(self._total)))
+        self.beta_ = np.empty((self._columns.shape[1], len(self._total)))
         self.log_likelihood_ = np.empty(len(self._total))
         for group, found in zip(self._groups, self._drifts, strict=True):
             c = group.components
@@ -141,9 +141,9 @@ class VecchiaKriging(NeighbourKriging):
 
     def _gather(self, group: Group, order: IntArray) -> _Drift:
         """Whiten drift and errors, sample by sample given earlier ones, and solve the least squares that is left."""
-        k, p = min(self.neighbours, len(order)), self._basis.shape[1]
+        k, p = min(self.neighbours, len(order)), self._columns.shape[1]
         first = order[:k]
-        matrix = self._correlation.matrix(self._drift.coordinates(self._points.x[first])) * group.signal
+        matrix = self._correlation.matrix(self._coordinates(self._points.x[first])) * group.signal
         matrix[np.diag_indices(k)] = group.prior + group.noise[first]
         system = System.factorise(matrix, np.empty((k, 0)), self._points.x[first])
         log_determinant = system.log_determinant
@@ -169,8 +169,8 @@ class VecchiaKriging(NeighbourKriging):
     def _found(self, group: Group) -> _Drift:
         return self._drifts[next(i for i, other in enumerate(self._groups) if other is group)]
 
-    def _scale(self, group: Group) -> FloatArray:
-        freedom = max(len(self._points.x) - self._basis.shape[1], 1)
+    def _group_scale(self, group: Group) -> FloatArray:
+        freedom = max(len(self._points.x) - self._columns.shape[1], 1)
         scale: FloatArray = self._found(group).squares / freedom / self._total[group.components]
         return scale
 

@@ -13,15 +13,13 @@ from sklearn.utils.validation import check_is_fitted
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.base import LeaveOneOut, Predictor
-from truepose.predictors.kriging.cokriging import Cokriging
-from truepose.predictors.kriging.coregionalisation import fit_coregionalisation, floored, given_matrices
-from truepose.predictors.kriging.correlation import given_models
-from truepose.predictors.kriging.drift import Drift, DriftLike
+from truepose.predictors.kriging.base import estimate_model, given_models, models_from_plain
+from truepose.predictors.kriging.cokriging import Cokriging, fit_coregionalisation, floored, given_matrices
 from truepose.predictors.kriging.ordinary import UniversalKriging
-from truepose.predictors.kriging.random_fields import root
-from truepose.predictors.kriging.repeats import Points
-from truepose.predictors.kriging.variogram_estimation import estimate_model
-from truepose.similarity import VariogramModel
+from truepose.predictors.kriging.system import root
+from truepose.predictors.repeats import Points
+from truepose.similarity.model import VariogramModel
+from truepose.similarity.trend import DriftBasis, DriftLike
 
 
 class VectorKriging(Predictor):
@@ -161,7 +159,7 @@ class VectorKriging(Predictor):
         self.kronecker_ = turn is not None
         self._full = None
         if turn is None:
-            drift = Drift.of(self.drift, self._points.x)
+            drift = DriftBasis.of(self.drift, self._points.x)
             self._full = Cokriging(
                 X, e, self.variograms_, self.coregionalisation_, drift, self.shared_drift, noise, self.exact
             )
@@ -220,12 +218,12 @@ class VectorKriging(Predictor):
                 "components were not measured at some samples; give variogram and coregionalisation then"
             )
         if len(self.variograms_) > 1:
-            x = Drift.of(self.drift, self._points.x).coordinates(X)
+            x = DriftBasis.of(self.drift, self._points.x).coordinates(X)
             self.coregionalisation_ = fit_coregionalisation(x, self._e, self.variograms_)
             return
         mean = np.broadcast_to(np.trace(noise, axis1=1, axis2=2)[:, None] / k, self._e.shape)
         if not self.variograms_:
-            drift = Drift.of(self.drift, self._points.x)
+            drift = DriftBasis.of(self.drift, self._points.x)
             x = drift.coordinates(X)
             self.variograms_ = (estimate_model(self.variogram, x, self._e, drift(X), mean, self._points, self.exact),)
         inner = UniversalKriging(self.drift, self.variograms_[0], self.exact)
@@ -287,3 +285,7 @@ class VectorKriging(Predictor):
         models = tuple(replace(model, fit=None) for model in self.variograms_)
         matrices = tuple(tuple(tuple(row) for row in matrix) for matrix in self.coregionalisation_.tolist())
         return {"variogram": models[0] if len(models) == 1 else models, "coregionalisation": matrices}
+
+    @classmethod
+    def _parameter(cls, name: str, value: Any) -> Any:
+        return models_from_plain(value) if name == "variogram" else super()._parameter(name, value)
