@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import truepose as tp
 from truepose.errors import DataError
-from truepose.numerics.threads import threads
+from truepose.numerics.threads import blas_threads, threads
 from truepose.predictors import (
     ArmContext,
     InverseDistance,
@@ -266,6 +266,15 @@ def test_cores_are_those_of_the_affinity():
     code += "from truepose.numerics.threads import cores; print(cores())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "1\n"
+
+
+@pytest.mark.promise("A limit on the threads of linear algebra is kept, also for large matrices")
+def test_a_limit_on_threads_is_never_raised():
+    for around in (1, 2):
+        with threadpool_limits(around, user_api="blas"), blas_threads(10**6):
+            assert {info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas"} <= {1, around}
+        with threadpool_limits(around, user_api="blas"), blas_threads(0), blas_threads(10**6):
+            assert {info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas"} == {1}
 
 
 @pytest.mark.promise("A fit of few samples uses one thread, whatever the machine has")

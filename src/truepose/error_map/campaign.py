@@ -19,6 +19,7 @@ from truepose.samples import Samples
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import (
     FEWEST,
+    LARGEST,
     Campaign,
     Change,
     changes,
@@ -115,7 +116,7 @@ def check_campaign(
     """
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
-    with blas_threads(len(samples)):
+    with blas_threads(LARGEST):
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
         suspected = 0.0 if named else suspected_drift(campaign)

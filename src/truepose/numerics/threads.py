@@ -32,8 +32,14 @@ def threads() -> int:
 
 
 def blas_threads(n: int, large: float = LARGE) -> AbstractContextManager[Any]:
-    """Return a context in which BLAS works on n-row matrices: in one thread where they are small."""
-    limit: AbstractContextManager[Any] = _controller().limit(limits=threads() if n >= large else 1, user_api="blas")
+    """Return a context in which BLAS works on n-row matrices: in one thread where they are small.
+
+    A limit that holds already is never raised: that of a context around this one, of the caller's own threadpoolctl,
+    or of a variable such as OPENBLAS_NUM_THREADS.
+    """
+    blas = _blas()
+    most = min(threads(), *(library.num_threads for library in blas.lib_controllers))
+    limit: AbstractContextManager[Any] = blas.limit(limits=most if n >= large else 1)
     return limit
 
 
@@ -57,7 +63,7 @@ def become_worker() -> None:
     global _is_worker
     _is_worker = True
     numba.set_num_threads(1)
-    _controller().limit(limits=1)  # for the life of the process: the limiter is not used as a context
+    ThreadpoolController().limit(limits=1)  # for the life of the process: the limiter is not used as a context
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -70,7 +76,8 @@ def _end_with_parent() -> None:
 
 
 @cache
-def _controller() -> Any:
+def _blas() -> ThreadpoolController:
+    """Return the controller of numpy's and of scipy's BLAS."""
     import scipy.linalg  # noqa: F401  its BLAS must be there to be found
 
-    return ThreadpoolController()
+    return ThreadpoolController().select(user_api="blas")

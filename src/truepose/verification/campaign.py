@@ -38,9 +38,10 @@ SMALLEST_SCALE: Final = 1e-3
 """Smallest scale that is named: links are made to about a millimetre in a metre."""
 FEWEST: Final = 16
 """Samples below which nothing is tested."""
+LARGEST: Final = 300
+"""Samples that are tested: of more, these are drawn at random."""
 
 _SIDE: Final = 8  # samples on either side of a move
-_MOST: Final = 300  # samples used; more are thinned at random
 _CUTS: Final = 48  # places of a move that are looked at before the best is refined
 _LENGTHS: Final = (0.15, 0.4, 1.0)  # of k, in units of the spread of the coordinates
 _RATIOS: Final = (0.3, 3.0, 30.0, 300.0)  # γ²/σ², beside 0
@@ -126,7 +127,7 @@ class Campaign:
     def __len__(self) -> int:
         return len(self.e)
 
-    def __getitem__(self, rows: IntArray) -> Campaign:
+    def __getitem__(self, rows: IntArray | BoolArray) -> Campaign:
         return Campaign(self.e[rows], self.p[rows], self.coordinates[rows], self.columns[rows], self.when[rows])
 
     @cached_property
@@ -143,6 +144,15 @@ class Campaign:
         terms = np.stack([np.prod(unit**w, axis=1) for w in powers], axis=1)
         terms = terms / np.maximum(np.sqrt(np.mean(terms**2, axis=0)), 1e-9) / np.sum(powers, axis=1)
         return np.asarray(np.einsum("nk,ab->nakb", terms, np.eye(3)).reshape(len(self), 3, -1))
+
+    @cached_property
+    def tested(self) -> tuple[IntArray, Campaign]:
+        """The samples that tests use, at most `LARGEST` and none that is gross: their places, and themselves."""
+        rows = _thinned(len(self))
+        part = self[rows]
+        if len(rows) >= FEWEST and not (keep := _sound(part)).all():
+            return rows[keep], part[keep]
+        return rows, part
 
     @cached_property
     def field(self) -> _Model:
@@ -182,10 +192,9 @@ def changes(campaign: Campaign) -> list[Change]:
 
     Faults are added one at a time, the most significant first, and each is tested beside those found before.
     """
-    rows = _tested_rows(campaign)
+    rows, part = campaign.tested
     if len(rows) < FEWEST:
         return []
-    part = campaign[rows]
     found: list[_Cause] = []
     for _ in _KINDS:
         known = [cause.columns for cause in found]
@@ -207,10 +216,9 @@ def suspected_drift(campaign: Campaign) -> float:
     Zero where a drift as large as the estimate has a chance of 1 % or more without a drift. The square of the estimate
     is reduced by its variance, so that noise does not add to it.
     """
-    rows = _tested_rows(campaign)
+    rows, part = campaign.tested
     if len(rows) < FEWEST or np.ptp(campaign.when) == 0:
         return 0.0
-    part = campaign[rows]
     drift = _Cause("drift", 0, part.growing)
     if part.field.chance(drift.columns) >= _WORTH:
         return 0.0
@@ -220,14 +228,8 @@ def suspected_drift(campaign: Campaign) -> float:
     return float(np.sqrt(max(excess, 0.0)))
 
 
-def _tested_rows(campaign: Campaign) -> IntArray:
-    """Return the samples that tests use: at most `_MOST`, none that is gross."""
-    rows = _thinned(len(campaign))
-    return rows[_sound(campaign[rows])] if len(rows) >= FEWEST else rows
-
-
 def _thinned(n: int) -> IntArray:
-    return np.sort(np.random.default_rng(0).choice(n, min(n, _MOST), replace=False))
+    return np.sort(np.random.default_rng(0).choice(n, min(n, LARGEST), replace=False))
 
 
 def noise(campaign: Campaign) -> float:
