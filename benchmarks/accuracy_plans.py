@@ -31,7 +31,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
             found: dict[str, list[float]] = defaultdict(list)
             for seed in range(seeds):
                 virtual = VirtualCell("hard", seed=seed)
-                chosen = plan(virtual.cell, n, method, seed=seed)
+                chosen = plan(virtual.cell, n, method, rng=seed)
                 error_map = fit_cell(virtual.cell, virtual.measure(chosen.q, seed=2), "kinematic-kriging")
                 held_out = virtual.measure(virtual.design(_HELD_OUT, seed=1_000), seed=1)
                 found["left"].append(error_map.validate(held_out)["after"]["mean_mm"])

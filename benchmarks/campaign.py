@@ -13,7 +13,7 @@ from benchmarks.held_out import Page
 from truepose import Samples, VirtualCell
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.registration import register_samples
-from truepose.planning.tour import shortest_tour
+from truepose.planning.planner import shortest_tour
 
 PAGE = "campaign"
 SIZE = 60

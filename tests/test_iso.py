@@ -12,7 +12,7 @@ import truepose as tp
 from truepose.cell import Cell
 from truepose.errors import DataError, RobotError
 from truepose.samples import read_poses, write_samples
-from truepose.studies.iso9283 import EDGES_MM
+from truepose.studies.performance import EDGES_MM
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_orientations_of_another_frame(virtual, measured):
     turned = replace(
         measured, rotation_cmd=measured.rotation_cmd * tp.euler("kuka", [[180.0, 0, 0]] * 5 + [[0.0] * 3] * 145)
     )
-    said = r"rows 0, 1, 2, 3, 4: measured orientations are up to 1\d\d deg from commanded ones; give the cell"
+    said = r"rows 0, 1, 2, 3, 4: measured orientations are up to 1\d\d deg from commanded ones; pass the cell"
     with pytest.raises(DataError, match=said):
         tp.iso9283(turned)
     assert tp.iso9283(turned, cell=virtual.cell).poses[0].AP_abc_deg is not None

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
     from truepose.simulation import VirtualCell
-    from truepose.studies.iso9283 import iso9283, iso9283_poses
+    from truepose.studies.performance import iso9283, iso9283_poses
     from truepose.trackers import import_readings, read_readings, write_readings
     from truepose.verification import accuracy, held_out
 
@@ -76,8 +76,8 @@ _HOME = {
     "fit_variogram": "similarity",
     "held_out": "verification",
     "import_readings": "trackers",
-    "iso9283": "studies.iso9283",
-    "iso9283_poses": "studies.iso9283",
+    "iso9283": "studies.performance",
+    "iso9283_poses": "studies.performance",
     "list_robots": "robots",
     "load_cell": "cell",
     "load_map": "error_map",

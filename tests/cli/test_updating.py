@@ -32,7 +32,7 @@ def test_a_moved_tracker_is_refused_and_found_again(run, cell_files, readings, t
     refused = run("update", cell_files.map, tmp_path / "moved.csv", "--out", tmp_path / "never.truepose").failed()
     assert "does not hold" in refused
     assert "by 0.8" in refused  # at one orientation a tool that moved looks the same
-    assert "It may as well be that the station moved (tracker or robot base)." in refused
+    assert "Equally likely: the station moved (tracker or robot base)." in refused
     assert not (tmp_path / "never.truepose").exists()
     done = run("update", cell_files.map, tmp_path / "moved.csv", "--refit", "station", "--out", tmp_path / "m.truepose")
     assert "station from 12 samples" in done.out

@@ -159,7 +159,7 @@ def test_without_a_cell_positions_are_enough(samples):
     bare = tp.Samples(samples.p_meas, p_cmd=samples.p_cmd, q=samples.q)
     choice = tp.choose("quick", bare, splits=["points"])
     assert choice.predictor_name.startswith(("ordinary", "universal"))
-    with pytest.raises(DataError, match="joints alone are no positions without the arm; give cell"):
+    with pytest.raises(DataError, match="joints without positions need the arm; pass cell"):
         tp.choose("quick", tp.Samples(samples.p_meas, q=samples.q))
 
 

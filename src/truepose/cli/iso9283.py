@@ -37,7 +37,7 @@ def iso9283(
     """Pose accuracy and repeatability, drift, distances and paths by ISO 9283, and what the standard still asks for."""
     from truepose.cell import load_cell
     from truepose.samples import read_samples
-    from truepose.studies.iso9283 import iso9283 as evaluate
+    from truepose.studies.performance import iso9283 as evaluate
 
     if poses is not None:
         overwrite(force, poses)
@@ -63,7 +63,7 @@ def iso9283(
 def _write_poses(cell_path: Path, out: Path, edge: float | None, as_json: bool) -> None:
     from truepose.cell import load_cell
     from truepose.planning import write_measurement
-    from truepose.studies.iso9283 import iso9283_poses
+    from truepose.studies.performance import iso9283_poses
 
     cell = load_cell(cell_path)
     made = iso9283_poses(cell, edge_mm=edge)

@@ -46,7 +46,7 @@ def plan(
     if candidates is not None and offered is None:
         raise FileError(candidates, "has no joints (q1_deg …) to choose among")
     with counting("Choosing poses") as progress:
-        found = make_plan(cell, n, method, candidates=offered, after=known, seed=seed, progress=progress)
+        found = make_plan(cell, n, method, candidates=offered, after=known, rng=seed, progress=progress)
     written = found.write(out)
     if as_json:
         emit_json({**found.to_dict(), "files": written})

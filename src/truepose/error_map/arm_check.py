@@ -1,7 +1,7 @@
-"""The nominal arm and the stated tool against positions that the controller itself shows.
+"""Check the nominal arm and the stated tool with positions that the controller shows.
 
-A controller that was told another tool, or an arm of another size, reaches other places than the model says. Joints and
-positions of the same poses prove both: p = F(q) · tool.
+A controller with another tool, or an arm of another size, reaches other positions than the model. Joints and positions
+of the same poses check both: p = F(q) · tool.
 """
 
 from __future__ import annotations
@@ -24,16 +24,14 @@ from truepose.samples import Poses
 
 _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors of a small one
 _TOOL_MM: Final = 0.1
-_OWN_MM: Final = 1e-5  # no controller shows positions that finely
-_OTHER_POINT_MM: Final = 1.0  # a fitted tool is nearer than this to the one that the controller was told
-_KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not judged
+_OWN_MM: Final = 1e-5  # no controller shows positions with so many digits
+_OTHER_POINT_MM: Final = 1.0  # largest distance of a fitted tool to that of the controller without a note
+_KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not compared
 _SIGMAS: Final = 4.0
 _ANGLE: Final = float(np.deg2rad(0.2))
 _FEWEST: Final = 8
 _REMEDY: Final = "Check one taught point with 'truepose check-point'."
-NOT_CHECKED: Final = (
-    f"The arm's model and the tool were not checked: no commanded positions came with the joints. {_REMEDY}"
-)
+NOT_CHECKED: Final = f"The arm's model and the tool were not checked: the joints have no commanded positions. {_REMEDY}"
 _UNDECIDED: Final = (
     "The arm's model and the tool were not checked: too few poses, or one orientation in an unknown frame. " + _REMEDY
 )
@@ -49,20 +47,20 @@ _NO_JOINTS: Final = (
 
 @dataclass(frozen=True)
 class ArmCheck:
-    """What commanded positions say of the nominal arm and of the tool.
+    """The comparison of the nominal arm and the tool with commanded positions.
 
     Attributes
     ----------
     checked : bool
-        Whether there was anything to compare with.
+        Whether there were positions to compare with.
     words : str
-        For people, in whole sentences.
+        The result in sentences.
     n : int
-        Poses that were compared.
+        The number of poses compared.
     residual_mm : float, optional
-        Median distance between the model and the commanded positions, with the tool and the frame found from them.
+        The median distance between the model and the commanded positions, with the tool and frame fitted to them.
     p_flange_tool_mm : tuple of float, optional
-        The controller's tool as the positions imply it, flange frame.
+        The controller's tool that the positions imply, flange frame.
     """
 
     checked: bool
@@ -72,7 +70,7 @@ class ArmCheck:
     p_flange_tool_mm: tuple[float, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check for JSON."""
+        """Return the check as plain values."""
         return dict(vars(self))
 
     @classmethod
@@ -98,7 +96,7 @@ UNCHECKED: Final = ArmCheck(False, NOT_CHECKED)
 
 @dataclass(frozen=True)
 class _Implied:
-    """The tool that positions imply, with the frame that they are in."""
+    """The tool and the frame that positions imply."""
 
     p_flange_tool: FloatArray
     covariance: FloatArray
@@ -124,12 +122,17 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
     Parameters
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     poses : Poses
+        The joints and the positions that the controller shows.
     tf_flange_tool : (4, 4) array [mm]
-        The measured point, seen from the flange.
+        The transform from flange to measured point.
     fit : {"none", "position", "pose"}
-        What of the tool was fitted; by default it was stated, and must be the controller's.
+        The fitted part of the tool; by default the tool is stated, and must be the controller's.
+
+    Returns
+    -------
+    ArmCheck
 
     Raises
     ------
@@ -139,8 +142,8 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
     Notes
     -----
     A tool is constant in the flange frame, a frame is constant in space, and the errors of a calibrated model are
-    neither: the three are told apart by poses of several orientations. With one orientation alone a tool and a frame
-    look the same; both are named then.
+    neither: poses of several orientations separate the three. With one orientation a tool and a frame cannot be
+    separated; both are named then.
     """
     if poses.q is None:
         return ArmCheck(False, _NO_JOINTS)
@@ -187,19 +190,20 @@ def check_point(
     Parameters
     ----------
     cell : Cell
+        The cell with robot and tool.
     q : (dof,) array [rad]
         The joints of the point.
     p_shown : (3,) array [mm], robot base frame
-        The position that the controller shows there, with the cell's tool active and no other base.
+        The position that the controller shows, with the cell's tool active and no other base.
     rotation_shown : Rotation, optional
-        The orientation that it shows.
+        The orientation that the controller shows.
     tool : int or str, optional
-        The tool that is active, from ``[frames.tools]``; by default that of ``[tool]``.
+        The active tool, from ``[frames.tools]``; by default that of ``[tool]``.
 
     Returns
     -------
     ArmCheck
-        With the tool that the position implies.
+        The check, with the tool that the position implies.
 
     Raises
     ------
@@ -207,6 +211,15 @@ def check_point(
         If model and controller differ by more than rounding; both positions and both tools are named.
     RobotError
         If the number of joints is wrong.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell
+    >>> cell = VirtualCell("paper").cell
+    >>> q = np.deg2rad([0.0, -60.0, 80.0, 0.0, 40.0, 0.0])
+    >>> shown = cell.load_robot().forward(q[None], tool=cell.tf_flange_tool)[0, :3, 3]
+    >>> check_point(cell, q, shown).words
+    "The arm's model and the tool agree with one taught point within 0.000 mm."
     """
     robot = cell.load_robot()
     joints, shown = np.atleast_2d(np.asarray(q, float)), np.asarray(p_shown, float)
@@ -246,7 +259,7 @@ def _tool_of(cell: Cell, tool: int | str | None) -> FloatArray:
 
 
 def _implied(tf_base_flange: FloatArray, p_cmd: FloatArray) -> _Implied | None:
-    """Return what positions imply: a tool alone where that explains them, else a tool and a frame; None if neither."""
+    """Return the implied tool where that explains the positions, else tool and frame; None if neither does."""
     rotation = tf_base_flange[:, :3, :3]
     tools = np.einsum("nji,nj->ni", rotation, p_cmd - tf_base_flange[:, :3, 3])
     tool = np.median(tools, axis=0)
@@ -290,18 +303,18 @@ def _other_frame(tf_frame_base: FloatArray) -> str:
 
 
 def _tool_turns(tf_base_flange: FloatArray, implied: _Implied, rotation_cmd: Rotation) -> Rotation:
-    """Return the orientation of the tool in the flange frame that each commanded orientation implies."""
+    """Return the tool orientations in the flange frame that commanded orientations imply."""
     frame = Rotation.from_matrix(implied.tf_frame_base[:3, :3])
     return (frame * Rotation.from_matrix(tf_base_flange[:, :3, :3])).inv() * rotation_cmd
 
 
 def _check_rotation(poses: Poses, turns: Rotation, stated: Rotation, fit: Fit) -> str:
-    """Refuse a stated orientation of the tool that commanded orientations contradict; return a note."""
+    """Return a note on the tool's orientation, or raise an error if commanded orientations contradict it."""
     mean = turns.mean()
     if np.median((turns * mean.inv()).magnitude()) > _ANGLE:
         return "Commanded orientations do not follow the joints, and were not used to check the tool."
     if (angle := float((stated.inv() * mean).magnitude())) <= _ANGLE:
-        return "Its orientation agrees, too."
+        return "Its orientation agrees as well."
     message = (
         f"the tool of the commanded orientations is turned by {_degrees(mean)}, that of [tool] by {_degrees(stated)}, "
         f"{np.rad2deg(angle):.2f}° apart"

@@ -1,4 +1,4 @@
-"""The tests of a measuring campaign that ``import`` and ``fit`` share: see `truepose.verification.campaign`."""
+"""The tests of a measuring campaign in ``import`` and ``fit``: see `truepose.verification.campaign`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from truepose.verification.campaign import (
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
-_STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where the arm's joints are not known
-_LOADED: Final = 5.0  # mm and mrad: how far another load may move the points
+_STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where its joints are unknown
+_LOADED: Final = 5.0  # mm and mrad: largest displacement by another load
 _SAME: Final = 1e-6  # rad, mm
 _LEAST_LIMIT: Final = 0.1  # mm
 _REMEDIES: Final = {
@@ -44,20 +44,21 @@ _REMEDIES: Final = {
 
 @dataclass(frozen=True, eq=False)
 class CampaignCheck:
-    """What the tests of a campaign found.
+    """The faults of a measuring campaign.
 
     Attributes
     ----------
     changes : list of Change
-        Faults that are significant and large enough to be named; their rows are the samples' own names.
+        The significant faults that are large enough to be named; their rows are the samples' own names.
     words : list of str
-        Each as a sentence without a full stop: estimate ± standard error, rows, p-value.
+        A sentence without a full stop for each: estimate ± standard error, rows, p-value.
     limit : float [mm]
-        Root mean square displacement above which a fault stops the fit.
+        The root mean square displacement above which a fault stops the fit.
     tested : int
-        Samples that were tested; 0 where there are too few.
+        The number of samples tested; 0 where there are too few.
     suspected_drift : float [mm]
-        Root mean square displacement of a drift that is too uncertain to be named; it widens the map's deviation.
+        The root mean square displacement of a drift that is too uncertain to be named; it widens the map's standard
+        deviation.
     """
 
     changes: list[Change]
@@ -66,8 +67,11 @@ class CampaignCheck:
     tested: int
     suspected_drift: float = 0.0
 
+    def __repr__(self) -> str:
+        return f"<CampaignCheck of {self.tested} samples: {'; '.join(self.words) or 'no faults'}>"
+
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, as a map keeps them."""
+        """Return the result as plain values, as in a map file."""
         faults = [
             {**asdict(change), "rows": list(change.rows), "words": words, "stops": change.size > self.limit}
             for change, words in zip(self.changes, self.words, strict=True)
@@ -76,7 +80,7 @@ class CampaignCheck:
         return {"tested": self.tested, "limit_mm": self.limit, **drift, "faults": faults}
 
     def refuse(self, source: str, accepted: tuple[str, ...] = ()) -> None:
-        """Raise where a fault is above the limit and its kind is not accepted.
+        """Raise an error if a fault is above the limit and its kind is not accepted.
 
         Raises
         ------
@@ -89,30 +93,36 @@ class CampaignCheck:
             if change.size > self.limit and change.kind not in accepted
         ]
         if stopping:
-            told = "; ".join(words for _, words in stopping)
-            raise DataError(f"{source}: {told}; {_REMEDIES[stopping[0][0]]}, or {ACCEPT}")
+            faults = "; ".join(words for _, words in stopping)
+            raise DataError(f"{source}: {faults}; {_REMEDIES[stopping[0][0]]}, or {ACCEPT}")
 
 
 def check_campaign(
     cell: Cell, robot: Robot, samples: Samples, registration: Registration, tf_flange_tool: FloatArray
 ) -> CampaignCheck:
-    """Test whether the tracker moved, lengths have a scale, errors drift, or reference points do not come back.
+    """Test whether the tracker moved, lengths have a scale, errors drift, or reference points changed.
 
     Parameters
     ----------
     cell : Cell
+        The cell that was measured.
     robot : Robot
+        The nominal robot.
     samples : Samples
-        In the order of measuring; by their time where they have one.
+        The samples in the order of measuring; with times, these define the order.
     registration : Registration
-        Of the samples.
+        The registration of the samples.
     tf_flange_tool : (4, 4) array [mm]
-        The tool found with it, or as stated.
+        The tool fitted with it, or as stated.
+
+    Returns
+    -------
+    CampaignCheck
 
     Notes
     -----
-    A fault above `CampaignCheck.limit` makes a map worse than what it corrects to: ``max_std_mm`` of the cell's
-    ``[correction]`` where it is stated, else twice the robot's repeatability, at least 0.1 mm.
+    The limit is ``max_std_mm`` of the cell's ``[correction]`` where it is stated, else twice the robot's repeatability,
+    at least 0.1 mm: the uncertainty that is accepted of a correction.
     """
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
@@ -166,7 +176,7 @@ def _campaign(
 
 
 def _of_arm(cell: Cell, robot: Robot, samples: Samples, tf_flange_tool: FloatArray) -> FloatArray:
-    """Return what one tolerance of each parameter of the arm adds to the errors, the base's left out."""
+    """Return the errors by one tolerance of each parameter of the arm, without those of the base."""
     assert samples.q is not None
     payload, approach = cell.payload, samples.approach
     reversing = approach is not None and bool((np.ptp(approach, axis=0) > 0).any())
@@ -194,9 +204,9 @@ def _strains(p: FloatArray) -> FloatArray:
 
 
 def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the first and the last place, in the order of time, of each command that came back late.
+    """Return the first and the last place, in the order of time, of each command that was repeated late.
 
-    Late is after half of the campaign or more: readings repeated at once tell nothing of what changed meanwhile.
+    Late is after half of the campaign or more: immediate repetitions show no change.
     """
     if samples.q is not None:
         keys = [samples.q]

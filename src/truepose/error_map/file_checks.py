@@ -1,8 +1,9 @@
-"""Whether the parts of a map file agree with each other: what is stored twice, or follows from something else.
+"""Check that the parts of a map file agree with each other.
 
-A file with right hashes may still hold anything. What a map is made from (samples, station, tool, hyperparameters) can
-only be checked for being possible. All else is made again from it and compared: `agree` takes every member of the
-file, also those that a later version adds, so a part that nobody reads or that contradicts the others is an error.
+A file with correct hashes may still hold anything. The parts from which a map is made (samples, station, tool,
+hyperparameters) can only be checked for being possible. All others are computed again from these and compared: `agree`
+compares every member of the file, also those that a later version adds, so a part that is not read or that contradicts
+the others is an error.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from truepose.robots import list_robots
 from truepose.samples import check_against
 
 _SAME_MM: Final = 1e-6
-_TRIED: Final = 10  # samples at which a predictor is asked
+_TRIED: Final = 10  # samples at which a predictor is evaluated
 _SAME: Final = 1e-9  # relative; processors differ by less
 
 
-class _Told(BaseModel):
-    """What a map repeats of its making, for people; later versions may add to it."""
+class _Record(BaseModel):
+    """Information on how a map was made, for people; later versions may add to it."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
 
-class _Ranked(_Told):
+class _Ranked(_Record):
     predictor: str
     mean_mm: float | None = None
     mean_interval_mm: list[float] | None = Field(None, min_length=2, max_length=2)
@@ -48,13 +49,13 @@ class _Ranked(_Told):
     note: str = ""
 
 
-class _Expected(_Told):
+class _Expected(_Record):
     mean_mm: float
     mean_interval_mm: list[float] = Field(min_length=2, max_length=2)
     chosen: dict[str, int]
 
 
-class _Fault(_Told):
+class _Fault(_Record):
     kind: Literal["moved", "drift", "scale", "reference"]
     shift: float
     shift_std: float
@@ -68,14 +69,14 @@ class _Fault(_Told):
     stops: bool
 
 
-class _Campaign(_Told):
+class _Campaign(_Record):
     tested: int = Field(0, ge=0)
     limit_mm: float = Field(0.0, ge=0.0)
     suspected_drift_mm: float = Field(0.0, ge=0.0)
     faults: list[_Fault] = Field(default_factory=list)
 
 
-class _Worth(_Told):
+class _Worth(_Record):
     n: int = Field(ge=1)
     nothing_mm: float
     left_mm: float | None = None
@@ -85,7 +86,7 @@ class _Worth(_Told):
     note: str = ""
 
 
-class _Excluded(_Told):
+class _Excluded(_Record):
     row: int
     reason: str
 
@@ -96,19 +97,19 @@ def agree(stored: Any, remade: Any, where: str) -> None:
     Parameters
     ----------
     stored, remade : mapping, list, array or plain value
-        Of a mapping only what is stored is looked at: a key that an older version did not write has its default.
+        The stored values and those computed again. Keys of a mapping that an older version did not write are ignored.
     where : str
-        Named in the error.
+        The place in the file, for messages.
 
     Raises
     ------
     ValueError
-        With the place, and what stands there and what was expected.
+        If they differ, with the place and both values.
     """
     if isinstance(stored, Mapping) and isinstance(remade, Mapping):
         for key in stored:
             if key not in remade:
-                raise ValueError(f"{where or 'the file'} holds {key!r}, which is no part of a map")
+                raise ValueError(f"{where or 'the file'} holds {key!r}, which is not part of a map")
             agree(stored[key], remade[key], f"{where}.{key}" if where else str(key))
     elif isinstance(stored, np.ndarray) and isinstance(remade, np.ndarray):
         _agree_arrays(stored, remade, where)
@@ -121,8 +122,8 @@ def agree(stored: Any, remade: Any, where: str) -> None:
 
 def _agree_arrays(stored: NDArray[Any], remade: NDArray[Any], where: str) -> None:
     if (stored.dtype.kind, stored.shape) != (remade.dtype.kind, remade.shape):
-        told = f"{stored.dtype} of shape {stored.shape}"
-        raise ValueError(f"{where} is {told}, the rest of the map says {remade.dtype} of shape {remade.shape}")
+        kind = f"{stored.dtype} of shape {stored.shape}"
+        raise ValueError(f"{where} is {kind}, the rest of the map says {remade.dtype} of shape {remade.shape}")
     if stored.dtype.kind != "f":
         off = stored != remade
     else:
@@ -138,7 +139,7 @@ def check(error_map: MapData) -> None:
     Raises
     ------
     ValueError
-        With the part, and what is wrong in it.
+        If a part is impossible or contradicts another; the part is named.
     """
     _check_samples(error_map)
     _check_frames(error_map)
@@ -175,7 +176,7 @@ def _check_registration(error_map: MapData) -> None:
     if found.residuals.shape != (rows, 3):
         raise ValueError(f"registration.residuals has shape {found.residuals.shape}, expected {(rows, 3)}")
     if not _in_order(error_map.e, found.residuals):
-        raise ValueError("registration.residuals are not what station and samples say")
+        raise ValueError("registration.residuals do not agree with station and samples")
     width = 9 if error_map.tool_fitted and len(found.covariance) == 9 else 6
     if found.covariance.shape != (width, width) or found.covariance.dtype.kind != "f":
         raise ValueError(f"registration.covariance has shape {found.covariance.shape}, expected {(width, width)}")
@@ -187,13 +188,13 @@ def _check_registration(error_map: MapData) -> None:
     if swapped.dtype.kind != "i" or swapped.shape != (len(swapped), 2) or len(swapped) > rows:
         raise ValueError(f"registration.swapped is {swapped.dtype} of shape {swapped.shape}, expected pairs of rows")
     if swapped.size and not (swapped.min() >= 0 and swapped.max() < rows):
-        raise ValueError(f"registration.swapped names rows that are not there; there are {rows}")
+        raise ValueError(f"registration.swapped names rows beyond the {rows} of the file")
     if type(found.noise_std) is not float or not found.noise_std >= 0.0 or not isinstance(found.hint, str):
         raise ValueError(f"registration.noise_std is {found.noise_std!r}, expected a standard deviation [mm]")
 
 
 def _in_order(e: FloatArray, residuals: FloatArray) -> bool:
-    """Return whether the errors are rows of the residuals, in their order; readings left out stand between them."""
+    """Return whether the errors are rows of the residuals, in order, with rows of left-out readings between them."""
     if len(e) == len(residuals):
         return bool((np.abs(e - residuals) <= _SAME_MM).all())
     at = 0
@@ -209,12 +210,12 @@ def _check_samples(error_map: MapData) -> None:
     if named in list_robots() and named != robot.name:
         raise ValueError(f"the robot is {robot.name}, the cell names {named}")
     if not isinstance(samples.source, str):
-        raise ValueError(f"samples.source is {samples.source!r}, expected a text")
+        raise ValueError(f"samples.source is {samples.source!r}, expected a string")
     check_against(samples, robot)
 
 
 def _check_parameters(name: str, predictor: Predictor) -> None:
-    """Require parameters of the type of their default, where that is a plain one."""
+    """Require parameters of the type of their default, where that is a plain type."""
     for key, parameter in inspect.signature(type(predictor)).parameters.items():
         value, default = getattr(predictor, key), parameter.default
         expected = (int, float) if type(default) is float or parameter.annotation == "float" else (type(default),)
@@ -223,12 +224,12 @@ def _check_parameters(name: str, predictor: Predictor) -> None:
 
 
 def check_fitted(error_map: MapData) -> None:
-    """Require a predictor that tells finite errors and deviations, and has the noise that the samples and cell state.
+    """Require a predictor with finite predictions, and with the noise that the samples and cell state.
 
     Raises
     ------
     ValueError
-        With what it tells.
+        If it has not.
     """
     samples = error_map.samples
     known = reading_noise(error_map.cell, samples, error_map.registration)

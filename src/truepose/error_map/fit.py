@@ -1,4 +1,4 @@
-"""From samples to a map of errors: register, fit a predictor or choose one, name what was left out."""
+"""From samples to an error map: registration, predictor, samples left out."""
 
 from __future__ import annotations
 
@@ -38,17 +38,19 @@ def fit_cell(
     Parameters
     ----------
     cell : Cell
+        The cell that was measured.
     samples : Samples
+        The commanded poses and readings.
     predictor : str
         The name of a predictor, with options as in `truepose.predictors.predictor_spec`; ``auto`` chooses by nested
         cross-validation.
     candidates, splits, folds, rng, workers
-        Of ``auto``, see `truepose.choose`.
+        The options of ``auto``, see `truepose.choose`.
     progress : callable
-        Takes a line about what is being done.
+        A function of a line about the current step.
     accept_campaign : bool
-        Fit also samples of a campaign that `truepose.error_map.campaign.check_campaign` refuses; the map keeps what was
-        found.
+        Whether to fit samples of a campaign that `truepose.error_map.campaign.check_campaign` refuses; the map keeps
+        the faults.
 
     Returns
     -------
@@ -57,8 +59,16 @@ def fit_cell(
     Raises
     ------
     DataError, IdentifiabilityError, RobotError, KrigingError
-        If the samples cannot bear what is asked of them; `DataError` also where the tracker moved during the campaign,
-        lengths have a scale, or errors drift, by more than `CampaignCheck.limit`.
+        If the samples do not suffice; `DataError` also where the tracker moved during the campaign, lengths have a
+        scale, or errors drift, by more than `CampaignCheck.limit`.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell
+    >>> virtual = VirtualCell("paper")
+    >>> error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(40)), "ordinary-kriging")
+    >>> error_map.predictor_name, len(error_map.samples), error_map.worth.weak
+    ('ordinary-kriging', 40, False)
     """
     chosen = (candidates, tuple(splits), folds) != ("quick", ("points", "blocks"), 5)
     if predictor != "auto" and chosen:

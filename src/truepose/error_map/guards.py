@@ -1,4 +1,4 @@
-"""From the settings of cells and the samples of a map to the limits in force and the guards that apply them."""
+"""The limits of corrections in force, from the settings of cells and the samples of a map."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from truepose.robots import Robot, status_turn
 from truepose.samples import Samples
 
 STD_PER_TOLERANCE: Final = 0.5
-"""Largest standard deviation as a share of the tolerance: a tool twice as far off still keeps the tolerance."""
+"""Largest standard deviation as a share of the tolerance: an error of twice that is still within the tolerance."""
 STD_PER_RP: Final = 4.0
-"""Largest standard deviation as a multiple of RP: arms err by ten RP and more, and half of that is hardly a gain."""
+"""Largest standard deviation as a multiple of RP: errors of arms are ten RP and more; half of that is no gain."""
 USUAL_RP_MM: Final = 0.06
-"""RP of an arm whose cell file states none, as large arms have it [mm]."""
+"""RP of an arm whose cell file states none, that of large arms [mm]."""
 
 
 def stated_limits(
     own: Cell | None, cell: Cell | None, options: Mapping[str, Any], space: str = "cartesian"
 ) -> LimitsInForce:
-    """Return the settings that were stated, with their origin: option, else cell file, else map, else default.
+    """Return the stated settings with their origin: option, else cell file, else map, else default.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def stated_limits(
     cell : Cell, optional
         The cell file that is used instead.
     options : mapping
-        Settings of ``[correction]`` that were asked for, by key; None is not stated.
+        The settings of ``[correction]`` by key; None is not stated.
     space : {"cartesian", "joint"}
         The space of the map.
 
@@ -54,7 +54,7 @@ def stated_limits(
 
 
 def found_limits(limits: LimitsInForce, guards: Guards, space: str, repeatability_mm: float | None) -> LimitsInForce:
-    """Return the limits in force with those that follow from the cell or from the samples, where none is stated."""
+    """Return the limits in force, completed by those that follow from the cell or from the samples."""
     distance = guards.region.max_distance
     unit, value = ("mm", distance) if space == "cartesian" else ("deg", float(np.rad2deg(distance)))
     return limits.with_found(
@@ -66,7 +66,7 @@ def found_limits(limits: LimitsInForce, guards: Guards, space: str, repeatabilit
 
 
 def _largest_std(tolerance_mm: float | None, repeatability_mm: float | None) -> tuple[float, str]:
-    """Return the largest standard deviation [mm] where none is stated, and how it was found; no sample can raise it."""
+    """Return the default of the largest standard deviation [mm] and its origin; it does not depend on the samples."""
     if tolerance_mm is not None:
         return STD_PER_TOLERANCE * tolerance_mm, "half of tolerance_mm"
     if repeatability_mm is not None:
@@ -75,7 +75,7 @@ def _largest_std(tolerance_mm: float | None, repeatability_mm: float | None) -> 
 
 
 def arm_branches(robot: Robot, samples: Samples) -> IntArray | None:
-    """Return the arm branch of each sample as KUKA's Status, (n,); None where it is not known."""
+    """Return the arm branch of each sample as KUKA's Status, (n,); None where it is unknown."""
     if samples.q is None:
         return None
     try:

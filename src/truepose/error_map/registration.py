@@ -1,4 +1,4 @@
-"""Samples into the robot base frame: station and tool as the cell file asks (theory, registration)."""
+"""Registration of samples to the robot base frame, with station and tool as the cell file states (theory)."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ def register_samples(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
     Returns
     -------
     registration : Registration
-        Its residuals are the positional errors e = P_meas − P_cmd, base frame.
+        The registration; its residuals are the positional errors e = P_meas − P_cmd, base frame.
     tf_flange_tool : (4, 4) array [mm]
-        Flange to the measured point.
+        The transform from flange to measured point.
     p_cmd : (n, 3) array [mm]
-        Commanded positions of that point, base frame.
+        The commanded positions of that point, base frame.
 
     Raises
     ------
     DataError
-        If a fitted tool is asked for and the samples have no joints, or orientations that are not there; if joints and
-        commanded poses disagree, as with a controller that compensates already or one that has another tool.
+        If the tool is to be fitted and the samples lack joints or orientations; if joints and commanded poses disagree,
+        as with a controller that compensates already or one that has another tool.
     IdentifiabilityError
-        If the samples cannot tell the tool from the station.
+        If the samples cannot separate the tool from the station.
     """
     check_samples(cell, robot, samples)
     return register_checked(cell, robot, samples)
@@ -69,7 +69,7 @@ def register_checked(cell: Cell, robot: Robot, samples: Samples) -> tuple[Regist
 
 @contextmanager
 def _radians_hinted(samples: Samples) -> Iterator[None]:
-    """Say with an error of the samples where their joints look like radians read as degrees."""
+    """Add a hint to an error of the samples if their joints look like radians read as degrees."""
     try:
         yield
     except DataError as error:
@@ -80,9 +80,9 @@ def _radians_hinted(samples: Samples) -> Iterator[None]:
 
 
 def reading_noise(cell: Cell, samples: Samples, registration: Registration) -> FloatArray | None:
-    """Return the standard deviation of readings in the base frame, (n, 3) [mm], or None if nothing is known of it.
+    """Return the standard deviation of readings in the base frame, (n, 3) [mm], or None if it is unknown.
 
-    That of each sample where the table has it (x_std_mm …), otherwise the tracker's, as the cell file states it.
+    It is that of each sample where the table has it (x_std_mm …), otherwise that of the tracker in the cell file.
     """
     std = cell.tracker.reading_std(samples.p_meas) if samples.p_std is None else samples.p_std
     if std is None:
@@ -107,7 +107,7 @@ def check_limits(robot: Robot, poses: Poses) -> None:
         value = f"joint {j + 1} at {np.rad2deg(poses.q[i, j]):.3f} deg, limits {low:g} to {high:g}"
         rows = poses.rows(np.unique(beyond[:, 0]))
         raise RobotError(
-            f"{poses.source}: {rows}: {robot.name} cannot be there ({value}); check joint order, sign and unit"
+            f"{poses.source}: {rows}: {robot.name} cannot reach this pose ({value}); check joint order, sign and unit"
         )
 
 

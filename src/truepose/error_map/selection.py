@@ -1,4 +1,4 @@
-"""From a cell's samples to errors that predictors are fitted to, and the choice among predictors (theory (14))."""
+"""From a cell's samples to positional errors, and the choice among predictors (theory (14))."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ Rows = IntArray | slice
 
 @dataclass(frozen=True, eq=False)
 class CellSamples:
-    """Samples of a cell, registered anew with whatever part of them is known.
+    """Samples of a cell, which can be registered with any part of them.
 
     Attributes
     ----------
     cell : Cell
+        The cell that was measured.
     robot : Robot
+        The nominal robot.
     samples : Samples
+        The samples.
     accepted : bool
-        `check_samples` has accepted them before, as those of a map.
+        Whether `check_samples` has accepted them before, as those of a map.
     """
 
     cell: Cell
@@ -46,14 +49,14 @@ class CellSamples:
 
     @cached_property
     def _checked(self) -> bool:
-        """All samples were checked, once for all parts of them."""
+        """Whether all samples were checked; done once for all parts of them."""
         check_samples(self.cell, self.robot, self.samples)
         return True
 
     def registered_by(self, rows: Rows = slice(None)) -> PositionalErrors:
         """Return the errors of all samples after a registration with some rows.
 
-        Where these alone cannot tell the tool, that of all samples is taken.
+        Where these cannot separate tool and station, the registration of all samples is used.
         """
         try:
             return self.errors(*self.register(rows))
@@ -79,7 +82,7 @@ class CellSamples:
 
 @dataclass(frozen=True, eq=False)
 class BareSamples:
-    """Commanded and measured positions of an arm that is not known."""
+    """Commanded and measured positions of an unknown arm."""
 
     samples: Samples
 
@@ -87,7 +90,7 @@ class BareSamples:
         """Return the errors of all samples after a registration with some rows."""
         samples = self.samples
         if samples.p_cmd is None:
-            raise DataError(f"{samples.source}: joints alone are no positions without the arm; give cell=load_cell(…)")
+            raise DataError(f"{samples.source}: joints without positions need the arm; pass cell=load_cell(…)")
         registration = register(samples.p_cmd[rows], samples.p_meas[rows], robust=True)
         known = {} if samples.q is None else {"joint": samples.q}
         return PositionalErrors(
@@ -113,16 +116,17 @@ def choose(
     candidates : "quick", "all", or sequence of str
         The names of predictors, with options as in `truepose.predictors.predictor_spec`.
     samples : Samples
+        The commanded poses and readings.
     cell : Cell, optional
-        Without it commanded positions must be there, and candidates that know the arm are passed over.
+        The cell; without it the samples need commanded positions, and candidates that use the arm are skipped.
     splits, folds, rng, workers, progress
-        See `truepose.predictors.rank_predictors`.
+        The options of the cross-validation; see `truepose.predictors.rank_predictors`.
 
     Returns
     -------
     Choice
-        ``ranking``, ``expected`` (what the choice itself leaves on samples that it has not seen), and the
-        ``predictor``, fitted. `fit_cell` makes a map of it.
+        The ``ranking``, the ``expected`` errors of the choice itself on unseen samples, and the fitted ``predictor``.
+        `fit_cell` returns it as a map.
 
     Raises
     ------
@@ -144,6 +148,6 @@ def choose(
 
 
 def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:
-    """Return what predictors may need to know of a cell's arm."""
+    """Return the properties of a cell's arm that predictors use."""
     load = cell.payload
     return ArmContext(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)

@@ -1,7 +1,7 @@
-"""A map and new samples: does it still hold, what has changed, and how the map takes it in.
+"""Check a map with new samples, and update it.
 
-After a crash, with a warm arm, a new tool or a moved tracker a few readings tell. Either they join the samples of the
-map, its hyperparameters as they are; or only station or tool are found again from them, and the rest is kept.
+A few readings show whether a map still holds after a crash, or with a warm arm, a new tool or a moved tracker. They are
+then added to the samples of the map, with its hyperparameters; or only station or tool are fitted again.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ Refit = Literal["station", "tool", "both"]
 STATION: Final = "the station moved (tracker or robot base)"
 TOOL: Final = "the tool point moved"
 GROWTH: Final = "the arm grew"
-_LEAST_TIMED: Final = 6  # readings from which a drift is looked for
-_MOST_TOGETHER: Final = 1000  # readings whose covariance with each other is asked for
-_ALIKE: Final = 0.02  # difference in what two causes explain, below which the readings do not tell them apart
+_LEAST_TIMED: Final = 6  # readings that a search for a drift needs
+_MOST_TOGETHER: Final = 1000  # readings whose joint covariance is computed
+_ALIKE: Final = 0.02  # smaller differences in the explained part do not separate two causes
 
 
 @dataclass(frozen=True, eq=False)
 class Recheck:
-    """What new samples say about a map.
+    """The result of checking a map with new samples; made by `recheck`.
 
     Attributes
     ----------
     holding : ConsistencyTest
-        Its ``far`` are rows of the samples.
+        The test of the residuals; its ``far`` are rows of the samples.
     causes : list of Explanation
-        That the samples speak for, the likeliest first; empty where the map holds.
+        The possible causes, the likeliest first; empty where the map holds.
     time, temperature : Drift, optional
-        Of the errors that the map does not explain [mm/h], [mm/K]; None where the samples do not tell.
+        The drift of the unexplained errors [mm/h], [mm/K]; None where the samples do not determine it.
     """
 
     holding: ConsistencyTest
@@ -57,9 +57,12 @@ class Recheck:
     time: Drift | None
     temperature: Drift | None
 
+    def __repr__(self) -> str:
+        return f"<Recheck: {' '.join(self.words)}>"
+
     @property
     def words(self) -> list[str]:
-        """What a user should know, in sentences."""
+        """The result in sentences."""
         found = self.holding
         verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
         size = f"residuals are {found.ratio:.2f} times what it predicts"
@@ -67,16 +70,16 @@ class Recheck:
         said += [_sentence(cause) for cause in self.causes[:1]]
         for other in self.causes[1:3]:
             alike = self.causes[0].explained - other.explained < _ALIKE
-            said.append(f"{'It may as well be that' if alike else 'Less likely:'} {other.cause}.")
+            said.append(f"{'Equally likely:' if alike else 'Less likely:'} {other.cause}.")
         for name, unit, one in (("time", "h", self.time), ("temperature", "K", self.temperature)):
             if one is not None:
                 slope, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
-                sure = "drift" if one.p_value < 0.01 else "no drift to be sure of"
+                sure = "drift" if one.p_value < 0.01 else "no significant drift"
                 said.append(f"Over {name}: {sure}, {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
         return said
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values."""
+        """Return the result as plain values."""
         return {
             "holding": self.holding.to_dict(),
             "causes": [
@@ -89,12 +92,31 @@ class Recheck:
 
 
 def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
-    """Test whether a map holds for new samples, from the same station and with the same tool unless these moved.
+    """Test whether a map holds for new samples, and name possible causes where it does not.
+
+    Parameters
+    ----------
+    error_map : ErrorMap
+        The map.
+    samples : Samples
+        New readings, from the same station and with the same tool.
+
+    Returns
+    -------
+    Recheck
 
     Raises
     ------
     DataError
-        If the samples lack what the map needs.
+        If the samples lack joints or positions that the map needs.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell, fit_cell
+    >>> virtual = VirtualCell("paper")
+    >>> error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(40)), "registration")
+    >>> recheck(error_map, virtual.measure(virtual.design(10, seed=1), seed=1)).holding.n
+    10
     """
     residual, covariance, shared = _surprise(error_map, samples)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
@@ -111,23 +133,37 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
 
 
 def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None) -> ErrorMap:
-    """Return the map with new samples taken in.
+    """Return a map updated with new samples.
 
     Parameters
     ----------
     error_map : ErrorMap
+        The map, which stays as it is.
     samples : Samples
+        New readings.
     refit : {"station", "tool", "both"}, optional
-        Find only the station (a moved tracker), only the tool point (another tool or reflector), or both again, from
-        three or more samples; the errors of the arm are kept as they are. When not given the samples join those of the
-        map, with its hyperparameters.
+        The part to fit again from three or more samples: the station (a moved tracker), the tool point (another tool or
+        reflector), or both; the errors of the arm are kept. By default the samples are added to those of the map, with
+        its hyperparameters.
+
+    Returns
+    -------
+    ErrorMap
 
     Raises
     ------
     DataError
-        If the samples lack what is needed, or the map knows too little of the arm for another tool.
+        If the samples lack what is needed, or the map does not know the arm, which another tool needs.
     IdentifiabilityError
-        If the samples cannot tell the tool from the station.
+        If the samples cannot separate the tool from the station.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell, fit_cell
+    >>> virtual = VirtualCell("paper")
+    >>> error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(40)), "registration")
+    >>> len(update_map(error_map, virtual.measure(virtual.design(10, seed=1), seed=1)).samples)
+    50
     """
     if refit is None:
         return _joined(error_map, samples)
@@ -136,13 +172,15 @@ def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None
         p_real = error_map.commanded_positions(samples) + e
         return _moved(error_map, register(p_real, samples.p_meas, robust=error_map.cell.tracker.robust))
     if refit not in ("tool", "both"):
-        raise DataError(f'refit is {refit!r}; expected "station", "tool" or "both", or nothing to join all samples')
+        raise DataError(f'refit is {refit!r}; expected "station", "tool", "both", or None to add the samples')
     return _with_tool(error_map, samples, station=refit == "both")
 
 
 def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     if error_map.p_flange_sampled is not None:
-        raise DataError("the map's tool was changed: its samples are of another point; fit a map of the new samples")
+        raise DataError(
+            "the map's tool was changed: its samples are of another point; fit a new map with the new samples"
+        )
     e, registration = error_map.errors(samples), error_map.registration
     joined = error_map.changed(
         known_worth=None,
@@ -165,7 +203,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
 
 
 def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:
-    """Return the map at another station; its samples as the tracker would have read them from there."""
+    """Return the map at another station, with its samples transformed to that station."""
     tf_new_old = invert_transform(station.tf_base_tracker) @ error_map.registration.tf_base_tracker
     return error_map.changed(
         samples=_seen_from(error_map.samples, tf_new_old),
@@ -180,9 +218,9 @@ def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:
 
 
 def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> ErrorMap:
-    """Return the map for another tool point, found from the poses that the flange really has."""
+    """Return the map for another tool point, fitted with the predicted true poses of the flange."""
     if samples.q is None:
-        raise DataError(f"{samples.source}: another tool needs joints (q1_deg …)")
+        raise DataError(f"{samples.source}: fitting another tool needs joints (q1_deg …)")
     error, _ = error_map.predict_pose_errors(samples)
     tf_flange = error_map.robot.forward(samples.q, tool=error_map.tf_flange_tool)
     tf_flange[:, :3, 3] += error[:, :3]
@@ -203,7 +241,7 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
 
 
 def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return residuals (n, 3) of samples against the map, their covariance, and what of it they may share."""
+    """Return residuals (n, 3) of samples against the map, their covariance, and the variance that they may share."""
     e, noisy = error_map.predict_reading(samples)
     residual = error_map.errors(samples) - e
     predictor, apart = error_map.predictor, error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER
@@ -217,7 +255,7 @@ def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatA
 
 
 def _causes(error_map: ErrorMap, samples: Samples) -> dict[str, FloatArray]:
-    """Return columns of what may have happened: (n, 3, k) [mm] for one mm, rad, or m/m."""
+    """Return the columns of possible causes: (n, 3, k) [mm] for one mm, rad, or m/m."""
     p = error_map.commanded_positions(samples)
     from_centre = p - p.mean(axis=0)
     unit = np.tile(np.eye(3), (len(p), 1, 1))
@@ -237,19 +275,19 @@ def _sentence(cause: Explanation) -> str:
         turn = 1e3 * float(np.linalg.norm(cause.estimate[3:]))
         return (
             f"Likely {cause.cause}, by {size:.3f} ± {std:.3f} mm and {turn:.3f} mrad{share}{rest}: "
-            'find it again with refit "station".'
+            'fit it again with refit "station".'
         )
     if cause.cause == TOOL:
-        return f'Likely {cause.cause}, by {size:.3f} ± {std:.3f} mm{share}{rest}: find it with refit "tool".'
+        return f'Likely {cause.cause}, by {size:.3f} ± {std:.3f} mm{share}{rest}: fit it with refit "tool".'
     if cause.cause == GROWTH:
         return (
             f"Likely {cause.cause}, by {1e6 * cause.estimate[0]:.0f} ± {1e6 * std:.0f} µm/m{share}{rest}: "
-            "let it reach the temperature of the map, or measure anew."
+            "let it reach the temperature of the map, or measure again."
         )
     angle = 1e3 * cause.estimate[0]
     return (
         f"Likely {cause.cause}, by {angle:.3f} ± {1e3 * std:.3f} mrad{share}{rest}: "
-        "master it again, or measure anew as after a crash."
+        "master it again, or measure again as after a crash."
     )
 
 
@@ -262,7 +300,7 @@ def _permuted(covariance: FloatArray, order: IntArray) -> FloatArray:
 
 
 def _concatenated(old: Samples, new: Samples) -> Samples:
-    """Return both tables in one, with the columns that both have; the new rows' names go on after the old ones'."""
+    """Return both tables in one, with the columns of both; the names of new rows follow those of the old ones."""
     assert old.row is not None
     columns: dict[str, Any] = {}
     for name in set(old.columns()) & set(new.columns()):
@@ -273,7 +311,7 @@ def _concatenated(old: Samples, new: Samples) -> Samples:
 
 
 def _seen_from(samples: Samples, tf_new_old: FloatArray) -> Samples:
-    """Return samples in the frame of another station; std of each axis by the squares of the rotation."""
+    """Return samples in the frame of another station."""
     turn = tf_new_old[:3, :3]
     changed: dict[str, Any] = {"p_meas": apply_transform(tf_new_old, samples.p_meas)}
     for name in ("p_std", "rotation_std"):

@@ -1,4 +1,4 @@
-"""Whether a map is better than no map: what it leaves on blocks of samples that it has not seen."""
+"""Whether a map is better than no map, by the errors that it leaves on unseen blocks of samples."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from truepose.numerics.threads import blas_threads
 from truepose.predictors import block_folds
 
 FEW: Final = 40
-"""Samples up to which hyperparameters count: a map is fitted anew without each block, these included."""
+"""Samples up to which a map is fitted again without each block, hyperparameters included."""
 _BLOCKS: Final = 5
-_FEWEST: Final = 5  # samples; with fewer nothing is known of the map
+_FEWEST: Final = 5  # samples that a comparison needs
 
 
 @dataclass(frozen=True)
 class Worth:
-    """Mean lengths of errors over blocks of samples that a map was fitted without [mm], and what it gains.
+    """Mean lengths of errors over blocks of samples that a map was fitted without [mm], and their differences.
 
     Attributes
     ----------
     n : int
-        Samples of the map.
+        The number of samples of the map.
     nothing_mm : float
-        The errors after the map's registration: what no correction leaves.
+        The errors after the map's registration, without corrections.
     left_mm : float, optional
-        What the map leaves of the errors: with its hyperparameters and its registration; of few samples (`FEW`) it is
-        fitted anew without each block, from the registration on.
+        The errors that the map leaves, with its hyperparameters and its registration; with few samples (`FEW`) it is
+        fitted again without each block, from the registration on.
     registration_mm : float, optional
-        The errors after a registration that the block took no part in: what a station found without it leaves.
+        The errors after a registration without the block.
     gain_over_nothing, gain_over_registration : pair of float [mm], optional
-        95 % intervals of the mean difference, paired by sample, from the spread of the differences (Student's t).
+        The 95 % intervals of the mean difference, paired by sample (Student's t).
     note : str
-        Why nothing was compared; empty where it was.
+        The reason why nothing was compared; empty otherwise.
     """
 
     n: int
@@ -51,13 +51,13 @@ class Worth:
 
     @property
     def weak(self) -> bool:
-        """Whether the map is not better than nothing, or than registration alone, beyond the interval."""
+        """Whether the map is not significantly better than nothing, or than registration alone."""
         gains = self.gain_over_nothing, self.gain_over_registration
         return not all(gain is not None and gain[0] > 0.0 for gain in gains)
 
     @property
     def words(self) -> str:
-        """What was found, in one sentence."""
+        """The result in one sentence."""
         if self.gain_over_nothing is None or self.left_mm is None:
             return f"nothing shows that the map is better than none: {self.note}"
         low, high = self.gain_over_nothing
@@ -68,12 +68,12 @@ class Worth:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, whether the map is weak among them."""
+        """Return the result as plain values, ``weak`` included."""
         return {"weak": self.weak, **asdict(self)}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Worth:
-        """Return what `to_dict` gave."""
+        """Return the object that `to_dict` described."""
         known = {key: value for key, value in values.items() if key != "weak"}
         gains = {key: value and tuple(value) for key, value in known.items() if key.startswith("gain")}
         return cls(**{**known, **gains})
@@ -85,7 +85,7 @@ class LeftOut(NamedTuple):
     Attributes
     ----------
     left : (n, 3) array
-        What a map that was fitted without the block leaves of the errors.
+        The errors that a map fitted without the block leaves.
     alone : (n, 3) array
         The errors after a registration without the block.
     """
@@ -100,11 +100,11 @@ def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOu
     Parameters
     ----------
     p_cmd : (n, 3) array [mm]
-        Positions of the samples, which the blocks are made of.
+        The positions of the samples, which define the blocks.
     e : (n, 3) array [mm]
         Their errors after the registration of the map.
     without : callable
-        Takes the block of each sample, (n,).
+        A function of the block of each sample, (n,).
     """
     n, nothing = len(e), np.linalg.norm(e, axis=1)
     mean = float(nothing.mean())

@@ -1,4 +1,4 @@
-"""Where to measure: configurations that tell most, their order, and the program that goes there (theory, planning)."""
+"""Plans of measurements: the most informative configurations, their order, and the program (theory, planning)."""
 
 from truepose.planning.designs import METHODS
 from truepose.planning.measurement_space import work_region

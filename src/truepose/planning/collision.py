@@ -1,4 +1,4 @@
-"""What stands around the arm: boxes that it must not touch, and the tracker that has to see the reflector."""
+"""Collisions of the arm with boxes, and the tracker's line of sight to the reflector."""
 
 from __future__ import annotations
 
@@ -18,23 +18,25 @@ _CHUNK: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
-    """Boxes and the tracker, seen by an arm whose links are rods.
+class CollisionModel:
+    """Boxes, a tracker, and an arm whose links are rods.
 
     Parameters
     ----------
     robot : Robot
+        The nominal robot.
     tf_flange_tool : (4, 4) array [mm]
+        The transform from flange to reflector.
     boxes : mapping of str to (2, 3) array [mm], base frame
-        Lowest and highest corner of each, by name.
+        The lowest and the highest corner of each box, by name.
     link_radius : float [mm]
-        Of the rods; nothing of the arm comes nearer to a box, or to the tracker's beam.
+        The radius of the rods.
     p_tracker : (3,) array [mm], base frame, optional
-        Without it nothing is said about the line of sight.
+        The position of the tracker; without it the line of sight is not checked.
     reflector_axis : (3,) array, optional
-        Where the reflector looks, tool frame; without it a reflector is seen from all sides.
+        The direction in which the reflector faces, tool frame; without it a reflector is seen from all sides.
     acceptance : float [rad]
-        How far from its axis a reflector can be seen.
+        The largest angle between the beam and this axis.
     """
 
     robot: Robot
@@ -46,7 +48,7 @@ class Surroundings:
     acceptance: float = np.deg2rad(30.0)
 
     def touched(self, q: FloatArray) -> NDArray[np.str_]:
-        """Return the name of a box that the arm is in at joints (n, dof) [rad], "" where it is in none: (n,)."""
+        """Return the name of a box that the arm touches at joints (n, dof) [rad], "" where there is none: (n,)."""
         name = np.full(len(q), "", dtype=f"<U{max(map(len, self.boxes), default=1)}")
         if not self.boxes:
             return name
@@ -59,7 +61,7 @@ class Surroundings:
         return name
 
     def way_touches(self, q_from: FloatArray, q_to: FloatArray) -> NDArray[np.str_]:
-        """Return the name of a box in the way of straight joint motions, (n, dof) to (n, dof) [rad]: (n,)."""
+        """Return the name of a box that straight joint motions touch, from (n, dof) to (n, dof) [rad]: (n,)."""
         if not self.boxes:
             return np.full(len(q_to), "")
         share = np.linspace(0.0, 1.0, _WAY)[:, None]
@@ -83,7 +85,7 @@ class Surroundings:
         away = p - tf[:, None, :3, 3]
         along = np.clip(np.einsum("nki,ni->nk", away, beam), 0.0, length[:, None])
         gap = np.linalg.norm(away - along[..., None] * beam[:, None], axis=2)
-        near = np.linalg.norm(away, axis=2) <= 2.0 * self.link_radius  # what carries the reflector does not hide it
+        near = np.linalg.norm(away, axis=2) <= 2.0 * self.link_radius  # the reflector's own mount does not hide it
         hidden: BoolArray = ((gap < radius) & ~near).any(axis=1)
         for low, high in self.boxes.values():
             hidden |= _crossed(tf[:, :3, 3], beam, length, low, high)
@@ -102,7 +104,7 @@ class Surroundings:
 
 
 def _crossed(p: FloatArray, beam: FloatArray, length: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Return whether the beams from p (n, 3), directions (n, 3), cross a box on their lengths (n,)."""
+    """Return whether beams from p (n, 3) with directions (n, 3) and lengths (n,) cross a box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         at = np.stack([(low - p) / beam, (high - p) / beam])
     enter, leave = np.nanmax(at.min(axis=0), axis=1), np.nanmin(at.max(axis=0), axis=1)

@@ -11,9 +11,9 @@ from scipy.stats import qmc
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
+from truepose.planning.greedy import Progress, lowest_largest, lowest_mean, most_observable
+from truepose.planning.measurement_space import MeasurementSpace, WorkRegion
 from truepose.planning.prior import Prior
-from truepose.planning.region import MeasurementSpace, WorkRegion
-from truepose.planning.selection import Progress, lowest_largest, lowest_mean, most_observable
 from truepose.predictors.kinematic.terms import COMPLIANCE
 
 _CANDIDATES: Final = 1024
@@ -24,112 +24,114 @@ _DOUBLINGS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What a method gets: where to measure, what is believed there, and how many.
+class DesignProblem:
+    """The input of a method.
 
     Attributes
     ----------
-    ground : MeasurementSpace
+    space : MeasurementSpace
+        The poses that can be chosen.
     prior : Prior
+        The distribution of the arm's errors before the measurement.
     targets : (m, dof) array [rad]
-        Configurations over the region that are to be known well.
+        The configurations over the region at which errors are to be predicted.
     n : int
-    seed : int
+        The number of poses.
+    rng : int
+        The seed of candidates and random methods.
     progress : callable
-        Takes steps done and steps in all.
+        A function of the steps done and the total number of steps.
     """
 
-    ground: MeasurementSpace
+    space: MeasurementSpace
     prior: Prior
     targets: FloatArray
     n: int
-    seed: int
+    rng: int
     progress: Progress
 
 
-def _posterior(task: Task) -> FloatArray:
-    q, columns, noise = _candidates(task, _CANDIDATES)
-    aim = task.prior.at(task.targets)[0].reshape(-1, columns.shape[2])
-    return np.asarray(q[lowest_mean(columns, noise, aim.T @ aim / len(task.targets), task.n, task.progress)])
+def _posterior(problem: DesignProblem) -> FloatArray:
+    q, columns, noise = _candidates(problem, _CANDIDATES)
+    aim = problem.prior.at(problem.targets)[0].reshape(-1, columns.shape[2])
+    return np.asarray(q[lowest_mean(columns, noise, aim.T @ aim / len(problem.targets), problem.n, problem.progress)])
 
 
-def _posterior_largest(task: Task) -> FloatArray:
-    q, columns, noise = _candidates(task, _CANDIDATES)
-    return np.asarray(q[lowest_largest(columns, noise, task.n, task.progress)])
+def _posterior_largest(problem: DesignProblem) -> FloatArray:
+    q, columns, noise = _candidates(problem, _CANDIDATES)
+    return np.asarray(q[lowest_largest(columns, noise, problem.n, problem.progress)])
 
 
-def _observable(name: str) -> Callable[[Task], FloatArray]:
-    def choose(task: Task) -> FloatArray:
-        q = _measurable(task, _FEWER_CANDIDATES)
-        terms = task.prior.basis.terms
+def _observable(name: str) -> Callable[[DesignProblem], FloatArray]:
+    def choose(problem: DesignProblem) -> FloatArray:
+        q = _measurable(problem, _FEWER_CANDIDATES)
+        terms = problem.prior.basis.terms
         columns = terms.at(q).drift[:, :, terms.group != COMPLIANCE]
-        # parameters that no sample can tell from others would make every index zero: in their place what can be told
+        # inseparable parameters would make every index zero; their separable combinations replace them
         _, size, basis = np.linalg.svd(columns.reshape(-1, columns.shape[2]), full_matrices=False)
-        told = basis[size > 1e-6 * size[0]].T
-        return np.asarray(q[most_observable(columns @ told, _INDICES[name], task.n, task.progress)])
+        separable = basis[size > 1e-6 * size[0]].T
+        return np.asarray(q[most_observable(columns @ separable, _INDICES[name], problem.n, problem.progress)])
 
     return choose
 
 
-def _grid(task: Task) -> FloatArray:
-    """Points of an even grid over the box, orientations spread over them."""
+def _grid(problem: DesignProblem) -> FloatArray:
+    """Return configurations at an even grid over the box, with orientations spread over them."""
 
     def draw(region: WorkRegion, count: int) -> FloatArray:
         step = (np.prod(region.size) / count) ** (1 / 3)
         counts = np.maximum(np.round(region.size / step).astype(int), 2)
         axes = np.meshgrid(*(np.linspace(0.0, 1.0, k) for k in counts), indexing="ij")
         unit = np.stack(axes, axis=-1).reshape(-1, 3)
-        turns = qmc.Halton(3, rng=np.random.default_rng(task.seed)).random(len(unit))
+        turns = qmc.Halton(3, rng=np.random.default_rng(problem.rng)).random(len(unit))
         return np.concatenate([unit, turns], axis=1)
 
-    return _enough(task, draw)
+    return _enough(problem, draw)
 
 
-def _latin_hypercube(task: Task) -> FloatArray:
-    rng = np.random.default_rng(task.seed)
-    return _enough(task, lambda region, count: qmc.LatinHypercube(region.dimensions, rng=rng).random(count))
+def _latin_hypercube(problem: DesignProblem) -> FloatArray:
+    rng = np.random.default_rng(problem.rng)
+    return _enough(problem, lambda region, count: qmc.LatinHypercube(region.dimensions, rng=rng).random(count))
 
 
-def _sobol(task: Task) -> FloatArray:
-    return _measurable(task, task.n)[: task.n]
+def _sobol(problem: DesignProblem) -> FloatArray:
+    return _measurable(problem, problem.n)[: problem.n]
 
 
-def _enough(task: Task, draw: Callable[[WorkRegion, int], FloatArray]) -> FloatArray:
-    """Return n configurations, evenly out of those of the smallest draw of which n can be measured."""
-    region, count = task.ground, float(task.n)
+def _enough(problem: DesignProblem, draw: Callable[[WorkRegion, int], FloatArray]) -> FloatArray:
+    """Return n configurations, evenly spaced in the smallest draw of which n can be measured."""
+    region, count = problem.space, float(problem.n)
     if not isinstance(region, WorkRegion):
-        raise DataError("a grid or a Latin hypercube is laid over a [region]; from a list, choose by another method")
+        raise DataError("the methods grid and latin-hypercube need a [region]; choose from a list by another method")
     for _ in range(_ROUNDS):
         q = region.reach(draw(region, int(np.ceil(count)))[:, : region.dimensions]).q
-        if len(q) >= task.n:
-            return np.asarray(q[np.round(np.linspace(0, len(q) - 1, task.n)).astype(int)])
+        if len(q) >= problem.n:
+            return np.asarray(q[np.round(np.linspace(0, len(q) - 1, problem.n)).astype(int)])
         count *= _GROWTH
-    raise _too_few(len(q), task.n)
+    raise _too_few(len(q), problem.n)
 
 
-def _measurable(task: Task, count: int) -> FloatArray:
+def _measurable(problem: DesignProblem, count: int) -> FloatArray:
     """Return at least n configurations spread over the region, of about `count` or more."""
     for doubled in range(_DOUBLINGS):
-        q = task.ground.spread(count << doubled, task.seed).q
-        if len(q) >= task.n:
+        q = problem.space.spread(count << doubled, problem.rng).q
+        if len(q) >= problem.n:
             return q
-    raise _too_few(len(q), task.n)
+    raise _too_few(len(q), problem.n)
 
 
-def _candidates(task: Task, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return configurations to choose from, their columns, and the noise of their readings."""
-    q = _measurable(task, max(count, 2 * task.n))
-    columns, left_out = task.prior.at(q)
-    return q, columns, task.prior.noise(left_out)
+def _candidates(problem: DesignProblem, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return candidate configurations, their columns, and the noise of their readings."""
+    q = _measurable(problem, max(count, 2 * problem.n))
+    columns, left_out = problem.prior.at(q)
+    return q, columns, problem.prior.noise(left_out)
 
 
 def _too_few(found: int, wanted: int) -> DataError:
-    return DataError(
-        f"{wanted} poses are wanted, and {found} of those offered can be measured; widen [region] or the list"
-    )
+    return DataError(f"expected at least {wanted} measurable poses, got {found}; widen [region] or the list")
 
 
-METHODS: Final[dict[str, Callable[[Task], FloatArray]]] = {
+METHODS: Final[dict[str, Callable[[DesignProblem], FloatArray]]] = {
     "posterior": _posterior,
     "posterior-largest": _posterior_largest,
     **{name: _observable(name) for name in ("d-optimal", "o2", "o3", "o4", "o5")},
@@ -137,8 +139,8 @@ METHODS: Final[dict[str, Callable[[Task], FloatArray]]] = {
     "latin-hypercube": _latin_hypercube,
     "sobol": _sobol,
 }
-"""By name: lowest mean variance over the targets; lowest largest; the observability indices O1 (D-optimal) to O5; and
-spread without a model."""
+"""The methods by name: lowest mean variance over the targets; lowest maximum; the observability indices O1 (D-optimal)
+to O5; and three designs without a model."""
 
 _INDICES: Final[dict[str, Callable[[FloatArray, int], FloatArray]]] = {
     # of the eigenvalues σ², ascending, of n samples; O1 without the factor that all candidates share

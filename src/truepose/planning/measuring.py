@@ -1,6 +1,6 @@
-"""Measuring programs in the controller's language: by joints to each pose, always from the same side, dwell, signal.
+"""Measuring programs in the controller's language: joint motions to each pose from the same side, dwell, signal.
 
-Motions are of joints, so neither the tool nor the base that happens to be active matters. FANUC counts its third joint
+Joint motions do not depend on the active tool and base. FANUC counts its third joint
 from the horizon: J3 on the pendant is joint 3 less joint 2 (conventions of the maker, not confirmed on a controller).
 """
 
@@ -18,20 +18,20 @@ from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
-from truepose.planning.measurement_space import listed
-from truepose.planning.region import MeasurementSpace
+from truepose.planning.measurement_space import MeasurementSpace, listed
 from truepose.samples import Poses, samples_text
 
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A motion of the program: to a pose that is measured, or on the way.
+    """A motion of the program, to a measured pose or to a point on the way.
 
     Attributes
     ----------
     q : (dof,) array [rad]
+        The joints at its end.
     name : str
-        Of the pose; "" on the way.
+        The name of the pose; "" on the way.
     """
 
     q: FloatArray
@@ -48,21 +48,21 @@ def _degrees(q: FloatArray) -> list[str]:
 
 @dataclass(frozen=True)
 class Language:
-    """How a controller's language writes a motion of joints to a pose, a comment, a wait, and a signal.
+    """The syntax of joint motions, comments, waits and signals in a controller's language.
 
     Attributes
     ----------
     ending, newline : str
-        Of the file.
+        The ending of the file's name, and that of its lines.
     comment : callable
-        Takes a text.
+        A function of a text.
     move : callable
-        Takes the number of the motion, joints (dof,) [rad], and how to go.
+        A function of the number of the motion, joints (dof,) [rad], and the settings.
     wait, signal : callable
-        Take how to measure; the signal is that of `Measuring.trigger_output`.
+        Functions of the settings; the signal is that of `Measuring.trigger_output`.
     program : callable
-        Takes the program's name, the lines about it, the lines of its motions, all stops, and how to go: the file's
-        lines.
+        A function of the program's name, its header comments, the lines of its motions, all stops, and the settings;
+        it returns the file's lines.
     """
 
     ending: str
@@ -74,7 +74,7 @@ class Language:
     program: Callable[[str, list[str], list[str], list[Stop], Measuring], list[str]]
 
     def text(self, name: str, about: list[str], stops: list[Stop], how: Measuring) -> str:
-        """Return a program that goes to the stops, and waits and signals at those with a name."""
+        """Return a program that moves to the stops, and waits and signals at those with a name."""
         lines: list[str] = []
         for number, stop in enumerate(stops, start=1):
             move = self.move(number, stop.q, how)
@@ -160,26 +160,26 @@ LANGUAGES: Final[dict[str, Language]] = {
         program=_urscript_program,
     ),
 }
-"""By maker, lower case."""
+"""The languages by maker, in lower case."""
 
 
 def measuring_program(
-    cell: Cell, poses: Poses, *, ground: MeasurementSpace | None = None, name: str = "measure"
+    cell: Cell, poses: Poses, *, space: MeasurementSpace | None = None, name: str = "measure"
 ) -> tuple[str, str]:
-    """Return the ending and the text of a program that goes to poses in their order, with dwell and signal at each.
+    """Return the ending and the text of a program that moves to poses in their order, with dwell and signal at each.
 
-    It starts and ends at home, and goes by home where the straight way to the next pose would touch a box.
+    It starts and ends at home, and moves by home where the straight way to the next pose would touch a box.
 
     Parameters
     ----------
     cell : Cell
-        Its ``[measuring]`` says how to go; its ``[obstacles]`` are kept clear of.
+        The cell; its ``[measuring]`` states the motions, its ``[obstacles]`` are avoided.
     poses : Poses
-        With joints.
-    ground : MeasurementSpace, optional
-        Where they were chosen; otherwise home is that of the cell's ``[region]``, or the first pose.
+        The poses, with joints.
+    space : MeasurementSpace, optional
+        The space in which they were chosen; by default home is that of the cell's ``[region]``, or the first pose.
     name : str
-        Of the program.
+        The name of the program.
 
     Raises
     ------
@@ -191,8 +191,8 @@ def measuring_program(
     robot = cell.load_robot()
     if robot.maker.lower() not in LANGUAGES:
         raise RobotError(
-            f"{robot.name}: no measuring program is written for {robot.maker}, but for {', '.join(LANGUAGES)}: "
-            "take the joints of the table"
+            f"{robot.name}: measuring programs can be written for {', '.join(LANGUAGES)}, not for {robot.maker}; use "
+            "the joints of the table"
         )
     language = LANGUAGES[robot.maker.lower()]
     about = [
@@ -202,36 +202,36 @@ def measuring_program(
         "Only the boxes of the cell file are known.",
     ]
     if poses.q is None:
-        raise poses.error("a measuring program goes by joints (q1_deg …), and there are none")
-    ground = ground or listed(cell, poses.q)
-    reason = ground.in_the_way(poses.q)
+        raise poses.error("a measuring program needs joints (q1_deg …), and there are none")
+    space = space or listed(cell, poses.q)
+    reason = space.in_the_way(poses.q)
     if (rows := np.flatnonzero(reason != "")).size:
         raise poses.error(f"a pose is {reason[rows[0]]}; leave it out, or move home or the box", reason != "")
-    return language.ending, language.text(name, about, list(_stops(poses, ground)), cell.measuring)
+    return language.ending, language.text(name, about, list(_stops(poses, space)), cell.measuring)
 
 
-def write_measurement(table: Path, cell: Cell, poses: Poses, *, ground: MeasurementSpace | None = None) -> list[Path]:
+def write_measurement(table: Path, cell: Cell, poses: Poses, *, space: MeasurementSpace | None = None) -> list[Path]:
     """Write poses as a table and, where the maker's language is known, ``measure.*`` beside it; return the paths."""
     contents = {table: samples_text(poses, table)}
     if cell.load_robot().maker.lower() in LANGUAGES:
-        ending, text = measuring_program(cell, poses, ground=ground)
+        ending, text = measuring_program(cell, poses, space=space)
         contents[table.with_name(f"measure{ending}")] = text
     write_all(contents)
     return list(contents)
 
 
-def _stops(poses: Poses, ground: MeasurementSpace) -> Iterator[Stop]:
-    home, q = Stop(ground.home), poses.q
+def _stops(poses: Poses, space: MeasurementSpace) -> Iterator[Stop]:
+    home, q = Stop(space.home), poses.q
     assert q is not None
-    came_from = np.concatenate([ground.home[None], q[:-1]])
+    previous = np.concatenate([space.home[None], q[:-1]])
     names = [f"P{number}" for number in range(1, len(q) + 1)] if poses.name is None else poses.name
-    before = ground.before(q)
-    way = ground.collision.way_touches(came_from, before)
+    before = space.before(q)
+    way = space.collision.way_touches(previous, before)
     yield home
     for joints, start, box, name in zip(q, before, way, names, strict=True):
         if box:
             yield home
-        if ground.approach:
+        if space.approach:
             yield Stop(start)
         yield Stop(joints, str(name))
     yield home

@@ -1,4 +1,4 @@
-"""The plan of a measurement: which poses, in which order, what accuracy to expect, and the program that goes there."""
+"""The plan of a measurement: poses, their order, the accuracy to expect, and the measuring program."""
 
 from __future__ import annotations
 
@@ -7,92 +7,101 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
-from truepose.planning.designs import METHODS, Task
-from truepose.planning.measurement_space import listed, work_region
+from truepose.planning.designs import METHODS, DesignProblem
+from truepose.planning.greedy import Progress, lowest_mean
+from truepose.planning.measurement_space import MeasurementSpace, Reach, listed, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
-from truepose.planning.region import MeasurementSpace, Reach
-from truepose.planning.selection import Progress, lowest_mean
-from truepose.planning.tour import shortest_tour
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
 from truepose.samples import Poses
 
 _TARGETS: Final = 512
 _ANCHORS: Final = 120
-_READING_MM: Final = 0.015  # standard deviation of a reading where the cell says nothing of its tracker
+_READING_MM: Final = 0.015  # standard deviation of a reading where the cell states none
 _STEPS: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
-_AWAY: Final = np.array([2000.0, 0.0, 0.0])  # mm: where a tracker is taken to stand, seen from the base
+_AWAY: Final = np.array([2000.0, 0.0, 0.0])  # mm: assumed position of the tracker, seen from the base
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Configurations to measure, in order.
+    """Configurations to measure, in order; made by `plan`.
 
     Attributes
     ----------
     cell : Cell
+        The cell in which the poses are measured.
     method : str
-        Of `truepose.planning.METHODS`.
-    ground : MeasurementSpace
+        The name of the method in `truepose.planning.METHODS`.
+    space : MeasurementSpace
+        The poses that could be chosen.
     q : (n, dof) array [rad]
+        The configurations, in the order of measuring.
     way : list of str
-        For each pose, the box that the straight way from the one before would touch, or ""; where there is one the
-        program goes by home.
+        The box that the straight way from the previous pose would touch, for each pose, or ""; the program moves by
+        home there.
     reach : Reach
-        How much of the work region can be measured.
+        The measurable part of the work region.
     expected : list of dict
-        ``n`` poses of this plan and ``mean_mm``, the mean length by which a reading in the work region will then differ
-        from its prediction, noise included. Beyond the plan's own n: with as many poses again of the same method.
+        The mean length ``mean_mm`` by which a reading in the work region differs from its prediction after ``n`` poses,
+        noise included. Beyond the plan's own n: with additional poses of the lowest mean variance.
     observability : Observability
-        Of registration and geometry.
+        The observability of registration and geometry.
     """
 
     cell: Cell
     method: str
-    ground: MeasurementSpace
+    space: MeasurementSpace
     q: FloatArray
     way: list[str]
     reach: Reach
     expected: list[dict[str, float]]
     observability: Observability
 
+    def __repr__(self) -> str:
+        by_home = sum(box != "" for box in self.way)
+        return (
+            f"<Plan of {len(self.q)} poses for {self.cell.robot.model}: {self.method}, expected error "
+            f"{self.expected_mm:.3f} mm (mean); {self.reach.describe()}; {by_home} motions by home>"
+        )
+
     @property
     def poses(self) -> Poses:
-        """The plan as a table, named P001 and on: joints, commanded poses of the tool as stated, approach."""
+        """The plan as a table with the names P001, P002, …: joints, commanded poses of the stated tool, approach."""
         tf = self.cell.load_robot().forward(self.q, tool=self.cell.tf_flange_tool)
         return Poses(
             q=self.q,
             p_cmd=tf[:, :3, 3],
             rotation_cmd=Rotation.from_matrix(tf[:, :3, :3]),
-            approach=self.ground.approach_signs(self.q),
+            approach=self.space.approach_signs(self.q),
             name=np.array([f"P{number:03d}" for number in range(1, len(self.q) + 1)]),
             source=f"{len(self.q)} poses, {self.method}",
         )
 
     @property
     def expected_mm(self) -> float:
-        """Mean length by which a reading in the work region will differ from its prediction after this plan [mm]."""
+        """Mean length by which a reading in the work region differs from its prediction after this plan [mm]."""
         return next(row["mean_mm"] for row in self.expected if row["n"] == len(self.q))
 
     def program(self, name: str = "measure") -> tuple[str, str]:
         """Return the ending and the text of the measuring program, see `measuring_program`."""
-        return measuring_program(self.cell, self.poses, ground=self.ground, name=name)
+        return measuring_program(self.cell, self.poses, space=self.space, name=name)
 
     def write(self, directory: str | Path) -> list[Path]:
         """Write plan.csv and, where the maker's language is known, the measuring program; return their paths."""
-        return write_measurement(Path(directory) / "plan.csv", self.cell, self.poses, ground=self.ground)
+        return write_measurement(Path(directory) / "plan.csv", self.cell, self.poses, space=self.space)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for a screen or a file."""
+        """Return the figures of the plan as plain values."""
         return {
             "method": self.method,
             "n": len(self.q),
@@ -112,7 +121,7 @@ def plan(
     *,
     candidates: FloatArray | None = None,
     after: ErrorMap | None = None,
-    seed: int = 0,
+    rng: int = 0,
     progress: Progress = lambda done, of: None,
 ) -> Plan:
     """Choose n configurations of the cell's work region to measure.
@@ -120,20 +129,22 @@ def plan(
     Parameters
     ----------
     cell : Cell
-        With ``[region]``; ``[measuring]``, ``[obstacles]`` and the position of ``[tracker]`` count where stated.
+        The cell, with a ``[region]``; ``[measuring]``, ``[obstacles]`` and the position of ``[tracker]`` are used where
+        stated.
     n : int
+        The number of poses.
     method : str
-        Of `truepose.planning.METHODS`. "posterior" leaves the lowest mean predicted variance over the region,
-        "posterior-largest" the lowest largest, both by the prior of theory (10); "d-optimal", "o2" … "o5" are
-        observability indices of the geometry; "grid", "latin-hypercube" and "sobol" know no model.
+        The name of a method in `truepose.planning.METHODS`. "posterior" leaves the lowest mean predicted variance over
+        the region, "posterior-largest" the lowest maximum, both by the prior of theory (10); "d-optimal", "o2" … "o5"
+        are observability indices of the geometry; "grid", "latin-hypercube" and "sobol" use no model.
     candidates : (m, dof) array [rad], optional
-        Choose among these instead of the work region, for predictions at all of them.
+        The configurations to choose from and to predict at, instead of the work region.
     after : ErrorMap, optional
-        Of a first series: what to measure next, with its fitted hyperparameters and given its samples.
-    seed : int
-        Of candidates, targets and random methods.
+        The map of a first series; the plan continues it, with its fitted hyperparameters and given its samples.
+    rng : int
+        The seed of candidates, targets and random methods.
     progress : callable
-        Takes steps done and steps in all.
+        A function of the steps done and the total number of steps.
 
     Returns
     -------
@@ -144,43 +155,48 @@ def plan(
     DataError
         If the cell states no region, the method is unknown, n is not positive, or fewer poses can be measured.
     RobotError
-        If nothing of the region can be measured, or the robot's joints are too many.
+        If nothing of the region can be measured, or the robot has too many joints.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell
+    >>> found = plan(VirtualCell("paper").cell, 12, "sobol")
+    >>> found.poses.name[:3].tolist()
+    ['P001', 'P002', 'P003']
     """
     if method not in METHODS:
-        raise DataError(f"no method {method!r}; there are {', '.join(METHODS)}")
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}")
     if n < 1:
-        raise DataError(f"{n} poses are no plan; ask for 1 or more, better 60")
-    ground = work_region(cell) if candidates is None else listed(cell, candidates)
-    reach = ground.spread(_TARGETS, seed + 1)
+        raise DataError(f"n must be at least 1 (60 or more recommended), got {n}")
+    space = work_region(cell) if candidates is None else listed(cell, candidates)
+    reach = space.spread(_TARGETS, rng + 1)
     targets = reach.q
-    prior = _prior(cell, ground, targets, seed, after)
-    q = METHODS[method](Task(ground, prior, targets, n, seed, progress))
-    q = q[shortest_tour(q, ground.home)]
-    came_from = np.concatenate([ground.home[None], q[:-1]])
+    prior = _prior(cell, space, targets, rng, after)
+    q = METHODS[method](DesignProblem(space, prior, targets, n, rng, progress))
+    q = q[shortest_tour(q, space.home)]
+    previous = np.concatenate([space.home[None], q[:-1]])
     terms = prior.basis.terms
-    columns, names = (
-        terms.at(q).drift[:, :, terms.group != COMPLIANCE],
-        np.array(terms.names)[terms.group != COMPLIANCE],
-    )
+    geometric = terms.group != COMPLIANCE
+    columns, names = terms.at(q).drift[:, :, geometric], np.array(terms.names)[geometric]
     return Plan(
         cell=cell,
         method=method,
-        ground=ground,
+        space=space,
         q=q,
-        way=ground.collision.way_touches(came_from, ground.before(q)).tolist(),
+        way=space.collision.way_touches(previous, space.before(q)).tolist(),
         reach=reach,
-        expected=_expected(prior, q, targets, ground, seed),
+        expected=_expected(prior, q, targets, space, rng),
         observability=observability(columns, names.tolist(), np.ones(len(names))),
     )
 
 
-def _prior(cell: Cell, ground: MeasurementSpace, targets: FloatArray, seed: int, after: ErrorMap | None) -> Prior:
-    anchors = np.random.default_rng(seed).permutation(targets)[:_ANCHORS]
+def _prior(cell: Cell, space: MeasurementSpace, targets: FloatArray, rng: int, after: ErrorMap | None) -> Prior:
+    anchors = np.random.default_rng(rng).permutation(targets)[:_ANCHORS]
     if after is None:
         noise = float(np.hypot(cell.measuring.repeatability_mm, _reading_std(cell, targets)))
-        return Prior.of(ground.collision.robot, cell.tf_flange_tool, anchors, noise)
+        return Prior.of(space.collision.robot, cell.tf_flange_tool, anchors, noise)
     if after.samples.q is None:
-        raise DataError("the map's samples have no joints; what to measure next is told of joints (q1_deg …)")
+        raise DataError("the map's samples have no joints (q1_deg …), which a plan after it needs")
     model = after.predictor
     if not isinstance(model, KinematicKriging):
         model = KinematicKriging(after.robot, after.tf_flange_tool).fit(after.samples.q, after.e)
@@ -188,7 +204,7 @@ def _prior(cell: Cell, ground: MeasurementSpace, targets: FloatArray, seed: int,
 
 
 def _reading_std(cell: Cell, targets: FloatArray) -> float:
-    """Return the standard deviation of readings at joints (m, dof) [rad], in each direction [mm], as the cell says."""
+    """Return the standard deviation of readings at joints (m, dof) [rad], in each direction [mm], by the cell file."""
     p = cell.load_robot().forward(targets, tool=cell.tf_flange_tool)[:, :3, 3]
     station = cell.tf_base_tracker
     away = apply_transform(invert_transform(station), p) if station[:3, 3].any() else p + _AWAY
@@ -197,11 +213,11 @@ def _reading_std(cell: Cell, targets: FloatArray) -> float:
 
 
 def _expected(
-    prior: Prior, q: FloatArray, targets: FloatArray, ground: MeasurementSpace, seed: int
+    prior: Prior, q: FloatArray, targets: FloatArray, space: MeasurementSpace, rng: int
 ) -> list[dict[str, float]]:
-    """Accuracy of the plan, and of fewer and more poses chosen one after the other for the lowest mean variance."""
+    """Return the accuracy after the plan, and after fewer and more greedily chosen poses."""
     counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)})
-    offered = ground.spread(max(_TARGETS, 2 * counts[-1]), seed).q
+    offered = space.spread(max(_TARGETS, 2 * counts[-1]), rng).q
     columns, left_out = prior.at(offered)
     rows = prior.at(targets)[0].reshape(-1, columns.shape[2])
     aim = rows.T @ rows / len(targets)
@@ -210,3 +226,45 @@ def _expected(
     found = {k: prior.given(offered[order[:k]]).expected(targets) for k in counts if k <= most}
     found[len(q)] = prior.given(q).expected(targets)
     return [{"n": k, "mean_mm": found[k]} for k in sorted(found)]
+
+
+def shortest_tour(q: ArrayLike, home: ArrayLike) -> IntArray:
+    """Return an order of joints (n, dof) [rad] whose round trip from `home` (dof,) and back is short.
+
+    The cost of a motion is that of its largest joint motion. Nearest neighbour, then 2-opt until no exchange helps.
+
+    Examples
+    --------
+    >>> shortest_tour([[3.0], [1.0], [2.0]], [0.0]).tolist()
+    [1, 2, 0]
+    """
+    stops = np.concatenate([[np.asarray(home, float)], np.asarray(q, float)])
+    cost = np.abs(stops[:, None] - stops).max(axis=2)
+    tour = _improved(_nearest_first(cost), cost)
+    return tour[1:-1] - 1
+
+
+def _nearest_first(cost: FloatArray) -> IntArray:
+    """Return a round trip from stop 0 that visits the nearest open stop each time, (n + 1,)."""
+    tour, open_ = [0], np.ones(len(cost), np.bool_)
+    open_[0] = False
+    while open_.any():
+        tour.append(int(np.argmin(np.where(open_, cost[tour[-1]], np.inf))))
+        open_[tour[-1]] = False
+    return np.array([*tour, 0])
+
+
+def _improved(tour: IntArray, cost: FloatArray) -> IntArray:
+    """Reverse parts of the round trip as long as that shortens it (2-opt)."""
+    better = True
+    while better:
+        better = False
+        for i in range(len(tour) - 2):
+            at, next_ = tour[:-1], tour[1:]
+            saved = cost[at[i], next_[i]] + cost[at, next_] - cost[at[i], at] - cost[next_[i], next_]
+            saved[: i + 2] = 0.0
+            j = int(np.argmax(saved))
+            if saved[j] > 1e-12:
+                tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1].copy()
+                better = True
+    return tour

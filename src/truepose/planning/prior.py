@@ -1,4 +1,4 @@
-"""What is believed of an arm before it is measured, or after a first series: the prior of (10) as columns."""
+"""The prior of an arm's errors before a measurement or after a first series: equation (10) as columns."""
 
 from __future__ import annotations
 
@@ -25,14 +25,16 @@ _DRAWS: Final = 256
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Errors as columns of standard normal weights, and what they leave out.
+    """Errors as columns of standard normal weights, and the covariance that they leave out.
 
     Attributes
     ----------
     basis : Basis
+        The columns of the error model.
     hyper : Hyperparameters
+        The hyperparameters of the error model.
     root : (p, s) array
-        Of the weights' covariance: Λ½ before any sample.
+        The root of the weights' covariance: Λ½ before any sample.
     """
 
     basis: Basis
@@ -41,16 +43,18 @@ class Prior:
 
     @classmethod
     def of(cls, robot: Robot, tf_flange_tool: FloatArray, anchors: FloatArray, noise: float = _NOISE) -> Self:
-        """Return what is typical of an arm that nobody has measured.
+        """Return the prior of an arm that has not been measured.
 
         Parameters
         ----------
         robot : Robot
+            The nominal robot.
         tf_flange_tool : (4, 4) array [mm]
+            The transform from flange to measured point.
         anchors : (a, dof) array [rad]
-            Configurations over the work region, some hundred: they carry the rest Z.
+            Some hundred configurations over the work region, which carry the rest Z.
         noise : float [mm]
-            Repeatability and reading noise together, standard deviation in each direction.
+            The standard deviation of repeatability and reading noise together, in each direction.
         """
         terms = Terms(robot, tf_flange_tool)
         joints = terms.seen(terms.at(anchors))
@@ -68,7 +72,7 @@ class Prior:
 
     @classmethod
     def after(cls, model: KinematicKriging, q: ArrayLike, anchors: FloatArray) -> Self:
-        """Return what is known after a series: fitted hyperparameters, and the weights given samples at q (n, dof)."""
+        """Return the prior after a series: fitted hyperparameters, and the weights given samples at q (n, dof)."""
         assert model.robot is not None
         terms = Terms(
             model.robot,
@@ -87,17 +91,17 @@ class Prior:
         return cls(basis, hyper, np.diag(np.sqrt(basis.prior(hyper))))
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns (n, 3, s) [mm] of standard normal weights, and what they leave out, (n, 3, 3) [mm²]."""
+        """Return columns (n, 3, s) [mm] of standard normal weights, and the covariance left out, (n, 3, 3) [mm²]."""
         design = self.basis.terms.at(q)
         columns = (self.basis.columns(design) @ self.root).reshape(len(q), 3, -1)
         return columns, self.basis.left_out_covariance(design, self.hyper)
 
     def noise(self, left_out: FloatArray) -> FloatArray:
-        """Return the covariance of what a reading holds besides its columns, (n, 3, 3) [mm²]."""
+        """Return the covariance of a reading beyond its columns, (n, 3, 3) [mm²]."""
         return np.asarray(left_out + self.hyper.noise**2 * np.eye(3))
 
     def given(self, q: FloatArray) -> Self:
-        """Return the same with samples taken at joints (n, dof) [rad]."""
+        """Return the prior given samples at joints (n, dof) [rad]."""
         columns, left_out = self.at(q)
         root = np.linalg.cholesky(np.linalg.inv(self.noise(left_out)))
         white = (np.swapaxes(root, 1, 2) @ columns).reshape(3 * len(q), -1)
@@ -111,9 +115,9 @@ class Prior:
         return np.asarray(columns @ np.swapaxes(columns, 1, 2) + left_out)
 
     def expected(self, q: FloatArray) -> float:
-        """Return the mean length [mm] that readings at joints (n, dof) will differ by from their prediction.
+        """Return the mean length [mm] of the differences of readings at joints (n, dof) from their prediction.
 
-        The expected length of normal vectors with the covariance predicted, repeatability and reading noise in it.
+        The expected length of normal vectors with the predicted covariance, repeatability and reading noise included.
         """
         factor = np.linalg.cholesky(self.noise(self.covariance(q)))
         uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]

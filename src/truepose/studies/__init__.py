@@ -1,1 +1,1 @@
-"""Experiments on virtual robots: the demonstration, the paper's, and ISO 9283."""
+"""Complete experiments: the demonstration, the paper's experiment, and ISO 9283."""

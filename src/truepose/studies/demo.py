@@ -1,7 +1,7 @@
-"""The whole way on a virtual cell, through files, as a user goes it: from tracker readings to a corrected program.
+"""The demonstration: from tracker readings of a virtual cell to a corrected program, through files.
 
-What is written to the folder is what a real cell has: cell.toml, plan.csv, the tracker's readings, samples, the map, a
-KRL program, its corrected copy, and the report.
+The folder then holds the files of a real cell: cell.toml, plan.csv, the tracker's readings, samples, the map, a KRL
+program, its corrected copy, and the report.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from truepose.verification import accuracy
 
 N_SAMPLES: Final = 160
 N_HELD_OUT: Final = 100
-_PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; where orientations vary, the arm's model is needed
+_PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; varying orientations need the arm's model
 _TOOL, _BASE = 3, 1
 _PANEL_ROWS, _PANEL_COLUMNS = 4, 6
 
@@ -45,13 +45,13 @@ def run_demo(
     Parameters
     ----------
     directory : Path
-        Folder for everything that is written.
+        The folder of all files.
     preset : str
-        Of `truepose.simulation.PRESETS`.
+        The name of a preset in `truepose.simulation.PRESETS`.
     seed : int
-        Of the virtual cell.
+        The seed of the virtual cell.
     progress : callable
-        Takes a line about what is being done.
+        A function of a line about the current step.
     """
     virtual = VirtualCell(preset, seed=seed)
     progress("Planning and measuring")
@@ -101,7 +101,7 @@ def run_demo(
 
 
 def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int) -> Samples:
-    """Plan n poses, measure them, and take the readings back in as a user does: from the tracker's file."""
+    """Plan n poses, measure them, and import the readings from the tracker's file."""
     measured = virtual.measure(virtual.design(n, seed=seed))
     plan_path, readings_path, samples_path = (
         directory / f"{name}_{kind}" for kind in ("plan.csv", "readings.txt", "samples.csv")
@@ -115,7 +115,7 @@ def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int
 
 
 def _write_program(virtual: VirtualCell, directory: Path) -> Path:
-    """Write a KRL pair that drills a panel: taught points with FDAT in the .dat, and $config.dat with the frames."""
+    """Write a KRL program that drills a panel: taught points with FDAT in the .dat, and $config.dat with the frames."""
     tf_base_panel = make_transform(Rotation.identity(), np.asarray(virtual.preset.centre_mm))
     y, z = np.meshgrid(
         np.linspace(-0.4, 0.4, _PANEL_COLUMNS) * virtual.preset.size_mm[1],
@@ -149,7 +149,7 @@ def _config_dat(tf_flange_tool: FloatArray, tf_base_panel: FloatArray) -> str:
 
 
 def _remeasure(virtual: VirtualCell, error_map: ErrorMap, original: Path, corrected: Path) -> dict[str, Any]:
-    """Run both programs on the virtual robot and measure how far from the original targets the tool ends."""
+    """Run both programs on the virtual robot and measure the distances to the original targets."""
     frames = FrameTable.from_config_dat(original.parent / "$config.dat")
     targets = read_program(original, frames).positions_base()
 

@@ -1,8 +1,8 @@
-"""The paper's experiment again on virtual cells: its own method, and ours on the same readings (docs/validation).
+"""The paper's experiment on virtual cells: its own method, and ours on the same readings (docs/validation).
 
 A cell is measured on a grid or at random positions, at one orientation or at many; a map is fitted; new targets are
-corrected; the virtual robot goes to the corrected commands and is measured there. Every figure is what the tracker
-saw, noise included, before and after.
+corrected; the virtual robot moves to the corrected commands and is measured there. Every figure is computed from
+readings of the tracker, noise included, before and after.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
 
 STUDY_FILES: Final = ("results.csv", "table.md", "reductions.svg")
 PUBLISHED_REDUCTION: Final = 75.36
-"""[%] Of the maximum, 1.2912 mm to 0.3182 mm, as the paper reports it."""
+"""Reduction of the maximum in the paper [%], from 1.2912 mm to 0.3182 mm."""
 
 ORIENTATIONS: Final = {"fixed": 0.0, "free": 15.0}
-"""By how much the tool is turned about each of its axes [°]."""
+"""Largest rotation of the tool about each of its axes [°]."""
 
 SAMPLINGS: Final = ("grid", "random")
 N_TARGETS: Final = 100
 _SHARE: Final = 0.9  # of the work region's edges; its corners are out of reach at some orientations
-_BEFORE_NOISE, _AFTER_NOISE = 1, 2  # seeds: every method meets the same noise
+_BEFORE_NOISE, _AFTER_NOISE = 1, 2  # seeds: the noise is the same for every method
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,11 @@ class Method:
     Attributes
     ----------
     title : str
+        The name in tables and figures.
     predictor : str
-        For `fit_cell`; empty for the paper's own.
+        The predictor of `fit_cell`; empty for the paper's own.
     one_step : bool
-        Theory (15); otherwise (16).
+        Whether theory (15) is used; otherwise (16).
     """
 
     title: str
@@ -76,17 +77,20 @@ METHODS: Final = (
 
 @dataclass(frozen=True)
 class Result:
-    """One method on one cell; lengths [mm] over the targets, reductions [%].
+    """The result of one method on one cell.
 
     Attributes
     ----------
     seed : int
+        The seed of the cell.
     orientation, sampling, method : str
+        The keys of the experiment, see `ORIENTATIONS`, `SAMPLINGS` and `METHODS`.
     predictor : str
-        That was used; what ``auto`` chose.
+        The predictor used; for ``auto`` the chosen one.
     mean_before, max_before, mean_after, max_after : float [mm]
+        The lengths of the errors over the targets.
     left_alone : int
-        Targets that a guard left nominal; they count among those after.
+        The number of targets that a guard left nominal; they count among those after.
     """
 
     seed: int
@@ -102,12 +106,12 @@ class Result:
 
     @property
     def reduction_mean(self) -> float:
-        """Of the mean [%]."""
+        """Reduction of the mean [%]."""
         return 100.0 * (1.0 - self.mean_after / self.mean_before)
 
     @property
     def reduction_max(self) -> float:
-        """Of the maximum [%]."""
+        """Reduction of the maximum [%]."""
         return 100.0 * (1.0 - self.max_after / self.max_before)
 
 
@@ -124,14 +128,15 @@ def run_study(
     Parameters
     ----------
     preset : str
-        Of `truepose.simulation.PRESETS`.
+        The name of a preset in `truepose.simulation.PRESETS`.
     seeds : iterable of int
-        One cell each.
+        The seeds of the cells.
     per_axis : int
-        Nodes of the grid along each axis of the work region; its cube is the number of random samples as well.
+        The number of grid nodes along each axis of the work region; its cube is also the number of random samples.
     methods : sequence of Method
+        The methods to compare.
     progress : callable
-        Takes a line about what is being done.
+        A function of a line about the current step.
     """
     results = []
     for seed in seeds:
@@ -145,7 +150,7 @@ def run_study(
 def _experiment(
     virtual: VirtualCell, orientation: str, sampling: str, per_axis: int, methods: Sequence[Method]
 ) -> list[Result]:
-    """Measure one cell in one way, and try all methods on it."""
+    """Measure one cell in one way, and apply all methods to it."""
     rng = np.random.default_rng([virtual.seed, 2016])
     unit = _lattice(per_axis) if sampling == "grid" else rng.uniform(-0.5, 0.5, (per_axis**3, 3))
     samples = virtual.measure(virtual.reach(*_poses(virtual, unit, ORIENTATIONS[orientation], rng)))
@@ -154,7 +159,7 @@ def _experiment(
     for method in methods:
         error_map = _fit(_cell(virtual, orientation), samples, method)
         targets = make_transform(rotation, p_target)
-        corrections = error_map.correct(targets, on_guard="skip", accept_weak_map=True)  # a study shows weak maps, too
+        corrections = error_map.correct(targets, on_guard="skip", accept_weak_map=True)  # a study includes weak maps
         p_command = corrections.p_mirror if method.one_step else corrections.p_command
         before = summary(_miss(virtual, error_map, p_target, p_target, rotation, _BEFORE_NOISE))
         after = summary(_miss(virtual, error_map, p_command, p_target, rotation, _AFTER_NOISE))
@@ -182,7 +187,7 @@ def _poses(
 
 
 def _cell(virtual: VirtualCell, orientation: str) -> Cell:
-    """Return the cell file's content; where orientations differ, the tool point is found with the station."""
+    """Return the content of the cell file; where orientations differ, the tool point is fitted with the station."""
     cell = virtual.cell
     fit = "none" if orientation == "fixed" else "position"
     return cell.model_copy(update={"tool": cell.tool.model_copy(update={"fit": fit})})
@@ -191,7 +196,7 @@ def _cell(virtual: VirtualCell, orientation: str) -> Cell:
 def _fit(cell: Cell, samples: Samples, method: Method) -> ErrorMap:
     """Fit a map; the paper's is ordinary Kriging with a spherical semivariogram fitted to (4).
 
-    The paper's range is where the semivariogram attains its sill, which the spherical model has and most others lack;
+    The paper's range is the lag at which the semivariogram attains its sill, which exists for the spherical model;
     with (7) in terms of semivariograms, γ(0) = 0, the prediction passes through the samples.
     """
     if method.predictor:
@@ -210,7 +215,7 @@ def _miss(
     rotation: Rotation,
     noise_seed: int,
 ) -> FloatArray:
-    """Go to commands of the map's tool point, measure, and return how far from the targets it ends, (n, 3) [mm]."""
+    """Move to commands of the map's tool point, measure, and return the differences from the targets, (n, 3) [mm]."""
     p_stated_fitted = apply_transform(invert_transform(virtual.tf_flange_tool), error_map.tf_flange_tool[:3, 3])
     q = virtual.reach(p_command - rotation.apply(p_stated_fitted), rotation)
     seen = virtual.measure(q, seed=noise_seed).p_meas

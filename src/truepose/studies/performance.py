@@ -1,4 +1,4 @@
-"""ISO 9283 on samples and for a cell: which poses were repeated, into which frame, and the standard's test poses."""
+"""ISO 9283 for samples and cells: the repeated poses, their frame, and the standard's test poses."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from truepose.samples import Poses, Samples
 from truepose.verification import performance as standard
 
 EDGES_MM: Final = (1600.0, 1000.0, 630.0, 400.0, 250.0)
-"""Edges of the standard's test cube."""
+"""Edges of the standard's test cube [mm]."""
 
 _SAME_MM: Final = 0.25
 _SAME_RAD: Final = np.deg2rad(0.1)
-_MOST_RAD: Final = np.deg2rad(5.0)  # no robot turns that far from what it was told
+_MOST_RAD: Final = np.deg2rad(5.0)  # larger orientation errors are those of the data
 _INSET: Final = 0.1  # of the diagonal, from each corner of the plane to P2 … P5
 _GRID: Final = 16
 _ORIENTATIONS: Final = (
@@ -38,19 +38,20 @@ _PLANE: Final = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, -1.0],
 
 
 def iso9283(measurements: Samples, *, cell: Cell | None = None, registered: bool = False) -> standard.Iso9283:
-    """Return the figures of ISO 9283:1998 that repeated measurements give, and what they lack.
+    """Return the figures of ISO 9283:1998 of repeated measurements, and the missing ones.
 
-    Poses are those of one name (P1 … P5; "path1" … for points of a path) where names repeat, otherwise rows whose
-    commanded poses, and joints where known, are the same within 0.25 mm and 0.1°.
+    Rows of one pose have the same name (P1 … P5; "path1" … for points of a path) where names repeat, otherwise the same
+    commanded pose, and joints where known, within 0.25 mm and 0.1°.
 
     Parameters
     ----------
     measurements : Samples
+        The readings of repeated poses.
     cell : Cell, optional
-        Its tool and station, stated or fitted, bring readings into the base frame. Without it AP is what remains after
-        a rigid registration to the commanded positions; RP, vAP, AD, RD and RT do not depend on that.
+        The cell, whose tool and station, stated or fitted, transform readings to the base frame. Without it AP is
+        computed after a rigid registration to the commanded positions; RP, vAP, AD, RD and RT do not depend on that.
     registered : bool
-        The readings are in the robot base frame already.
+        Whether the readings are in the robot base frame already.
 
     Raises
     ------
@@ -94,19 +95,27 @@ def iso9283_poses(
     Parameters
     ----------
     cell : Cell
-        Robot and tool.
+        The cell with robot and tool.
     edge_mm : float, optional
-        One of the standard's, or another; the largest of the standard's that can be reached when not given.
+        The edge of the cube; by default the largest one of the standard that can be reached.
     centre_mm : tuple of 3, optional
-        Centre of the cube, base frame; searched in the plane y = 0 when not given.
+        The centre of the cube, base frame; by default searched in the plane y = 0.
     rotation : Rotation, optional
-        Of the tool, base frame; searched from pointing down to pointing forward when not given.
+        The orientation of the tool, base frame; by default searched from pointing down to pointing forward.
     cycles : int
+        The number of repetitions of each pose.
 
     Raises
     ------
     RobotError
         If no such cube can be reached.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell
+    >>> poses = iso9283_poses(VirtualCell("paper").cell, edge_mm=400.0, cycles=2)
+    >>> poses.name[:6].tolist()
+    ['P1', 'P2', 'P3', 'P4', 'P5', 'P1']
     """
     robot = cell.load_robot()
     tool = cell.tf_flange_tool
@@ -128,7 +137,7 @@ def iso9283_poses(
 def _reachable_cube(
     robot: Robot, tool: FloatArray, centres: FloatArray, edge: float, rotation: Rotation
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return joints and positions of P1 … P5 of the best centre: the one whose neighbours are reached as well."""
+    """Return joints and positions of P1 … P5 at the innermost of the centres that can be reached."""
     corners = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     poses = np.vstack([np.zeros(3), _PLANE * (1.0 - 2.0 * _INSET)])
     points = 0.5 * edge * np.vstack([poses, corners])
@@ -160,7 +169,7 @@ def _cycled(q: FloatArray, p: FloatArray, rotation: Rotation, cycles: int, sourc
 def _registered(
     measurements: Samples, cell: Cell | None, registered: bool
 ) -> tuple[FloatArray, Rotation | None, FloatArray]:
-    """Return the commanded positions (n, 3) and orientations, and tf_base_tracker: the identity if registered already.
+    """Return the commanded positions (n, 3) and orientations, and tf_base_tracker: the identity if already registered.
 
     With a cell and joints, orientations are the robot's own.
     """
@@ -199,7 +208,7 @@ def _pose_names(measurements: Samples, p_cmd: FloatArray) -> NDArray[np.str_]:
 def _turns(measurements: Samples, rotation_cmd: Rotation | None, tf_base_tracker: FloatArray) -> FloatArray | None:
     """Return rotation vectors from commanded to attained orientations, (n, 3) [rad], base frame.
 
-    How the reflector sits on the tool is not known; the mean of R_cmdᵀ R_meas is taken for it.
+    The orientation of the reflector on the tool is unknown; it is estimated by the mean of R_cmdᵀ R_meas.
     """
     if rotation_cmd is None or measurements.rotation_meas is None:
         return None
@@ -208,7 +217,7 @@ def _turns(measurements: Samples, rotation_cmd: Rotation | None, tf_base_tracker
     turn = attained * on_tool.inv() * rotation_cmd.inv()
     if (far := turn.magnitude() > _MOST_RAD).any():
         message = f"measured orientations are up to {np.rad2deg(turn.magnitude().max()):.3g} deg from commanded ones"
-        remedy = "give the cell, so that these come from the joints, or leave the columns of orientations out"
+        remedy = "pass the cell, which computes these from the joints, or remove the columns of orientations"
         raise measurements.error(f"{message}; {remedy}", far)
     return np.asarray(turn.as_rotvec())
 

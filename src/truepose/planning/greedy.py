@@ -1,4 +1,4 @@
-"""Which candidates to measure: greedy, then exchanged one by one while that helps (theory, planning).
+"""Greedy choice of candidates, followed by exchanges of single ones (theory, planning).
 
 The prior of (10) makes every error linear in weights w ~ N(0, I) but for noise: e_i = A_i w + ε_i, ε_i ~ N(0, R_i). A
 sample at candidate i then takes from the posterior covariance P of the weights
@@ -9,7 +9,7 @@ and from the mean variance over the targets, tr(T P) with T the mean of their A_
 
     tr[S⁻¹ A_i P T P A_iᵀ].
 
-A P and A P T are kept for all candidates; a sample that comes or goes changes them by three columns.
+A P and A P T are kept for all candidates; adding or removing a sample changes them by three columns.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ Progress = Callable[[int, int], object]
 
 
 class Posterior:
-    """The uncertainty of all candidates, and what each would take from that of the targets.
+    """The uncertainty of all candidates, and by how much each would lower that of the targets.
 
     Parameters
     ----------
     columns : (n, 3, p) array [mm]
-        A of the candidates, for one standard deviation of each weight.
+        The matrices A_i of the candidates, for one standard deviation of each weight.
     noise : (n, 3, 3) array [mm²]
-        R of the candidates.
+        The covariances R_i of the candidates' readings.
     aim : (p, p) array [mm²]
-        T.
+        The matrix T of the targets.
     """
 
     def __init__(self, columns: FloatArray, noise: FloatArray, aim: FloatArray) -> None:
@@ -46,7 +46,7 @@ class Posterior:
         self._aimed = (columns.reshape(-1, p) @ aim).reshape(n, 3, p)
 
     def gains(self) -> FloatArray:
-        """Return how much each candidate would lower the targets' mean variance: (n,) [mm²]."""
+        """Return by how much each candidate would lower the targets' mean variance: (n,) [mm²]."""
         spread = np.swapaxes(self._now, 1, 2)
         inner = self._columns @ spread + self._noise
         return np.asarray(np.einsum("nab,nba->n", np.linalg.inv(inner), self._aimed @ spread))
@@ -56,11 +56,11 @@ class Posterior:
         return np.asarray(np.einsum("nap,nap->n", self._now, self._columns))
 
     def add(self, i: int) -> None:
-        """Take a sample at candidate i."""
+        """Add a sample at candidate i."""
         self._change(i, 1.0)
 
     def remove(self, i: int) -> None:
-        """Give a sample at candidate i back."""
+        """Remove a sample at candidate i."""
         self._change(i, -1.0)
 
     def _change(self, i: int, sign: float) -> None:
@@ -80,17 +80,18 @@ def lowest_mean(
     Parameters
     ----------
     columns, noise, aim
-        As of `Posterior`.
+        The arguments of `Posterior`.
     n : int
+        The number of candidates to choose.
     progress : callable
-        Takes steps done and steps in all.
+        A function of the steps done and the total number of steps.
     passes : int
-        Of exchanges, at most.
+        The largest number of passes of exchanges.
 
     Returns
     -------
     (n,) array of int
-        In the order of what they add, but for the exchanged.
+        The candidates in the order of their choice; exchanged ones keep the place of their predecessor.
     """
     posterior = Posterior(columns, noise, aim)
     chosen: list[int] = []
@@ -100,7 +101,7 @@ def lowest_mean(
         progress(step + 1, n * (1 + passes))
     for turn in range(passes):
         before = list(chosen)
-        posterior = Posterior(columns, noise, aim)  # anew: rounding does not pile up over the passes
+        posterior = Posterior(columns, noise, aim)  # a new one, so that rounding does not accumulate over the passes
         for i in chosen:
             posterior.add(i)
         for place, i in enumerate(before):
@@ -114,7 +115,7 @@ def lowest_mean(
 
 
 def lowest_largest(columns: FloatArray, noise: FloatArray, n: int, progress: Progress) -> IntArray:
-    """Choose n candidates, each where the variance is largest by then: the pivots of a Cholesky factorisation."""
+    """Choose n candidates, each with the largest remaining variance: the pivots of a Cholesky factorisation."""
     posterior = Posterior(columns, noise, np.zeros((columns.shape[2],) * 2))
     chosen: list[int] = []
     for step in range(n):
@@ -132,15 +133,17 @@ def most_observable(
     Parameters
     ----------
     columns : (m, 3, p) array
-        Scaled columns of the parameters.
+        The scaled columns of the parameters.
     index : callable
-        Takes eigenvalues (m, p), ascending, of information matrices, and the number of samples; the more the better.
+        A function of the ascending eigenvalues (m, p) of information matrices, and of the number of samples; larger is
+        better.
     n : int
+        The number of candidates to choose.
     progress : callable
-        Takes steps done and steps in all.
+        A function of the steps done and the total number of steps.
     """
     each = np.swapaxes(columns, 1, 2) @ columns
-    floor = 1e-9 * np.trace(each.sum(axis=0)) * np.eye(columns.shape[2])  # until there are enough samples for a rank
+    floor = 1e-9 * np.trace(each.sum(axis=0)) * np.eye(columns.shape[2])  # until there are enough samples for full rank
     total, chosen = floor.copy(), list[int]()
 
     def best() -> int:
