@@ -53,13 +53,12 @@ class ErrorMap(PredictingMap):
         left_out = f", {len(self.excluded)} left out" if self.excluded else ""
         std = np.linalg.norm(self.predict_errors(self.samples)[1], axis=1)
         checked = "checked" if self.arm_check.checked else "not checked"
-        words = self.worth.words
         lines = {
             "cell": f"{self.robot.name}{tool}; arm and tool {checked}",
             "predictor": f"{self.predictor_name} ({'joint' if self.space == 'joint' else 'Cartesian'} space)",
             "samples": f"{len(self.samples)}{left_out}",
             "std": f"{np.median(std):.3f} mm at the samples (median), {std.max():.3f} mm (max)",
-            "worth": f"weak map: {words}" if self.worth.weak else words,
+            "worth": self.worth.brief,
         }
         return "\n".join(["ErrorMap", *(f"  {name:10} {text}" for name, text in lines.items())])
 

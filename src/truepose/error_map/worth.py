@@ -67,6 +67,14 @@ class Worth:
             f"registration alone {self.nothing_mm:.3f} mm (gain {low:.3f} to {high:.3f} mm, 95 %)"
         )
 
+    @property
+    def brief(self) -> str:
+        """The result in a few words."""
+        if self.left_mm is None:
+            return f"weak map: {self.note}"
+        verdict = "weak map, not shown to be better than none" if self.weak else "better than none"
+        return f"{verdict}: {self.left_mm:.3f} mm left on unseen blocks, {self.nothing_mm:.3f} mm without the map"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain values, ``weak`` included."""
         return {"weak": self.weak, **asdict(self)}
