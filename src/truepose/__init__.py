@@ -1,7 +1,7 @@
-"""truepose makes industrial robots go where they were told.
+"""Positional error maps of industrial robots: from tracker readings to corrected programs.
 
 Positions are mm, angles rad, errors are measured − commanded in the robot base frame. The names here are the public
-face; each is imported when it is first used, so that ``import truepose`` is light.
+interface; each is imported when it is first used, so that ``import truepose`` is fast.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
         VecchiaKriging,
         VectorKriging,
     )
-    from truepose.programs import correct_program, read_program
+    from truepose.programs import FrameTable, correct_program, read_program
+    from truepose.report import write_report
     from truepose.robots import Robot, list_robots, load_robot
     from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Cell": "cell",
     "ErrorMap": "error_map",
+    "FrameTable": "programs",
     "GridCell": "predictors",
     "InverseDistance": "predictors",
     "KinematicCalibration": "predictors",
@@ -93,12 +95,14 @@ _HOME = {
     "register_with_tool": "geometry",
     "update_map": "error_map",
     "write_readings": "trackers",
+    "write_report": "report",
     "write_samples": "samples",
 }
 
 __all__ = [
     "Cell",
     "ErrorMap",
+    "FrameTable",
     "GridCell",
     "InverseDistance",
     "KinematicCalibration",
@@ -146,6 +150,7 @@ __all__ = [
     "register_with_tool",
     "update_map",
     "write_readings",
+    "write_report",
     "write_samples",
 ]
 
