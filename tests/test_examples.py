@@ -52,4 +52,5 @@ def test_the_script_of_a_production_cell_runs(
     runpy.run_path(str(SCRIPTS / "production_cell.py"))
     assert "kinematic-kriging" in capsys.readouterr().out
     assert {"map.truepose", "report.html", "corrected"} <= {path.name for path in tmp_path.iterdir()}
-    assert (tmp_path / "corrected" / "panel.src").read_bytes() != (tmp_path / "program" / "panel.src").read_bytes()
+    written, programmed = ((tmp_path / folder / "panel.dat").read_bytes() for folder in ("corrected", "program"))
+    assert written != programmed
