@@ -66,7 +66,7 @@ def test_table(run, files):
     assert "Identified parameters (hayati, method lm)" in shown
     assert "theta2" in shown
     assert "Rank 27 of 39 parameters" in shown
-    assert "12 combinations come from tolerances alone" in shown
+    assert "12 combinations are set by manufacturing tolerances only" in shown
 
 
 def test_too_few_poses(run, files):

@@ -86,7 +86,7 @@ def test_fit_and_validate(run, cell_files):
     assert done["after"]["mean_mm"] > 0.8 * cell_files.virtual.noise_floor  # nothing beats the noise
     assert done["seen"] == 0
     assert run("validate", cell_files.map, cell_files.samples, "--json").json["seen"] == 80
-    assert "flatter" in run("validate", cell_files.map, cell_files.samples).out
+    assert "too favourable" in run("validate", cell_files.map, cell_files.samples).out
 
 
 def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
@@ -99,8 +99,8 @@ def test_fit_auto_ranks_the_candidates(run, cell_files, tmp_path):
         tmp_path / "m.truepose",
     )
     shown = run("fit", cell_files.cell, cell_files.samples, "--splits", "points", *few).out
-    assert "Candidates, predicted without points" in shown
-    assert "Samples that took part neither in the fit nor in the choice: mean 0.0" in shown
+    assert "Cross-validation of the candidates over points" in shown
+    assert "Mean error of samples outside both the fit and the choice: 0.0" in shown
     done = run("fit", cell_files.cell, cell_files.samples, *few, "--force", "--json").json
     assert done["ranking"][0]["splits"].keys() == {"points", "blocks"}
     means = [row["mean_mm"] for row in done["ranking"][1:]]
@@ -162,13 +162,13 @@ def test_similarity_with_choices_of_ones_own(run, cell_files):
     assert len(part["lag"]) == 4
     assert (part["model"]["nugget_mm2"], part["model"]["range"], part["model"]["by_hand"]) == (0.01, 150, True)
     assert part["model"]["fitted"]["range"] != 150
-    assert "Set by hand; the fit had found" in part["findings"]["Which curve fits?"]
+    assert "Set by hand; the fitted values were" in part["findings"]["Which curve fits?"]
     whole = run(*only, "--equal-counts", "--bins", "5", "--max-lag", "500").json["variograms"][0]
     assert np.ptp(whole["pairs"]) <= 0.05 * np.max(whole["pairs"])
     assert np.sum(part["pairs"]) < np.sum(whole["pairs"])
     for wrong, message in (
-        (("--bins", "1"), "--bins is 1; give a whole number of 2 or more"),
-        (("--direction", "up"), "--direction is 'up'; give numbers with commas"),
+        (("--bins", "1"), "--bins: expected a whole number of at least 2"),
+        (("--direction", "up"), "--direction: 'up' is not a number; write numbers"),
         (("--space", "tool"), "expected a space of these samples (cartesian, joint) or both, got 'tool'"),
         (("--space", "both", "--nugget", "1"), "apply to one space only; choose it with space"),
     ):

@@ -146,7 +146,7 @@ def test_an_interrupt_after_the_commit_names_what_was_written(run, tmp_path, mon
     cell = tmp_path / "cell"
     done = run("init", cell, "--robot", "kuka-kr150-2")
     assert done.code == 130
-    assert "interrupted, but these files were written before, and they are whole" in done.err
+    assert "interrupted; these files were written before and are complete" in done.err
     assert str(cell / "cell.toml") in done.err
     assert (cell / "cell.toml").read_text("utf-8").startswith("#")
 

@@ -178,7 +178,7 @@ def test_one_taught_point_is_compared(run, virtual, cell_text, tmp_path):
     done = run(*arguments, "--tool", "1", "--angles", angles)
     assert done.code == 0, done.err
     assert "agree with one taught point within 0.0" in done.out
-    assert "1_0 is not a number" in run(*arguments[:2], "--joints", "1_0", *arguments[4:]).failed()
+    assert "'1_0' is not a number" in run(*arguments[:2], "--joints", "1_0", *arguments[4:]).failed()
     assert "expected joints of shape (n, 6)" in run("check-point", file, "--joints", "1 2", *arguments[4:]).failed()
 
 

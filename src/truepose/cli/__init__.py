@@ -1,6 +1,6 @@
-"""The command line: one way through the house, from readings to a corrected program.
+"""The command line: from readings to a corrected program.
 
-Modules of commands import what they compute with inside each command, so that ``truepose --help`` is quick.
+The modules of commands import the numerical modules inside each command, so that ``truepose --help`` is fast.
 """
 
 from __future__ import annotations
@@ -15,26 +15,13 @@ from typing import Final, TextIO
 
 import typer
 
-from truepose.cli import (
-    demo,
-    explain,
-    iso9283,
-    maps,
-    planning,
-    points,
-    programs,
-    report,
-    setup,
-    similarity,
-    study,
-    updating,
-)
-from truepose.cli.numbers import Command
+from truepose.cli import demo, fit, importing, iso9283, maps, plan, programs, report, setup, similarity, update
+from truepose.cli.options import Command
 from truepose.errors import TrueposeError, one_line
 
 app = typer.Typer(
     name="truepose",
-    help="Makes industrial robots go where they were told: measure, find similarity, predict, correct.",
+    help="Improve the positional accuracy of industrial robots: measure, model the errors, correct robot programs.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -44,20 +31,20 @@ _COMMANDS: Final[dict[str, Callable[..., None]]] = {
     "demo": demo.demo,
     "robots": setup.robots,
     "init": setup.init,
-    "plan": planning.plan,
-    "import": setup.import_readings,
+    "plan": plan.plan,
+    "import": importing.import_readings,
     "similarity": similarity.similarity,
-    "check-point": points.check_point,
-    "fit": maps.fit,
+    "check-point": setup.check_point,
+    "fit": fit.fit,
     "predict": maps.predict,
     "validate": maps.validate,
-    "explain": explain.explain,
-    "update": updating.update,
+    "explain": report.explain,
+    "update": update.update,
     "iso9283": iso9283.iso9283,
     "report": report.report,
     "check": programs.check,
     "correct": programs.correct,
-    "study": study.study,
+    "study": demo.study,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name, cls=Command)(_command)
@@ -79,15 +66,15 @@ def _root(
 
 
 _INTERRUPTED = 130
-_BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
+_BROKEN_PIPE = 141  # the code of a process ended by SIGPIPE
 
 
 def main() -> None:
-    """Run the command line: exit 0 done, 1 refused or failed (one line on stderr says why), 2 usage.
+    """Run the command line: exit with 0 when done, 1 when refused or failed (one line on stderr), 2 for wrong usage.
 
-    If the reader of the output is gone (``truepose robots | head -1``), it ends silently with 141.
+    If the reader of the output is gone (``truepose robots | head -1``), exit silently with 141.
     """
-    for stream in (sys.stdout, sys.stderr):  # names of files may hold bytes that no encoding shows
+    for stream in (sys.stdout, sys.stderr):  # file names may hold undecodable bytes
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -102,9 +89,9 @@ def main() -> None:
     except BrokenPipeError:
         _end_at_broken_pipe()
     except (KeyboardInterrupt, SystemExit) as end:
-        if isinstance(end.__context__, BrokenPipeError):  # of which typer and rich make an exit
+        if isinstance(end.__context__, BrokenPipeError):  # typer and rich turn it into an exit
             _end_at_broken_pipe()
-        if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # which typer makes of Ctrl-C
+        if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # the code that typer uses for Ctrl-C
             raise
         _fail(_interrupted(), code=_INTERRUPTED)
     except Exception as error:
@@ -119,9 +106,9 @@ def _end_at_broken_pipe() -> None:
 
 
 def _explained(error: Exception) -> str:
-    """Return what an error says to a user that no command expected."""
+    """Return the message of an unexpected error."""
     if isinstance(error, OSError):
-        if error.filename is None:  # the output, which has no name
+        if error.filename is None:  # stdout has no name
             _forget_stdout()
         where = "the output" if error.filename is None else os.fsdecode(error.filename)
         return f"{where}: cannot be read or written: {error.strerror or error}"
@@ -129,23 +116,23 @@ def _explained(error: Exception) -> str:
         return "not enough memory; use fewer samples, another predictor or fewer workers"
     if isinstance(error, RecursionError):
         return "the input is nested too deeply; is it the right file?"
-    return f"internal error ({type(error).__name__}: {error}); TRUEPOSE_TRACEBACK=1 shows where: please report it"
+    return f"internal error ({type(error).__name__}: {error}); set TRUEPOSE_TRACEBACK=1 for details and report it"
 
 
 def _forget_stdout() -> None:
-    """Let Python's own flush at its end go nowhere: it would fail again, with a traceback."""
+    """Discard further output: the flush at the end of Python would fail again, with a traceback."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _interrupted() -> str:
-    """Return what is said of an interrupt: which files had been written by then."""
+    """Return the message of an interrupt, with the files that had been written."""
     commits = sys.modules.get("truepose._io.commits")
     written = [] if commits is None else commits.written
     if not written:
         return "interrupted; no file was written"
     more = f" and {len(written) - 1} more" if len(written) > 1 else ""
-    return f"interrupted, but these files were written before, and they are whole: {written[0]}{more}"
+    return f"interrupted; these files were written before and are complete: {written[0]}{more}"
 
 
 def _warn(

@@ -1,4 +1,4 @@
-"""Figures of ISO 9283, and its test poses."""
+"""``truepose iso9283``: the characteristics of ISO 9283, and its test poses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
+from truepose.cli.options import Force, Json
+from truepose.cli.output import emit_json, overwrite, say, table
 
 if TYPE_CHECKING:
     from truepose.verification import Iso9283
@@ -15,26 +16,29 @@ if TYPE_CHECKING:
 
 def iso9283(
     path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Samples of repeated poses; with --poses the cell file instead.")
+        Path, typer.Argument(metavar="FILE", help="Table of samples of repeated poses; with --poses, the cell file.")
     ],
     cell_path: Annotated[
-        Path | None, typer.Option("--cell", help="The cell, whose tool and station bring readings into the base frame.")
+        Path | None,
+        typer.Option(
+            "--cell", help="The cell file; its tool and tracker station transform the readings to the base frame."
+        ),
     ] = None,
     registered: Annotated[
-        bool, typer.Option("--registered", help="The readings are in the robot base frame already.")
+        bool, typer.Option("--registered", help="The readings are already in the robot base frame.")
     ] = False,
     poses: Annotated[
         Path | None,
         typer.Option(
             "--poses",
-            help="Write the standard's test poses for the cell FILE to this table, and a program that goes there.",
+            help="Write the standard's test poses for the cell FILE to this table, and a measuring program.",
         ),
     ] = None,
-    edge: Annotated[float | None, typer.Option("--edge", help="Edge of the test cube [mm].", min=1.0)] = None,
+    edge: Annotated[float | None, typer.Option("--edge", help="Edge of the test cube in mm.", min=1.0)] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Pose accuracy and repeatability, drift, distances and paths by ISO 9283, and what the standard still asks for."""
+    """Evaluate pose accuracy and repeatability, drift, distances and paths by ISO 9283; list what is missing for it."""
     from truepose.cell import load_cell
     from truepose.samples import read_samples
     from truepose.studies.performance import iso9283 as evaluate
@@ -89,16 +93,24 @@ def _show(found: Iso9283, stated: dict[str, object]) -> None:
     between = "" if found.AD_poses is None else f"between {found.AD_poses[0]} and {found.AD_poses[1]}"
     over = "" if found.drift_hours is None else f"at {found.drift_pose} over {found.drift_hours:.2f} h"
     lines = [
-        ("AP, pose accuracy", found.AP_mm, "the largest of these poses"),
-        ("RP, pose repeatability", found.RP_mm, "the largest of these poses"),
-        ("vAP, multi-directional variation", found.vAP_mm, "" if found.vAP_pose is None else f"at {found.vAP_pose}"),
+        ("AP, pose accuracy", found.AP_mm, "largest of these poses"),
+        ("RP, pose repeatability", found.RP_mm, "largest of these poses"),
+        (
+            "vAP, multi-directional pose accuracy variation",
+            found.vAP_mm,
+            "" if found.vAP_pose is None else f"at {found.vAP_pose}",
+        ),
         ("AD, distance accuracy", found.AD_mm, between),
         ("RD, distance repeatability", found.RD_mm, between),
-        ("dAP, drift of accuracy", found.dAP_mm, over),
-        ("dRP, drift of repeatability", found.dRP_mm, over),
+        ("dAP, drift of pose accuracy", found.dAP_mm, over),
+        ("dRP, drift of pose repeatability", found.dRP_mm, over),
         ("AT, path accuracy", found.AT_mm, ""),
         ("RT, path repeatability", found.RT_mm, ""),
     ]
-    say(table("Figures", ["", "[mm]", "where"], [(name, "–" if v is None else v, where) for name, v, where in lines]))
-    frame = f"Frame: {stated['frame']}; AP depends on it, RP, vAP, AD, RD and RT do not."
+    say(
+        table(
+            "Characteristics", ["", "[mm]", "at"], [(name, "–" if v is None else v, where) for name, v, where in lines]
+        )
+    )
+    frame = f"Frame: {stated['frame']}. AP depends on the frame; RP, vAP, AD, RD and RT do not."
     say(frame, *(f"[yellow]Missing[/]  {text}." for text in found.missing))

@@ -1,4 +1,4 @@
-"""What the commands share: output for people or for machines, and options of one wording."""
+"""Output of the commands: text and tables for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -16,17 +16,11 @@ if TYPE_CHECKING:
     from rich.console import Group
 
 _BRACKET: Final = re.compile(r"(?<!\\)\[(?!(?:/|bold|dim|red|green|yellow)\])")
-"""A bracket that is none of our own markup: of a name, say."""
-
-Json = Annotated[bool, typer.Option("--json", help="Machine-readable output on stdout, and nothing else there.")]
-
-Force = Annotated[
-    bool, typer.Option("--force", help="Overwrite existing results; inputs of the command are never overwritten.")
-]
+"""A bracket that is not markup, such as one in a file name."""
 
 
 def overwrite(force: bool, *outputs: Path) -> None:
-    """Let the command overwrite existing files if `force`; refuse outputs that it must not write before it computes."""
+    """Let the command overwrite existing files if `force`; refuse outputs early that it must not write."""
     from truepose._io import files
 
     files.overwrite(force)
@@ -34,13 +28,13 @@ def overwrite(force: bool, *outputs: Path) -> None:
 
 
 def emit_json(data: Mapping[str, Any]) -> None:
-    """Write one JSON object to stdout; numbers that are not finite become null."""
+    """Write one JSON object to stdout; non-finite numbers become null."""
     text = json.dumps(_plain(data), indent=2, ensure_ascii=False)
     typer.echo(text.encode("utf-8", "backslashreplace").decode())  # bytes of a name that are not UTF-8, as \udcff
 
 
 def say(*items: Any) -> None:
-    """Show text, with rich's markup, or renderables to a person."""
+    """Print texts with rich's markup, or renderables, to stdout."""
     from rich.console import Console
 
     console = Console(highlight=False)
@@ -52,7 +46,7 @@ def say(*items: Any) -> None:
 
 @contextmanager
 def working() -> Iterator[Callable[[str], None]]:
-    """Show on stderr, if a person is looking, what is being done: yields what takes a line about it."""
+    """Show the current step on stderr if it is a terminal; yields the function that sets it."""
     from rich.console import Console
 
     with Console(stderr=True).status("Reading") as status:
@@ -61,7 +55,7 @@ def working() -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show on stderr, if a person is looking, how far a long task is: yields what takes the number done and of all."""
+    """Show a progress bar on stderr if it is a terminal; yields a function of the number done and the total."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -87,7 +81,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> 
         made.add_column(Text(column), justify="left" if k == 0 else "right")
     for row in rows:
         made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
-    # a table's own title would break at the width of the table
+    # a title inside the table would be wrapped at its width
     return Group(Text(f"\n{title}", style="bold", no_wrap=True, overflow="ignore"), made)
 
 

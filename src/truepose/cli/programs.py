@@ -1,4 +1,4 @@
-"""Commands about robot programs: check and correct."""
+"""Commands for robot programs: check and correct."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say
+from truepose.cli.options import Force, Json, MapPath
+from truepose.cli.output import counting, emit_json, overwrite, say
 
 if TYPE_CHECKING:
     from truepose._typing import IntArray
@@ -19,11 +20,11 @@ if TYPE_CHECKING:
     from truepose.errors import FileError
     from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
 
-_LISTED = 40  # targets that a person is shown one by one
+_LISTED = 40  # targets that are shown one by one
 
 
 class OnGuard(StrEnum):
-    """What to do with a target that a guard objects to."""
+    """The policy for a target that a guard refuses."""
 
     refuse = "refuse"
     skip = "skip"
@@ -31,7 +32,7 @@ class OnGuard(StrEnum):
 
 
 class Ambiguous(StrEnum):
-    """What to do with a point whose use is ambiguous."""
+    """The policy for a point whose use is ambiguous."""
 
     refuse = "refuse"
     skip = "skip"
@@ -39,48 +40,47 @@ class Ambiguous(StrEnum):
 
 Programs = Annotated[
     list[Path],
-    typer.Argument(metavar="PROGRAM...", help="Programs or folders of them; KRL: the .src or .dat of a pair."),
+    typer.Argument(metavar="PROGRAM...", help="Programs, or folders of programs. KRL: the .src or .dat of a pair."),
 ]
-CellPath = Annotated[
-    Path | None, typer.Option("--cell", help="Take frames and limits from this cell file; by default the map's own.")
+CellFile = Annotated[
+    Path | None, typer.Option("--cell", help="Cell file for frames and limits; by default the map's own.")
 ]
-ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: take tools and bases from this file.")]
-Tool = Annotated[
-    str | None, typer.Option("--tool", help="Number or name of the tool in force where a program sets none.")
-]
+ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: file with tools and bases.")]
+Tool = Annotated[str | None, typer.Option("--tool", help="Tool (number or name) for programs that set none.")]
 Base = Annotated[
-    str | None, typer.Option("--base", help="Number or name of the base in force where a program sets none; 0: robot.")
+    str | None, typer.Option("--base", help="Base (number or name) for programs that set none; 0: robot base.")
 ]
 CallsKeepFrames = Annotated[
-    bool, typer.Option("--calls-keep-frames", help="Subprograms in other files leave tool and base as they are.")
+    bool, typer.Option("--calls-keep-frames", help="State that subprograms in other files do not change tool and base.")
 ]
 AmbiguousPoints = Annotated[
-    Ambiguous, typer.Option("--ambiguous", help="Points moved to under two frames, or also read by arithmetic.")
+    Ambiguous, typer.Option("--ambiguous", help="Policy for points used in two frames or in arithmetic.")
 ]
 AbsoluteAccuracy = Annotated[
-    bool, typer.Option("--absolute-accuracy", help="The controller's own compensation is off now: correct its points.")
+    bool, typer.Option("--absolute-accuracy", help="State that the controller's own compensation is switched off.")
 ]
 ExternalAxes = Annotated[
-    bool, typer.Option("--external-axes", help="External axes move neither robot nor base: correct their points.")
+    bool, typer.Option("--external-axes", help="State that external axes move neither robot nor base.")
 ]
 Offsets = Annotated[
-    bool, typer.Option("--offsets", help="One correction for a point and its constant offsets (RAPID Offs, RelTool).")
+    bool,
+    typer.Option("--offsets", help="Use one correction for a point and its constant offsets (RAPID Offs, RelTool)."),
 ]
 WholeTask = Annotated[
     bool,
-    typer.Option("--whole-task", help="A file given alone is the whole task or project: no other uses its points."),
+    typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
 ]
 Angles = Annotated[
     str,
     typer.Option(
-        "--angles", help="G-code: whose angles A B C are (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
+        "--angles", help="G-code: convention of A B C (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
     ),
 ]
 
 
 def check(
     paths: Programs,
-    cell_path: CellPath = None,
+    cell_path: CellFile = None,
     config_dat: ConfigDat = None,
     tool: Tool = None,
     base: Base = None,
@@ -93,7 +93,7 @@ def check(
     whole_task: WholeTask = False,
     as_json: Json = False,
 ) -> None:
-    """Tell which targets of programs could be corrected and which not, and why; needs no map."""
+    """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
     import numpy as np
     from rich.markup import escape
 
@@ -116,21 +116,23 @@ def check(
     else:
         for program in found.programs:
             counts = program.counts()
-            told = f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
-            say(f"[bold]{escape(str(program.path))}[/]: {told}")
+            verdicts = f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
+            say(f"[bold]{escape(str(program.path))}[/]: {verdicts}")
             _say_reasons(program.targets, np.flatnonzero(program.targets.verdicts()))
     if found.unreadable:
-        raise unread(found.unreadable)
+        raise _unread(found.unreadable)
 
 
 def correct(
-    map_path: Annotated[Path, typer.Argument(metavar="MAP", help="A map that 'truepose fit' wrote.")],
+    map_path: MapPath,
     paths: Programs,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the corrected programs; by default 'corrected'.")
     ] = None,
-    on_guard: Annotated[OnGuard | None, typer.Option(help="Instead of the cell file's policy.")] = None,
-    cell_path: CellPath = None,
+    on_guard: Annotated[
+        OnGuard | None, typer.Option(help="Policy for targets that a guard refuses; by default the cell file's.")
+    ] = None,
+    cell_path: CellFile = None,
     config_dat: ConfigDat = None,
     tool: Tool = None,
     base: Base = None,
@@ -142,28 +144,25 @@ def correct(
     angles: Angles = "",
     whole_task: WholeTask = False,
     orientation: Annotated[
-        bool, typer.Option("--orientation", help="Correct orientations, too; the map must know them.")
+        bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
     ] = False,
     require: Annotated[
         str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
     ] = None,
     other_maker: Annotated[
-        bool, typer.Option("--other-maker", help="Correct programs of another maker than that of the map's robot.")
+        bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
     ] = False,
     accept_weak_map: Annotated[
-        bool, typer.Option("--accept-weak-map", help="Use a weak map, or one of an interpolator.")
+        bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
     ] = False,
     in_place: Annotated[
-        bool, typer.Option("--in-place", help="Write over the programs, and keep each as it was as NAME.original.")
+        bool, typer.Option("--in-place", help="Overwrite the programs; keep each original as NAME.original.")
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change, and write nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the changes and write nothing.")] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Correct the targets of robot programs; writes the programs and a list of what was done to each target."""
-    import numpy as np
-    from rich.markup import escape
-
+    """Correct the targets of robot programs; write the programs and a record of every target."""
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.errors import DataError
@@ -187,10 +186,10 @@ def correct(
         whole_task=whole_task,
     )
     policy: Policy | None = None if on_guard is None else on_guard.value
-    # all are corrected before any is written: a refusal leaves nothing half-done
+    # correct all before writing any, so that a refusal leaves no program half done
     found = read_programs(paths, frames, options)
     if found.unreadable:
-        raise unread(found.unreadable)
+        raise _unread(found.unreadable)
     with counting("targets") as progress:
         corrected = [
             correct_program(
@@ -227,24 +226,31 @@ def correct(
     for program in corrected:
         if dry_run:
             typer.echo(program.diff(), nl=False)
-        summary = program.summary()
-        say(
-            f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
-            f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
-            f"{summary['refused']} refused; largest correction "
-            f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
-        )
-        say(f"  Limits in force: {escape(program.limits.sentence())}")
-        for warning in program.warnings[:_LISTED]:
-            say(f"  {escape(warning)}")
-        _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
+        _show(program)
     for file in written:
         say(f"Wrote {file}")
     say(str(coverage))
 
 
+def _show(program: CorrectedProgram) -> None:
+    """Show the counts of a corrected program, its limits and warnings, and the targets that were left unchanged."""
+    import numpy as np
+    from rich.markup import escape
+
+    summary = program.summary()
+    say(
+        f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
+        f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
+        f"{summary['refused']} refused; largest correction "
+        f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm",
+        f"  Limits in force: {escape(program.limits.sentence())}",
+        *(f"  {escape(warning)}" for warning in program.warnings[:_LISTED]),
+    )
+    _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
+
+
 def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: str | None) -> FrameTable:
-    """Return the frames that the cell and a $config.dat give; those of the cell file itself win."""
+    """Return the frames of the cell file and of a $config.dat; the cell file takes precedence."""
     from truepose.programs import FrameTable
 
     if cell is not None:
@@ -295,7 +301,7 @@ def _rows(program: Program) -> list[dict[str, Any]]:
 
 
 def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:
-    """Tell why the targets of some rows are not corrected."""
+    """Show why the targets of some rows are not corrected."""
     from rich.markup import escape
 
     for target in (targets[i] for i in rows[:_LISTED].tolist()):
@@ -304,8 +310,8 @@ def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:
         say(f"  … and {len(rows) - _LISTED} more (--json lists all)")
 
 
-def unread(errors: Sequence[FileError]) -> FileError:
-    """Return one error for all programs that cannot be read."""
+def _unread(errors: Sequence[FileError]) -> FileError:
+    """Return one error for all unreadable programs."""
     from truepose.errors import FileError
 
     if len(errors) == 1:
@@ -315,7 +321,7 @@ def unread(errors: Sequence[FileError]) -> FileError:
 
 
 def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
-    """Refuse programs that would be written over each other."""
+    """Refuse programs that would overwrite each other."""
     from truepose.errors import RefusedError
     from truepose.programs.corrected import names
 

@@ -1,17 +1,24 @@
-"""Commands before a map: robots, init, import."""
+"""Commands that set up a cell: robots, init, check-point."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.output import Force, Json, emit_json, overwrite, say, table
+from truepose.cli.options import CellPath, Force, Json, parse_numbers
+from truepose.cli.output import emit_json, overwrite, say, table
+
+if TYPE_CHECKING:
+    from truepose.cell import Cell
+    from truepose.robots import Robot
 
 
-def robots(name: Annotated[str | None, typer.Argument(help="Show this one.")] = None, as_json: Json = False) -> None:
-    """List the robots of the library, or show one."""
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Name of one robot to show.")] = None, as_json: Json = False
+) -> None:
+    """List the robots of the library, or show the parameters of one."""
     import numpy as np
 
     from truepose.robots import list_robots, load_robot
@@ -24,38 +31,18 @@ def robots(name: Annotated[str | None, typer.Argument(help="Show this one.")] = 
             say(*names)
         return
     robot = load_robot(name)
-    limits = np.rad2deg(robot.limits)
     if as_json:
-        emit_json(
-            {
-                "name": robot.name,
-                "maker": robot.maker,
-                "model": robot.model,
-                "source": robot.source,
-                "convention": robot.convention,
-                "joints": [
-                    {
-                        "sign": robot.sign[i],
-                        "offset_deg": np.rad2deg(robot.offset[i]),
-                        "alpha_deg": np.rad2deg(robot.alpha[i]),
-                        "a_mm": robot.a[i],
-                        "d_mm": robot.d[i],
-                        "min_deg": limits[i, 0],
-                        "max_deg": limits[i, 1],
-                    }
-                    for i in range(robot.dof)
-                ],
-            }
-        )
+        emit_json(_robot_data(robot))
         return
+    limits, alpha, offset = (np.rad2deg(values) for values in (robot.limits, robot.alpha, robot.offset))
     rows = [
         (
             f"{i + 1}",
-            f"{np.rad2deg(robot.alpha[i]):.3f}",
+            f"{alpha[i]:.3f}",
             f"{robot.a[i]:.3f}",
             f"{robot.d[i]:.3f}",
             f"{robot.sign[i]:+.0f}",
-            f"{np.rad2deg(robot.offset[i]):.3f}",
+            f"{offset[i]:.3f}",
             f"{limits[i, 0]:.1f} … {limits[i, 1]:.1f}",
         )
         for i in range(robot.dof)
@@ -64,15 +51,36 @@ def robots(name: Annotated[str | None, typer.Argument(help="Show this one.")] = 
     say(table(f"{robot.maker} {robot.model} ({robot.convention})", columns, rows), f"Source: {robot.source}")
 
 
+def _robot_data(robot: Robot) -> dict[str, Any]:
+    """Return the parameters of a robot as plain values, for JSON."""
+    import numpy as np
+
+    limits = np.rad2deg(robot.limits)
+    joints = [
+        {
+            "sign": robot.sign[i],
+            "offset_deg": np.rad2deg(robot.offset[i]),
+            "alpha_deg": np.rad2deg(robot.alpha[i]),
+            "a_mm": robot.a[i],
+            "d_mm": robot.d[i],
+            "min_deg": limits[i, 0],
+            "max_deg": limits[i, 1],
+        }
+        for i in range(robot.dof)
+    ]
+    named = {key: getattr(robot, key) for key in ("name", "maker", "model", "source", "convention")}
+    return {**named, "joints": joints}
+
+
 def init(
-    directory: Annotated[Path, typer.Argument(help="Folder of the new cell; made when it is not there.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the new cell; created if needed.")],
     robot: Annotated[
-        str, typer.Option("--robot", help="A library name (see 'truepose robots') or a .toml/.urdf file.")
+        str, typer.Option("--robot", help="Library name (see 'truepose robots'), or a .toml or .urdf file.")
     ],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a commented cell.toml to start from."""
+    """Write a commented cell.toml as a starting point."""
     from truepose._io.files import write_atomic
     from truepose.cell import template
     from truepose.robots import load_robot
@@ -84,126 +92,45 @@ def init(
     if as_json:
         emit_json({"cell": path})
     else:
-        say(f"Wrote {path}: state the tool, the tracker and the limits there, then 'truepose import' your readings.")
+        say(f"Wrote {path}: enter the tool, the tracker and the limits there, then run 'truepose plan'.")
 
 
-def import_readings(
-    cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")],
-    readings_path: Annotated[Path, typer.Argument(metavar="READINGS", help="The tracker's file.")],
-    plan_path: Annotated[
-        Path, typer.Option("--plan", help="What was commanded, in order: plan.csv, or the controller's joint targets.")
+def check_point(
+    cell_path: CellPath,
+    joints: Annotated[str, typer.Option("--joints", help="Joint angles of the point in degrees: '10 -90 90 0 45 0'.")],
+    position: Annotated[
+        str, typer.Option("--position", help="Position on the controller's display in mm: '1500 0 900'.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The table of samples to write.")] = Path("samples.csv"),
-    reorder: Annotated[
-        bool, typer.Option("--reorder", help="Accept rows that were found to be swapped, in the order found.")
-    ] = False,
-    missing: Annotated[bool, typer.Option("--missing", help="Accept rows of the plan without a reading.")] = False,
-    two_stations: Annotated[
-        bool, typer.Option("--two-stations", help="Accept readings that look as if the tracker had been moved.")
-    ] = False,
-    accept_campaign: Annotated[
-        bool,
-        typer.Option(
-            "--accept-campaign", help="Accept also a scale, a drift, or reference points that do not come back."
-        ),
-    ] = False,
-    columns: Annotated[
+    angles: Annotated[
+        str | None, typer.Option("--angles", help="Orientation on the display, in the controller's angles in degrees.")
+    ] = None,
+    tool: Annotated[
         str | None,
-        typer.Option(
-            "--columns", help="Where the quantities stand: 'x=4, y=5, z=6, unit=m', or a file that was saved."
-        ),
+        typer.Option("--tool", help="Active tool, from frames.tools of the cell file; by default its \\[tool] table."),
     ] = None,
-    save_columns: Annotated[
-        Path | None, typer.Option("--save-columns", help="Write what --columns says to a .toml file.")
-    ] = None,
-    reflectors: Annotated[
-        str | None,
-        typer.Option("--reflectors", help="Several read at each pose: how many, or a file of where they sit [mm]."),
-    ] = None,
-    keep: Annotated[int | None, typer.Option("--keep", help="Of several reflectors keep this one, from 1.")] = None,
-    force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Read a tracker's file, match it to the plan, register it and name the outliers."""
-    from dataclasses import asdict
-
+    """Compare one taught point with the robot model and the tool; the active base must be the robot base."""
     import numpy as np
+    from rich.markup import escape
 
-    from truepose import trackers
     from truepose.cell import load_cell
-    from truepose.cli.campaign import show_campaign
-    from truepose.error_map.campaign import check_campaign
-    from truepose.error_map.registration import register_samples
-    from truepose.errors import DataError
-    from truepose.samples import write_samples
+    from truepose.error_map import arm_check
+    from truepose.geometry import euler
 
-    for option, value, needed, other in (
-        ("--save-columns", save_columns, "--columns", columns),
-        ("--keep", keep, "--reflectors", reflectors),
-    ):
-        if value is not None and other is None:
-            raise DataError(f"{option} has no effect without {needed}; give both")
-    overwrite(force, out, *([] if save_columns is None else [save_columns]))
     cell = load_cell(cell_path)
-    told = None
-    if columns is not None:
-        told = trackers.Columns.parse(columns) if "=" in columns else trackers.Columns.load(columns)
-        if save_columns is not None:
-            told.save(save_columns)
-    samples, understood = trackers.import_readings(
-        readings_path,
-        trackers.read_plan(plan_path),
-        cell=cell,
-        columns=told,
-        reflectors=_reflectors(reflectors),
-        keep=keep,
-        reorder=reorder,
-        missing=missing,
-        two_stations=two_stations or accept_campaign,
-    )
-    if not as_json:
-        say(*understood.sentences())
-    robot = cell.load_robot()
-    registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
-    campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
-    if not accept_campaign:
-        campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
-    length = np.linalg.norm(registration.residuals, axis=1)
-    assert samples.row is not None
-    outliers = [
-        {"row": int(samples.row[i]), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers)
-    ]
-    write_samples(out, samples)
-    kept = length[~registration.outliers]
-    figures = {"mean_mm": float(kept.mean()), "max_mm": float(kept.max())}
+    q, p = parse_numbers(joints, "--joints"), parse_numbers(position, "--position")
+    rotation = None if angles is None else euler(_controller(cell), np.array(parse_numbers(angles, "--angles")))
+    found = arm_check.check_point(cell, np.deg2rad(q), p, rotation, tool=tool)
     if as_json:
-        emit_json(
-            {
-                "samples": out,
-                "n": len(samples),
-                "understood": understood.sentences(),
-                "summary": asdict(understood),
-                "registration": figures,
-                "outliers": outliers,
-                "campaign": campaign.to_dict(),
-            }
-        )
-        return
-    say(f"After registration the error is {figures['mean_mm']:.3f} mm in the mean, {figures['max_mm']:.3f} mm at most.")
-    show_campaign(campaign.to_dict())
-    for outlier in outliers:
-        say(
-            f"[yellow]Large residual[/]: row {outlier['row']}, {outlier['residual_mm']:.3f} mm; "
-            "it stays in the file, and fits leave it out unless its neighbours agree."
-        )
-    say(f"Wrote {out} ({len(samples)} samples).")
+        emit_json(found.to_dict())
+    else:
+        say(escape(found.words))
 
 
-def _reflectors(told: str | None) -> Any:
-    """Return how many reflectors there are, or where they sit on the tool as read from a file (m, 3) [mm]."""
-    from truepose._io.strict import is_whole
-    from truepose.trackers import read_readings
+def _controller(cell: Cell) -> str:
+    from truepose.errors import DataError
 
-    if told is None or is_whole(told):
-        return told and int(told)
-    return read_readings(told).p
+    if cell.controller is None:
+        raise DataError("the maker of the robot is unknown, and with it the convention of --angles; leave them out")
+    return cell.controller

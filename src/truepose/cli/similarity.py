@@ -1,4 +1,4 @@
-"""The command similarity: how alike the errors of near configurations are."""
+"""``truepose similarity``: variograms of the errors, their models, and a test against chance."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose._io.strict import to_float
-from truepose.cli.maps import CellPath, SamplesPath
-from truepose.cli.output import Force, Json, emit_json, overwrite, say, table, working
+from truepose.cli.options import CellPath, Force, Json, SamplesPath, parse_numbers
+from truepose.cli.output import emit_json, overwrite, say, table, working
+from truepose.cli.summaries import show_campaign
 from truepose.errors import DataError
 
 if TYPE_CHECKING:
@@ -20,32 +20,40 @@ if TYPE_CHECKING:
 def similarity(
     cell_path: CellPath,
     samples_path: SamplesPath,
-    family: Annotated[str, typer.Option(help="Variogram family, two joined by +, or best.")] = "best",
+    family: Annotated[str, typer.Option(help="Variogram family, several joined by +, or best.")] = "best",
     bins: Annotated[str, typer.Option(help="Number of distance classes, or their edges: 0,50,100,200.")] = "15",
-    equal_counts: Annotated[bool, typer.Option("--equal-counts", help="Classes of equally many pairs.")] = False,
-    max_lag: Annotated[float | None, typer.Option(help="Largest distance [mm or rad].")] = None,
-    estimator: Annotated[str, typer.Option(help="matheron; against gross errors: cressie, dowd, genton.")] = "matheron",
-    direction: Annotated[
-        str | None, typer.Option(help="Only pairs along this axis: x, y, z, or numbers such as 1,1,0.")
-    ] = None,
-    tolerance: Annotated[float, typer.Option(help="Largest angle between a pair and the axis [deg].")] = 22.5,
-    bandwidth: Annotated[float | None, typer.Option(help="Largest distance of a pair from the axis [mm].")] = None,
-    space: Annotated[str, typer.Option(help="cartesian, joint, or both.")] = "both",
-    nugget: Annotated[float | None, typer.Option(help="Set the curve's nugget by hand [mm²].")] = None,
-    sill: Annotated[float | None, typer.Option(help="Set its partial sill by hand [mm²].")] = None,
-    range_: Annotated[float | None, typer.Option("--range", help="Set its range parameter by hand.")] = None,
-    joint_wise: Annotated[
-        bool, typer.Option("--joint-wise", help="Also each joint's own error over its own angle: takes a minute.")
+    equal_counts: Annotated[
+        bool, typer.Option("--equal-counts", help="Use classes with equal numbers of pairs.")
     ] = False,
-    plot: Annotated[Path | None, typer.Option(help="Write the picture here (.svg, .png, .pdf).")] = None,
+    max_lag: Annotated[float | None, typer.Option(help="Largest distance in mm or rad.")] = None,
+    estimator: Annotated[str, typer.Option(help="matheron, or a robust one: cressie, dowd, genton.")] = "matheron",
+    direction: Annotated[
+        str | None, typer.Option(help="Direction of the pairs: x, y, z, or numbers such as 1,1,0.")
+    ] = None,
+    tolerance: Annotated[float, typer.Option(help="Largest angle between a pair and the direction in degrees.")] = 22.5,
+    bandwidth: Annotated[
+        float | None, typer.Option(help="Largest distance of a pair from the direction's axis in mm.")
+    ] = None,
+    space: Annotated[str, typer.Option(help="Space of the distances: cartesian, joint or both.")] = "both",
+    nugget: Annotated[float | None, typer.Option(help="Nugget of the model in mm², instead of the fitted one.")] = None,
+    sill: Annotated[
+        float | None, typer.Option(help="Partial sill of the model in mm², instead of the fitted one.")
+    ] = None,
+    range_: Annotated[
+        float | None,
+        typer.Option("--range", help="Range parameter of the model in mm or rad, instead of the fitted one."),
+    ] = None,
+    joint_wise: Annotated[
+        bool, typer.Option("--joint-wise", help="Add the similarity of each joint's own error; takes about a minute.")
+    ] = False,
+    plot: Annotated[Path | None, typer.Option(help="File for the picture (.svg, .png, .pdf).")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Show how alike the errors of near configurations are: semivariograms, their fit, and whether it is chance."""
+    """Show whether nearby configurations have similar errors: semivariograms, fitted models, a test against chance."""
     from dataclasses import replace
 
     from truepose.cell import load_cell
-    from truepose.cli.campaign import show_campaign
     from truepose.error_map.fit import fit_cell
     from truepose.report.findings import findings, study_to_dict, title
     from truepose.report.joint_similarity import joint_similarity
@@ -73,7 +81,7 @@ def similarity(
             by_hand={name: value for name, value in by_hand.items() if value is not None},
         )
         if joint_wise:
-            progress("Finding each joint's own error")
+            progress("Estimating each joint's own error")
             fitted = fit_cell(cell, samples, "kinematic-kriging", accept_campaign=True)
             study = replace(study, joints=joint_similarity(fitted))
     if plot is not None:
@@ -102,11 +110,11 @@ def similarity(
 
 def _bins(text: str) -> int | list[float]:
     """Return a number of bins, or edges."""
-    numbers = _numbers(text, "--bins")
+    numbers = parse_numbers(text, "--bins")
     if len(numbers) > 1:
         return numbers
     if numbers[0] < 2 or not numbers[0].is_integer():
-        raise DataError(f"--bins is {text}; give a whole number of 2 or more, or edges such as 0,50,100")
+        raise DataError(f"--bins: expected a whole number of at least 2, or edges such as 0,50,100; got {text}")
     return int(numbers[0])
 
 
@@ -116,15 +124,8 @@ def _direction(text: str, tolerance: float, bandwidth: float | None) -> Directio
 
     from truepose.similarity import Direction
 
-    axis = np.eye(3)["xyz".index(text)] if text in tuple("xyz") else np.array(_numbers(text, "--direction"))
+    axis = np.eye(3)["xyz".index(text)] if text in tuple("xyz") else np.array(parse_numbers(text, "--direction"))
     return Direction(axis, np.radians(tolerance), np.inf if bandwidth is None else bandwidth)
-
-
-def _numbers(text: str, option: str) -> list[float]:
-    try:
-        return [to_float(word) for word in text.replace(",", " ").split()] or [to_float(text)]
-    except ValueError:
-        raise DataError(f"{option} is {text!r}; give numbers with commas between them") from None
 
 
 def _show_joints(joints: list[JointSimilarity]) -> None:
@@ -132,8 +133,8 @@ def _show_joints(joints: list[JointSimilarity]) -> None:
 
     rows = [(f"q{one.joint + 1}", one.std_mrad, f"{np.degrees(one.reach):.3g}") for one in joints]
     say(
-        table("Each joint's own error, over its own angle", ["joint", "std [mrad]", "alike out to [deg]"], rows),
-        "A gear turns a little too far or too short, depending on where it stands. Two poses share that error wherever "
-        "they share the angle of the joint, however far apart they are.",
+        table("Each joint's own error over its angle", ["joint", "std [mrad]", "similar up to [deg]"], rows),
+        "A gear's transmission error depends on the joint angle. Two poses with the same angle of that joint share it, "
+        "however far apart they are.",
         "",
     )

@@ -1,4 +1,4 @@
-"""`truepose plan`: where to measure, what accuracy to expect, and the measuring program."""
+"""``truepose plan``: the poses to measure, the accuracy to expect, and the measuring program."""
 
 from __future__ import annotations
 
@@ -7,32 +7,36 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.output import Force, Json, counting, emit_json, overwrite, say, table
+from truepose.cli.options import CellPath, Force, Json
+from truepose.cli.output import counting, emit_json, overwrite, say, table
 
 
 def plan(
-    cell_path: Annotated[Path, typer.Argument(metavar="CELL", help="The cell file, with its \\[region].")],
-    n: Annotated[int, typer.Option("--n", min=1, help="How many poses.")],
+    cell_path: CellPath,
+    n: Annotated[int, typer.Option("--n", min=1, help="Number of poses.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for plan.csv and the measuring program.")],
     method: Annotated[
         str,
         typer.Option(
             "--method",
-            help="posterior, posterior-largest, d-optimal, o2 … o5 (observability), grid, latin-hypercube or sobol.",
+            help="Criterion or design: posterior, posterior-largest, d-optimal, o2 … o5 (observability), grid, "
+            "latin-hypercube or sobol.",
         ),
     ] = "posterior",
     candidates: Annotated[
         Path | None,
-        typer.Option("--candidates", help="Choose among these configurations (q1_deg …), not in the \\[region]."),
+        typer.Option(
+            "--candidates", help="Table of configurations (q1_deg …) to choose from instead of the cell's region."
+        ),
     ] = None,
     after: Annotated[
-        Path | None, typer.Option("--after", help="Map of a first series: choose what to measure next.")
+        Path | None, typer.Option("--after", help="Map of an earlier series; choose the poses that add most to it.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of candidates and random methods.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the candidates and of the random methods.")] = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Choose where to measure, and write the measuring program and the list to match the readings to."""
+    """Choose poses in the cell's region; write the measuring program, and plan.csv to match the readings with."""
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.errors import FileError
@@ -44,7 +48,7 @@ def plan(
     known = None if after is None else load_map(after)
     offered = None if candidates is None else read_poses(candidates).q
     if candidates is not None and offered is None:
-        raise FileError(candidates, "has no joints (q1_deg …) to choose among")
+        raise FileError(candidates, "has no joints (q1_deg …) to choose from")
     with counting("Choosing poses") as progress:
         found = make_plan(cell, n, method, candidates=offered, after=known, rng=seed, progress=progress)
     written = found.write(out)
@@ -54,16 +58,16 @@ def plan(
     say(f"{found.reach.describe()}.")
     say(
         table(
-            "Accuracy to expect in the work region, noise included",
+            "Expected accuracy in the work region, noise included",
             ["poses", "mean [mm]"],
             [(f"{row['n']:.0f}{' (this plan)' if row['n'] == n else ''}", row["mean_mm"]) for row in found.expected],
         )
     )
     if told := found.observability.describe():
-        say(f"Such poses cannot tell apart, which predictions do not mind: {told}.")
+        say(f"This plan cannot separate these parameters: {told}. Predictions are not affected.")
     if by_home := sum(box != "" for box in found.way):
-        say(f"[yellow]{by_home} motions go by home[/]: the straight way would touch a box.")
+        say(f"[yellow]{by_home} motions go through home[/]: the direct path would touch a box.")
     if len(written) == 1:
-        say(f"[yellow]No measuring program[/] is written for {cell.load_robot().maker}: take the joints of plan.csv.")
+        say(f"[yellow]No measuring program[/] for {cell.load_robot().maker}: use the joints in plan.csv.")
     say(f"Wrote {', '.join(map(str, written))}.")
-    say("Run the program slowly the first time: only the boxes of the cell file are known.")
+    say("Run the program slowly the first time: it avoids only the boxes in the cell file.")

@@ -1,0 +1,118 @@
+"""``truepose fit``: registration, tool and predictor from samples to a map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truepose.cli.options import AcceptCampaign, CellPath, Force, Json, SamplesPath
+from truepose.cli.output import accuracy_table, emit_json, overwrite, say, working
+from truepose.cli.summaries import (
+    calibration_data,
+    calibration_of,
+    show_calibration,
+    show_campaign,
+    show_choice,
+    show_worth,
+)
+
+if TYPE_CHECKING:
+    from truepose.error_map import ErrorMap
+
+
+def fit(
+    cell_path: CellPath,
+    samples_path: SamplesPath,
+    predictor: Annotated[
+        str, typer.Option("--predictor", help="auto, or the name of a predictor; an unknown name lists all.")
+    ] = "auto",
+    out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
+    candidates: Annotated[
+        str, typer.Option(help="Candidates of auto: quick (one per kind), all, or names separated by commas.")
+    ] = "quick",
+    splits: Annotated[
+        str, typer.Option(help="Cross-validation of auto: points, blocks, branches, separated by commas.")
+    ] = "points,blocks",
+    workers: Annotated[int, typer.Option(help="Number of processes for auto; 0: one per processor.", min=0)] = 0,
+    accept_campaign: AcceptCampaign = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Register the samples, fit the tool if the cell file asks for it, fit a predictor, and write a map."""
+    from truepose.cell import load_cell
+    from truepose.error_map.fit import fit_cell
+    from truepose.numerics.threads import cores
+    from truepose.samples import read_samples
+
+    overwrite(force, out)
+    with working() as progress:
+        error_map = fit_cell(
+            load_cell(cell_path),
+            read_samples(samples_path),
+            predictor,
+            candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
+            splits=splits.split(","),
+            workers=workers or cores(),
+            progress=progress,
+            accept_campaign=accept_campaign,
+        )
+        error_map.save(out)
+    data = {"map": out, **_figures(error_map)}
+    if as_json:
+        emit_json(data)
+        return
+    _show(error_map)
+    title = f"{error_map.predictor_name}: after registration, and each sample predicted from the others"
+    say(accuracy_table(title, {"before": data["registered"], "after": data["leave_one_out"]}), f"Wrote {out}.")
+
+
+def _figures(error_map: ErrorMap) -> dict[str, Any]:
+    """Return the results of a fit as plain values, for JSON."""
+    import numpy as np
+
+    from truepose.verification import summary
+
+    tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
+    parameters = error_map.predictor.to_dict()
+    return {
+        "hash": error_map.hash,
+        "n": len(error_map.samples),
+        "predictor": error_map.predictor_name,
+        "parameters": {key: value for key, value in parameters.items() if key not in ("weight", "weights")},
+        "tool_mm": None if tool is None else np.round(tool, 4),
+        "hint": error_map.registration.hint,
+        "registered": summary(error_map.e),
+        "leave_one_out": summary(error_map.leave_one_out()[0]),
+        "ranking": error_map.ranking,
+        "expected": error_map.expected,
+        "excluded": error_map.excluded,
+        "campaign": error_map.campaign,
+        "arm_check": error_map.arm_check.to_dict(),
+        "worth": error_map.worth.to_dict(),
+        **({} if calibration is None else {"calibration": calibration_data(calibration)}),
+    }
+
+
+def _show(error_map: ErrorMap) -> None:
+    import numpy as np
+    from rich.markup import escape
+
+    registration, calibration = error_map.registration, calibration_of(error_map.predictor)
+    if (tool := registration.p_flange_tool) is not None:
+        std = np.sqrt(np.diag(registration.covariance)[6:9])
+        parts = ", ".join(f"{axis} {value:.3f} ± {s:.3f}" for axis, value, s in zip("xyz", tool, std, strict=True))
+        say(f"Fitted tool, flange to measured point: {parts} mm")
+    colour = "green" if error_map.arm_check.checked else "yellow"
+    say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
+    if registration.hint:
+        say(f"[yellow]Note[/]: {registration.hint}.")
+    show_campaign(error_map.campaign)
+    for row in error_map.excluded:
+        say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
+    if error_map.ranking:
+        show_choice(error_map.ranking, error_map.expected)
+    if calibration is not None:
+        show_calibration(calibration)
+    show_worth(error_map.worth)

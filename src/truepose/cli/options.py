@@ -1,0 +1,75 @@
+"""Options and arguments that several commands share, each defined once, and the checks of their values."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+from typer.core import TyperCommand
+
+from truepose._io.strict import is_whole, to_float
+from truepose.errors import DataError
+
+CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
+SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
+MapPath = Annotated[Path, typer.Argument(metavar="MAP", help="An error map written by 'truepose fit'.")]
+AcceptCampaign = Annotated[
+    bool,
+    typer.Option("--accept-campaign", help="Accept a campaign with a moved tracker, a scale error or a drift."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing results. Inputs are never overwritten.")]
+Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout and nothing else.")]
+
+
+def parse_numbers(text: str, option: str) -> list[float]:
+    """Return the numbers of an option, separated by blanks or commas.
+
+    Raises
+    ------
+    DataError
+        If there is none, or a word is not a finite number.
+    """
+    words = text.replace(",", " ").split() or [text]
+    try:
+        numbers = [to_float(word) for word in words]
+    except ValueError as error:
+        raise DataError(f"{option}: {error}; write numbers separated by blanks or commas") from None
+    if not all(map(math.isfinite, numbers)):
+        raise DataError(f"{option}: expected finite numbers, got {text!r}")
+    return numbers
+
+
+class Command(TyperCommand):
+    """A command whose numeric options take plain numbers only, unlike Python's ``1_000``, ``٣`` and ``nan``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments after a check of the numbers."""
+        kinds = {flag: kind for one in self.params for flag in one.opts if (kind := _kind(one)) is not None}
+        tokens = args[: args.index("--")] if "--" in args else args
+        for token, following in zip(tokens, [*tokens[1:], ""], strict=False):
+            flag, equals, value = token.partition("=")
+            if flag in kinds:
+                _check(flag, value if equals else following, kinds[flag])
+        return super().parse_args(ctx, args)
+
+
+def _kind(parameter: Any) -> type | None:
+    """Return int or float for a numeric parameter, in any version of typer; else None."""
+    descriptor = getattr(parameter, "type_descriptor", None)
+    if descriptor is None:  # typer on click
+        name = parameter.type.name.split(" ")[0]
+        return {"integer": int, "float": float}.get(name)
+    of = {descriptor.annotation, *get_args(descriptor.annotation)}
+    return int if int in of else float if float in of else None
+
+
+def _check(flag: str, text: str, kind: type) -> None:
+    expected = "a whole number in digits 0 to 9" if kind is int else "a finite number such as 2.5"
+    try:
+        plain = is_whole(text.lstrip("+-")) if kind is int else abs(to_float(text)) < float("inf")
+    except ValueError:
+        plain = False
+    if not plain:
+        raise typer.BadParameter(f"{text!r} for {flag} is not {expected}")

@@ -1,0 +1,112 @@
+"""Summaries that several commands show: campaign faults, the ranking of predictors, a calibration, a weak map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from truepose.cli.output import say, table
+
+if TYPE_CHECKING:
+    from truepose.error_map.worth import Worth
+    from truepose.predictors import KinematicCalibration, Predictor
+
+_SHOWN_UNITS: Final = {"rad": ("deg", 57.29577951308232, 4), "rad/Nm": ("µrad/Nm", 1e6, 3), "mm": ("mm", 1.0, 3)}
+_JOINT_UNIT: Final = ("mrad", 1e3, 4)
+_SOURCES: Final = {"tolerance": "manufacturing tolerances only", "subset": "nominal values"}
+
+
+def show_campaign(campaign: Mapping[str, Any]) -> None:
+    """Show the faults of a measuring campaign, or that there were too few samples to test for them."""
+    for fault in campaign.get("faults", []):
+        rms = f"{fault['size']:.3f} ± {fault['size_std']:.3f} mm"
+        say(f"[yellow]Warning[/]: {fault['words']}; effect on the samples {rms} (RMS).")
+    if campaign and not campaign["tested"]:
+        say("[yellow]Note[/]: too few samples to test for a moved tracker, a scale error or a drift.")
+
+
+def show_worth(worth: Worth) -> None:
+    """Show whether a map is better than registration alone, and how to use a weak one."""
+    sentence = f"{worth.words[0].upper()}{worth.words[1:]}"
+    if worth.weak:
+        say(f"[yellow]Weak map[/]: {sentence}. 'truepose correct' refuses it without --accept-weak-map.")
+    else:
+        say(f"{sentence}.")
+
+
+def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any]) -> None:
+    """Show the ranking of `truepose.predictors.Choice`, and the error on samples outside the fit and the choice."""
+    splits = list(expected["splits"])
+    rows = [
+        (
+            row["predictor"],
+            row["mean_mm"],
+            *(row["splits"][name]["mean_mm"] for name in splits),
+            row["p95_mm"],
+            _worse(row) if k else "chosen",
+        )
+        if "mean_mm" in row
+        else (row["predictor"], *["–"] * (len(splits) + 2), row["note"])
+        for k, row in enumerate(ranking)
+    ]
+    columns = ["predictor", "mean [mm]", *splits, "P95", "worse by (95 %)"]
+    say(table(f"Cross-validation of the candidates over {' and '.join(splits)}", columns, rows))
+    low, high = expected["mean_interval_mm"]
+    chosen = ", ".join(f"{name} {count}×" for name, count in expected["chosen"].items())
+    say(
+        f"Mean error of samples outside both the fit and the choice: {expected['mean_mm']:.3f} mm "
+        f"(95 % interval {low:.3f} … {high:.3f} mm). Chosen without them: {chosen}."
+    )
+
+
+def _worse(row: Mapping[str, Any]) -> str:
+    low, high = row["worse_by_interval_mm"]
+    return "not significant" if row["level"] else f"{low:.3f} … {high:.3f}"
+
+
+def calibration_of(predictor: Predictor) -> KinematicCalibration | None:
+    """Return the calibration that a predictor is or contains."""
+    from truepose.predictors import KinematicCalibration
+
+    found = getattr(predictor, "calibration_", predictor)
+    return found if isinstance(found, KinematicCalibration) else None
+
+
+def calibration_data(calibration: KinematicCalibration) -> dict[str, Any]:
+    """Return the results of an identification as plain values, for JSON; each row states its unit."""
+    seen = calibration.observability_
+    return {
+        "parameters": calibration.parameters_,
+        "rank": seen.rank,
+        "condition": seen.condition,
+        "observability": seen.indices,
+        "misfit_mm": calibration.misfit_std_,
+        "method": calibration.method,
+        "convention": calibration.convention,
+        "prior": calibration.prior,
+        "hint": calibration.hint_,
+    }
+
+
+def show_calibration(calibration: KinematicCalibration) -> None:
+    """Show the identified parameters and how well the poses determine them."""
+    seen, p = calibration.observability_, len(calibration.parameters_)
+    columns = ("parameter", "nominal", "identified", "± std", "unit", "")
+    title = f"Identified parameters ({calibration.convention}, method {calibration.method})"
+    say(table(title, columns, [_cells(row) for row in calibration.parameters_]))
+    unknown = f"; {p - seen.rank} combinations are set by {_SOURCES[calibration.prior]}" if seen.rank < p else ""
+    say(
+        f"Rank {seen.rank} of {p} parameters, condition number {seen.condition:.0f}{unknown}. "
+        f"Residual standard deviation: {calibration.misfit_std_:.3f} mm per axis."
+    )
+    if calibration.hint_:
+        say(f"[yellow]Note[/]: {calibration.hint_}.")
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    unit, factor, digits = _SHOWN_UNITS.get(row["unit"], (row["unit"], 1.0, 6))
+    if row["unit"] == "rad" and " q" in row["parameter"]:
+        unit, factor, digits = _JOINT_UNIT
+    nominal, identified = (f"{factor * row[key]:.{digits}f}" for key in ("nominal", "identified"))
+    std = "–" if row["std"] is None else f"{factor * row['std']:.{digits}f}"
+    return row["parameter"], nominal, identified, std, unit, row["note"]
