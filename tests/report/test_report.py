@@ -212,12 +212,12 @@ def test_without_held_out_poses_the_report_says_so(error_map, study, no_figures)
     made = document(gather(error_map, study=study), EN)
     assert made.lead[1].warns
     assert "leave-one-out" in made.lead[1].text
-    assert made.tiles[-1] == ("60", "poses, each left out once")
+    assert made.tiles[-1] == ("60", "poses, leave-one-out")
 
 
 def test_poses_of_the_fit_are_told(error_map, cell, study, no_figures):
     made = document(gather(error_map, cell[1], study=study), load_locale("de"))
-    assert made.lead[1].text.startswith("60 der Prüfposen waren an der Anpassung beteiligt")
+    assert made.lead[1].text.startswith("60 der Prüfposen gingen in die Anpassung ein")
 
 
 def test_held_out_table_is_hashed(error_map, cell, study, tmp_path, no_figures):
@@ -226,7 +226,7 @@ def test_held_out_table_is_hashed(error_map, cell, study, tmp_path, no_figures):
     held_out = replace(cell[2], source=str(table))
     assert gather(error_map, held_out, study=study).held_out_sha256 == hashlib.sha256(b"q1_deg\n").hexdigest()
     made = document(gather(error_map, cell[2], study=study), EN)
-    assert "not a file any more" in made.text()
+    assert "file no longer available" in made.text()
 
 
 def test_corrected_programs(error_map, study, sidecar, no_figures):
@@ -270,19 +270,19 @@ def test_ranking_of_the_choice(error_map, study, no_figures):
     table = [block for block in model.blocks if isinstance(block, Table)][-1]
     figures_shown = ["0.040", "0.035 … 0.045", "0.030", "0.050", "0.070", "94 %"]
     assert table.rows[0] == ["ordinary-kriging", *figures_shown, ""]
-    assert table.rows[1] == ["idw", *figures_shown, "may be chance"]
+    assert table.rows[1] == ["idw", *figures_shown, "not significant"]
     assert table.rows[2] == ["grid-cell", *["–"] * 6, "failed: few"]
     assert table.words == [True, *[False] * 6, True]
-    assert "0.041 mm (95 % interval 0.036 … 0.046 mm); taken without them: idw 9." in made.text()
+    assert "0.041 mm (95 % interval 0.036 … 0.046 mm). Chosen without them: idw 9." in made.text()
 
 
 def test_programs_of_another_map_and_refusals_are_told(error_map, study, sidecar, no_figures):
     content = record("c" * 64, n=100)
     content["summary"]["refused"] = 4
     text = document(gather(error_map, study=study, sidecars=[sidecar(content)]), EN).text()
-    assert "panel.src was corrected by another map (cccccccccccc), not by this one." in text
-    assert "panel.src: 4 targets are refused" in text
-    assert "30 of 100 targets are shown; the record panel.corrections.json has all." in text
+    assert "panel.src was corrected with another map (cccccccccccc), not with this one." in text
+    assert "panel.src: 4 targets refused" in text
+    assert "30 of 100 targets are shown; the record panel.corrections.json contains all." in text
 
 
 def test_names_are_text_not_markup(error_map, study, sidecar, no_figures):

@@ -51,7 +51,7 @@ def test_one_set_of_figures(part: StudyPart, record_property: Any):
     structure = float(re.search(r"and ([\d.]+) % of the variance within", told(part, "structure"))[1])  # type: ignore[index]
     total, noise, share = (
         float(re.search(pattern, told(part, "noise"))[1])  # type: ignore[index]
-        for pattern in (r": ([\d.]+) mm in all", r"noise ([\d.]+) mm;", r"noise is ([\d.]+) %")
+        for pattern in (r"total ([\d.]+) mm, noise", r"noise ([\d.]+) mm;", r"noise is ([\d.]+) %")
     )
     assert structure + share == pytest.approx(100.0, abs=0.5)
     assert 100 * (noise / total) ** 2 == pytest.approx(share, rel=0.15)

@@ -1,4 +1,4 @@
-"""What a report is made of: sections of blocks that hold finished text. The page and the PDF only lay it out."""
+"""The document of a report: sections of blocks with finished text, for the templates to lay out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TIED: Final = re.compile(r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; one with ``warns`` is set apart."""
+    """A paragraph; a warning is set apart."""
 
     kind: ClassVar[str] = "text"
     text: str
@@ -21,7 +21,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and what is to say about each."""
+    """A list of names with a text each."""
 
     kind: ClassVar[str] = "facts"
     rows: list[tuple[str, str]]
@@ -29,7 +29,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells: the first ``left`` columns and the last ``last_left`` hold words, the others numbers."""
+    """A table; the first ``left`` and the last ``last_left`` columns hold words, the others numbers."""
 
     kind: ClassVar[str] = "table"
     columns: list[str]
@@ -39,7 +39,7 @@ class Table:
 
     @property
     def words(self) -> list[bool]:
-        """Which columns are of words."""
+        """A mask of the columns that hold words."""
         n = len(self.columns)
         return [k < self.left or k >= n - self.last_left for k in range(n)]
 
@@ -56,7 +56,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Signatures:
-    """Fields to sign: what the signatures stand for, and who did what, with columns for name, date and signature."""
+    """Signature fields: a sentence on what is signed, and a row per role with name, date and signature."""
 
     kind: ClassVar[str] = "signatures"
     about: str
@@ -82,16 +82,21 @@ class Document:
     Attributes
     ----------
     language : str
-        Language tag.
+        The language tag.
     fonts : tuple of str
-        Families of the PDF's text.
-    title, stamp, page : str
-        Heading; what every page says of its origin; the word for page.
+        The font families of the PDF's text.
+    title : str
+        The heading.
+    stamp : str
+        The origin of the report, printed on every page.
+    page : str
+        The word for page.
     tiles : list of (str, str)
-        The figures that matter, and what each is.
+        The main figures, each with its caption.
     lead : list of Text
-        What a reader should know first.
+        The summary and the warnings.
     sections : list of Section
+        The sections in their order.
     """
 
     language: str
@@ -104,7 +109,7 @@ class Document:
     sections: list[Section]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values; each block names its ``kind``, and a table which columns are ``words``."""
+        """Return the document as plain values; blocks have a ``kind``, and tables a mask ``words`` of their columns."""
         plain = asdict(self)
         for own, section in zip(self.sections, plain["sections"], strict=True):
             for block, values in zip(own.blocks, section["blocks"], strict=True):
@@ -115,12 +120,12 @@ class Document:
         return tied
 
     def text(self) -> str:
-        """Return all that is set as text, in one; what stands in pictures is shapes."""
+        """Return all text of the document as one string, without pictures."""
         return "".join(_strings(asdict(self)))
 
 
 def _tied(value: Any) -> Any:
-    """Return plain values with their numbers tied to their units and names, so that no line ends between."""
+    """Return plain values with no-break spaces between numbers and their units."""
     if isinstance(value, str):
         return value if value.startswith("<svg") else _TIED.sub("\u00a0", value)
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Everything that a report tells, computed once: the page and the PDF, in any language, are made of the same."""
+"""The content of a report, computed once for all formats and languages."""
 
 from __future__ import annotations
 
@@ -23,29 +23,34 @@ from truepose.verification import held_out as held_out_figures
 from truepose.verification import usual_groups
 
 SEED: Final = 0
-"""Of the permutations of the similarity and of the bootstrap."""
-_TOLD: Final = ("numpy", "scipy", "numba")
+"""The seed of the similarity permutations and of the bootstrap."""
+_LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What was measured, found and done; see `gather`.
+    """The content of a report; made by `gather`.
 
     Attributes
     ----------
     error_map : ErrorMap
+        The map.
     held_out : Samples or None
+        The held-out samples.
     p : (n, 3) array [mm], base frame
-        Positions of the poses that accuracy is told of: held out, or each left out once.
+        The positions of the evaluated poses: held out, or each sample left out once.
     before, after : (n, 3) arrays [mm], base frame
-        Their errors, and what the map leaves of them.
+        The errors of these poses, and the errors that remain after the prediction.
     accuracy : dict
-        As `truepose.verification.HeldOut.to_dict`; with held-out poses also ``seen``.
+        The accuracy figures (`truepose.verification.HeldOut.to_dict`); with held-out poses also ``seen``.
     study : SimilarityStudy
+        The similarity study of the samples.
     planes : list of Plane
+        The predictions on planes through the work region.
     records : list of Record
-        Of corrected programs.
+        The records of corrected programs.
     date : datetime
+        The date of the report, UTC.
     """
 
     error_map: ErrorMap
@@ -61,13 +66,13 @@ class Evidence:
 
     @property
     def versions(self) -> str:
-        """The software that made this."""
-        libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _TOLD)
+        """The versions of truepose, Python and the numerical libraries."""
+        libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
         return f"truepose {__version__}, Python {platform.python_version()}, {libraries}"
 
     @property
     def held_out_sha256(self) -> str:
-        """SHA-256 of the file that the held-out poses came from; empty if it is not there."""
+        """The SHA-256 of the file of the held-out poses; empty if there is no such file."""
         path = None if self.held_out is None else Path(self.held_out.source)
         return hashlib.sha256(files.read_bytes(path)).hexdigest() if path is not None and path.is_file() else ""
 
@@ -80,7 +85,7 @@ def gather(
     study: SimilarityStudy | None = None,
     date: datetime | None = None,
 ) -> Evidence:
-    """Compute what a report tells; see `truepose.report.write_report`."""
+    """Compute the content of a report; see `truepose.report.write_report` for the parameters."""
     records = [read_record(path) for path in sidecars]
     if held_out is None:
         p, before = error_map.p_cmd, error_map.e

@@ -14,23 +14,23 @@ from truepose.similarity import ExperimentalVariogram, experimental_variogram, m
 
 TYPICAL_MM: Final = 0.3
 TYPICAL_RAD: Final = 3e-4
-"""Typical errors of the parameters of an arm (docs/virtual-cell.md); only their ratio matters here."""
+"""Typical errors of kinematic parameters (docs/virtual-cell.md); only their ratio matters here."""
 
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """What errors of the kinematic parameters explain.
+    """The part of the errors that errors of the kinematic parameters explain.
 
     Attributes
     ----------
     share : float
-        Of the sum of squared errors, taken away by a least-squares fit of the parameters, less chance.
+        The share of the sum of squared errors explained by a least-squares fit of the parameters, adjusted for chance.
     rank : int
-        Parameters that the samples can tell.
+        The number of parameters that the samples determine.
     theory : ExperimentalVariogram
-        Theory (6) of typical parameter errors, of a size that fits their share: the similarity that they imply.
+        The variogram that typical parameter errors imply, theory (6), scaled to the explained share.
     residual : ExperimentalVariogram
-        Of what the fit leaves.
+        The variogram of the residuals of the fit.
     """
 
     share: float
@@ -40,9 +40,9 @@ class Explained:
 
 
 def kinematic_columns(error_map: ErrorMap) -> FloatArray | None:
-    """Return the effect of one typical error of each parameter after registration, (n, 3, p) [mm]; nothing without q.
+    """Return the effect of a typical error of each parameter on the positions, (n, 3, p) [mm]; None without joints.
 
-    What registration (and the fit of the tool) would take away is projected out, since errors are told after it.
+    The part that the registration (and the fit of the tool) would absorb is projected out.
     """
     robot, q = error_map.robot, error_map.samples.q
     if q is None:
@@ -63,7 +63,7 @@ def kinematic_columns(error_map: ErrorMap) -> FloatArray | None:
 def explained_by_kinematics(
     x: FloatArray, e: FloatArray, effect: FloatArray, edges: FloatArray, measured: ExperimentalVariogram
 ) -> Explained | None:
-    """Return what `kinematic_columns` (n, 3, p) explain of errors e (n, 3); nothing with too few samples."""
+    """Return the part of errors e (n, 3) that `kinematic_columns` (n, 3, p) explain; None with too few samples."""
     n, c, p = effect.shape
     columns = effect.reshape(n * c, p)
     solution, _, rank, _ = np.linalg.lstsq(columns, e.ravel(), rcond=1e-8)

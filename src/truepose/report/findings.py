@@ -13,7 +13,7 @@ from truepose.report.study import SimilarityStudy, StudyPart
 from truepose.similarity import LikelihoodFit, VariogramModel, verdict
 
 DIRECTIONAL: Final = 1.5
-"""Ranges that differ by less than this factor are told as equal."""
+"""Ranges that differ by less than this factor are described as similar."""
 
 
 def study_to_dict(study: SimilarityStudy) -> dict[str, Any]:
@@ -58,18 +58,18 @@ def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
 
 
 def _curve(model: VariogramModel, unit: str, lag: float, say: Locale) -> str:
-    def told_of(part: VariogramModel) -> str:
+    def describe(part: VariogramModel) -> str:
         if part.practical_range > lag and part.isotropic:
             reached = float(part.semivariance(lag))
             return say("finding.curve_part_open", family=part.family, semivariance=reached, lag=lag, unit=unit)
         return say("finding.curve_part", family=part.family, sill=part.sill, range=part.practical_range, unit=unit)
 
-    parts = say("finding.list").join(map(told_of, model.structures))
+    parts = say("finding.list").join(map(describe, model.structures))
     if not (model.overridden and model.fit is not None):
         return say("finding.curve_fitted", parts=parts or "0")
-    told = say("finding.curve_told", nugget=model.nugget, parts=parts or "0")
+    curve = say("finding.curve_text", nugget=model.nugget, parts=parts or "0")
     found = model.from_dict(model.fit.fitted)
-    return told + " " + say("finding.curve_by_hand", nugget=found.nugget, sill=found.sill, range=found.practical_range)
+    return curve + " " + say("finding.curve_by_hand", nugget=found.nugget, sill=found.sill, range=found.practical_range)
 
 
 def _reach(part: StudyPart, say: Locale) -> str:
@@ -88,14 +88,14 @@ def _reach(part: StudyPart, say: Locale) -> str:
     if not math.isnan(error):
         reach += f" ± {say.number(error, '.2g')}"
     share = 100 * float(model.signal_covariance(model.practical_range / 2)) / model.partial_sill
-    return say("finding.reach_told", family=model.family, reach=reach, unit=part.unit, share=share)
+    return say("finding.reach_text", family=model.family, reach=reach, unit=part.unit, share=share)
 
 
 def _noise(part: StudyPart, say: Locale) -> str:
     fit, found = part.likelihood.fit, part.sampled
     small = not part.model.overridden and fit is not None and fit.bounds_hit.get("nugget") == "lower"
     return say(
-        "finding.noise_small" if small else "finding.noise_told",
+        "finding.noise_small" if small else "finding.noise_text",
         total=math.sqrt(found.variance / part.components),
         noise=math.sqrt(found.nugget / part.components),
         share=100 * found.noise_share,
@@ -108,14 +108,14 @@ def _directions(part: StudyPart, say: Locale) -> str:
     if part.directional is None:
         return say("finding.directions_flat")
     ranges = part.directional.practical_ranges
-    told = say("finding.list").join(
+    listed = say("finding.list").join(
         say("finding.range" if a <= extent else "finding.range_beyond", axis=axis, range=a, unit=part.unit)
         for axis, a, extent in zip(part.axes, ranges, part.extent.tolist(), strict=True)
     )
     if max(ranges) < DIRECTIONAL * min(ranges):
-        return say("finding.directions_alike", ranges=told)
+        return say("finding.directions_alike", ranges=listed)
     short, long = part.axes[int(np.argmin(ranges))], part.axes[int(np.argmax(ranges))]
-    return say("finding.directions_differ", ranges=told, short=short, long=long)
+    return say("finding.directions_differ", ranges=listed, short=short, long=long)
 
 
 def _trend(part: StudyPart, say: Locale) -> str:
@@ -129,4 +129,4 @@ def _kinematics(part: StudyPart, explained: Explained, say: Locale) -> str:
     plateau = float(np.average(left.vector[used], weights=measured.pairs[used]))
     whole = float(np.average(measured.vector[used], weights=measured.pairs[used]))
     share = 100 * max(explained.share, 0.0)
-    return say("finding.kinematics_told", rank=explained.rank, share=share, left=100 * plateau / whole)
+    return say("finding.kinematics_text", rank=explained.rank, share=share, left=100 * plateau / whole)

@@ -1,4 +1,4 @@
-"""The sections of a report, from its evidence and in its language."""
+"""The sections of a report: evidence and texts of a language give a document."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from truepose.report.plots import figures
 _FIGURES: Final = ("mean", "rms", "std", "p95", "max")
 _STATES: Final = ("before", "after")
 _LISTED: Final = 12
-"""Excluded samples that are listed one by one."""
+"""The number of excluded samples listed one by one."""
 _FEW: Final = 8
-"""Numbers of a parameter that are listed; longer ones are in the map only."""
+"""The largest number of values of a parameter that is printed."""
 _HASH: Final = 12
 _NARROW: Final = 0.7
-"""Of the page's width, for pictures of one plot."""
+"""The width of a single plot, as a share of the page's width."""
 
 
 def document(evidence: Evidence, say: Locale) -> Document:
-    """Return the whole report in a language."""
+    """Return the document of a report in a language."""
     error_map = evidence.error_map
     robot = f"{error_map.robot.maker} {error_map.robot.model}".strip() or error_map.robot.name
     return Document(
@@ -97,12 +97,12 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
     low, high = error_map.p_cmd.min(axis=0).tolist(), error_map.p_cmd.max(axis=0).tolist()
     payload = say("cell.payload_none")
     if load.mass_kg:
-        payload = say("cell.payload_told", mass=load.mass_kg, x=load.x_mm, y=load.y_mm, z=load.z_mm)
+        payload = say("cell.payload_text", mass=load.mass_kg, x=load.x_mm, y=load.y_mm, z=load.z_mm)
     with_joints = "cell.samples_positions" if samples.q is None else "cell.samples_joints"
-    told = say("cell.held_out_none")
+    tested = say("cell.held_out_none")
     if held_out is not None:
-        told = say("cell.held_out_told", n=len(held_out), source=held_out.source)
-    excluded = [say("cell.excluded_told", row=row["row"], reason=row["reason"]) for row in error_map.excluded]
+        tested = say("cell.held_out_text", n=len(held_out), source=held_out.source)
+    excluded = [say("cell.excluded_text", row=row["row"], reason=row["reason"]) for row in error_map.excluded]
     if len(excluded) > _LISTED:
         excluded = [*excluded[:_LISTED], say("cell.more", n=len(excluded) - _LISTED)]
     bounds = {
@@ -115,8 +115,8 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "tracker": _tracker(evidence, say),
         "samples": say(with_joints, n=len(samples), source=samples.source),
         "arm": _arm(evidence, say),
-        "held_out": told,
-        "region": say("cell.region_told", **bounds),
+        "held_out": tested,
+        "region": say("cell.region_text", **bounds),
         "campaign": _campaign(error_map.campaign, say),
         "excluded": "; ".join(excluded) or say("cell.excluded_none"),
     }
@@ -124,11 +124,11 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
 
 
 def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
-    """Return the faults of the measuring campaign, or that there are none."""
+    """Return the faults of the measuring campaign, or that none was found."""
     if not campaign.get("tested"):
         return say("cell.campaign_untested")
     parts = {"turn": 1e3, "turn_std": 1e3, "scale": 100.0, "scale_std": 100.0}
-    told = [
+    faults = [
         say(
             f"cell.campaign_{fault['kind']}",
             **{name: factor * fault[name] for name, factor in {"shift": 1.0, "shift_std": 1.0, **parts}.items()},
@@ -138,7 +138,7 @@ def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
         )
         for fault in campaign["faults"]
     ]
-    return "; ".join(told) or say("cell.campaign_none", n=campaign["tested"])
+    return "; ".join(faults) or say("cell.campaign_none", n=campaign["tested"])
 
 
 def _arm(evidence: Evidence, say: Locale) -> str:
@@ -181,8 +181,8 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
     blocks += [Text(say("accuracy.intervals")), Table(heads, intervals)]
     if "coverage" in found:
         cover = found["coverage"]
-        shares_told = {key: 100 * cover[key] for key in ("within_68", "within_95")}
-        blocks.append(Text(say("accuracy.coverage", **shares_told, rms=cover["standardised_rms"])))
+        shares_inside = {key: 100 * cover[key] for key in ("within_68", "within_95")}
+        blocks.append(Text(say("accuracy.coverage", **shares_inside, rms=cover["standardised_rms"])))
     if floor := found.get("noise_floor"):
         low, high = floor["ratio_interval_95"]
         blocks.append(
@@ -240,14 +240,14 @@ def _registration(evidence: Evidence, say: Locale) -> Section:
     rotation = np.rad2deg(Rotation.from_matrix(tf[:3, :3]).as_rotvec())
     rows = {
         "station": _position(tf[:3, 3], std[:3] if fitted else None, say),
-        "rotation": say("registration.rotation_told", **dict(zip("xyz", rotation.tolist(), strict=True))),
+        "rotation": say("registration.rotation_text", **dict(zip("xyz", rotation.tolist(), strict=True))),
     }
     tool = error_map.tf_flange_tool[:3, 3]
     if error_map.tool_fitted:
         rows["tool_fitted"] = _position(tool, std[6:9], say)
     else:
         rows["tool_stated"] = _position(tool, None, say)
-    rows["residual"] = say("registration.residual_told", std=found.noise_std)
+    rows["residual"] = say("registration.residual_text", std=found.noise_std)
     if found.hint:
         rows["hint"] = found.hint
     about = say("registration.about" if fitted else "registration.known")
@@ -283,13 +283,13 @@ def _model(evidence: Evidence, say: Locale) -> Section:
     ranked = [_ranked(row, splits, say) for row in error_map.ranking]
     shown = [k for k in range(len(columns)) if any(row[k] not in ("", MISSING) for row in ranked)]
     heads = [say(f"model.column_{columns[k]}") for k in shown]
-    told = len(columns) - 1 in shown
-    table = Table(heads, [[row[k] for k in shown] for row in ranked], last_left=int(told))
+    noted = len(columns) - 1 in shown
+    table = Table(heads, [[row[k] for k in shown] for row in ranked], last_left=int(noted))
     return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table, *_expected(evidence, say)])
 
 
 def _ranked(row: Mapping[str, Any], splits: list[str], say: Locale) -> list[str]:
-    """Return a row of the ranking; a candidate that failed has no figures, but a note."""
+    """Return a row of the ranking; a failed candidate has a note instead of figures."""
     return [
         row["predictor"],
         say.number(row.get("mean_mm"), ".3f"),
@@ -302,7 +302,7 @@ def _ranked(row: Mapping[str, Any], splits: list[str], say: Locale) -> list[str]
 
 
 def _expected(evidence: Evidence, say: Locale) -> list[Block]:
-    """Return what the choice itself leaves, where the map knows it."""
+    """Return the error on samples outside fit and choice, if the map contains it."""
     found = evidence.error_map.expected
     if not found:
         return []
@@ -316,7 +316,7 @@ def _interval(ends: Any, say: Locale) -> str:
 
 
 def _parameters(parameters: Mapping[str, Any], say: Locale) -> tuple[list[str], list[Table]]:
-    """Return short parameters as text, and lists of alike ones as tables; what is longer stands in the map."""
+    """Return short parameters as text and lists of records as tables; longer values are left out."""
     plain, tables = [], []
     for name, value in parameters.items():
         if (
@@ -328,8 +328,8 @@ def _parameters(parameters: Mapping[str, Any], say: Locale) -> tuple[list[str], 
             tables.append(
                 Table(columns, [[str(k), *(_value(v, say) for v in row.values())] for k, row in enumerate(value, 1)])
             )
-        elif (told := _value(value, say)) != MISSING:
-            plain.append(f"{name} = {told}")
+        elif (text := _value(value, say)) != MISSING:
+            plain.append(f"{name} = {text}")
     return plain, tables
 
 
@@ -347,7 +347,7 @@ def _provenance(evidence: Evidence, say: Locale) -> Section:
     rows = [
         (say("provenance.date"), _date(evidence)),
         (say("provenance.versions"), evidence.versions),
-        (say("provenance.seeds"), say("provenance.seeds_told", permutations=SEED, bootstrap=SEED)),
+        (say("provenance.seeds"), say("provenance.seeds_text", permutations=SEED, bootstrap=SEED)),
         (say("provenance.map"), evidence.error_map.hash),
     ]
     if evidence.held_out is not None:
