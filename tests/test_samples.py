@@ -139,7 +139,7 @@ def test_columns_are_appended_and_replaced(tmp_path: Path) -> None:
     append_columns(path, tmp_path / "out.csv", {"x_pred_mm": np.array([0.5, 2]), "std_mm": np.array([0.1, 1 / 3])})
     expected = 'q1_deg;note;x_pred_mm;std_mm\n10,5;"a;b";0.5;0.1\n20,5;;2;0.333333333333\n'
     assert (tmp_path / "out.csv").read_text() == expected
-    with pytest.raises(DataError, match="has 2 rows, the column std_mm 3"):
+    with pytest.raises(DataError, match="has 2 rows, but the column std_mm has 3"):
         append_columns(path, tmp_path / "out.csv", {"std_mm": np.zeros(3)})
 
 
@@ -160,7 +160,7 @@ def test_columns_are_appended_and_replaced(tmp_path: Path) -> None:
         ([HEADER.replace("y_meas_mm", "note"), *ROWS], "has x_meas_mm, z_meas_mm but not y_meas_mm"),
         ([HEADER.replace("x_meas_mm", "x_meas"), *ROWS], "column x_meas has no unit; name it x_meas_mm or x_meas_m"),
         ([HEADER.replace("x_meas_mm", "x_meas_ft"), *ROWS], "column x_meas_ft has the unknown unit 'ft'"),
-        ([HEADER.replace("q2_deg", "q1_rad"), *ROWS], "columns q1_deg and q1_rad are the same quantity; keep one"),
+        ([HEADER.replace("q2_deg", "q1_rad"), *ROWS], "columns q1_deg and q1_rad are the same quantity; keep only one"),
         ([HEADER.replace("q1_deg", "q3_deg"), *ROWS], "has q3_deg, q2_deg but not q1_deg"),
         (
             ["rx_cmd_deg," + HEADER, *("0," + row for row in ROWS)],
@@ -193,7 +193,7 @@ def test_not_text(tmp_path: Path) -> None:
 
 
 def test_a_name_that_would_break_the_table(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="holds a delimiter"):
+    with pytest.raises(FileError, match="contains a delimiter"):
         write_samples(tmp_path / "plan.csv", Poses(q=np.zeros((1, 6)), name=np.array(["a,b"])))
     assert not (tmp_path / "plan.csv").exists()
 
@@ -229,7 +229,7 @@ def test_other_units_under_mm(rng: np.random.Generator, which: str, factor: floa
 def test_both_in_metres(rng: np.random.Generator) -> None:
     samples = random_samples(rng)
     assert samples.p_cmd is not None
-    with pytest.raises(DataError, match=r"the commanded positions spread over .* mm; metres\? Multiply by 1000"):
+    with pytest.raises(DataError, match=r"the commanded positions spread over .* mm; are they metres\? Name"):
         check(replace(samples, p_meas=samples.p_meas / 1e3, p_cmd=samples.p_cmd / 1e3))
 
 
@@ -240,12 +240,12 @@ def test_repeats_of_one_pose_are_not_metres(rng: np.random.Generator) -> None:
 def test_degrees_under_rad(rng: np.random.Generator) -> None:
     samples = random_samples(rng)
     assert samples.q is not None
-    with pytest.raises(DataError, match=r"joints up to 17\d\.\d rad; degrees in columns q1_rad"):
+    with pytest.raises(DataError, match=r"joints up to 17\d\.\d rad; are they degrees"):
         check(replace(samples, q=np.degrees(samples.q)))
 
 
 def test_readings_that_do_not_move(rng: np.random.Generator) -> None:
-    with pytest.raises(DataError, match="all measured positions are the same"):
+    with pytest.raises(DataError, match="all measured positions are equal"):
         check(replace(random_samples(rng), p_meas=np.full((40, 3), 2000.0)))
 
 
@@ -266,7 +266,7 @@ def test_contradicting_repeats(rng: np.random.Generator) -> None:
     p_meas = twice.p_meas.copy()
     p_meas[40, 0] += 30.0
     moved = replace(twice, p_meas=p_meas, row=np.arange(41))
-    with pytest.raises(DataError, match="rows 3, 40: one commanded configuration, readings 30 mm apart"):
+    with pytest.raises(DataError, match="rows 3, 40: readings of one configuration are 30 mm apart"):
         check(moved)
     load = np.r_[np.zeros(40), 150.0]
     check(replace(moved, load=load))  # another payload is another configuration

@@ -1,4 +1,4 @@
-"""The one table that everything passes on, its file (the tidy table) and the checks that a reader runs on it."""
+"""The table of commanded poses and measurements, its file (the tidy table), and the checks on it."""
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
 from truepose.samples.table import Poses, Samples

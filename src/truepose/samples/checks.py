@@ -1,4 +1,4 @@
-"""Checks of what a table says against what a robot and a tracker can do. All in one place, each names the rows."""
+"""Plausibility checks of a table against a robot and a tracker; every message names the rows."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 _METRES_SPREAD: Final = (0.2, 10.0)  # a work region in metres
-_METRES_NORM: Final = 60.0  # no tracker or robot works this near to its own origin, if it is mm
+_METRES_NORM: Final = 60.0  # in mm, no tracker or robot measures this close to its origin
 _MOST_RAD: Final = 13.0  # two turns: no revolute joint goes further
-_REPEAT_MM: Final = 2.0  # repeats of one pose lie within a tenth of this, also on a bad robot
+_REPEAT_MM: Final = 2.0  # repeats of one pose lie within a tenth of this, even on a poor robot
 _SAME: Final = 1e-6
 _UNIT_FACTORS: Final = {1000.0: "metres", 25.4: "inches", 10.0: "centimetres"}
 _DEG: Final = np.pi / 180.0
@@ -37,18 +37,18 @@ _REMEDIES: Final = (
 
 
 def check(poses: Poses) -> None:
-    """Raise where a table cannot be right; the readers call it.
+    """Raise if the values of a table are implausible; called by the readers.
 
-    Found are: no rows, all-zero readings, metres or inches under mm, degrees under rad, readings that do not move,
-    one configuration with contradicting readings, negative standard deviations, approach signs other than -1, 0, +1.
+    The check finds: no rows, all-zero readings, metres or inches in mm columns, degrees in rad columns, constant
+    readings, contradicting readings of one configuration, and approach signs other than -1, 0, +1.
 
     Raises
     ------
     DataError
-        With the rows, and what to do.
+        With the rows and a remedy.
     """
     if not len(poses):
-        raise poses.error("has no rows; at least one pose is needed")
+        raise poses.error("has no rows; at least one pose is required")
     _check_commands(poses)
     if isinstance(poses, Samples):
         _check_readings(poses)
@@ -60,7 +60,7 @@ def _check_commands(poses: Poses) -> None:
     if poses.q is not None and np.abs(poses.q).max() > _MOST_RAD:
         worst = np.abs(poses.q).max()
         raise poses.error(
-            f"joints up to {worst:.4g} rad; degrees in columns q1_rad …? Name them q1_deg …",
+            f"joints up to {worst:.4g} rad; are they degrees? Name the columns q1_deg …",
             np.abs(poses.q).max(axis=1) > _MOST_RAD,
         )
     if poses.p_cmd is not None:
@@ -74,7 +74,7 @@ def _check_commands(poses: Poses) -> None:
 def _check_readings(samples: Samples) -> None:
     zero = (samples.p_meas == 0.0).all(axis=1)
     if zero.any():
-        raise samples.error("all-zero reading: the tracker saw nothing; measure again or remove", zero)
+        raise samples.error("all-zero reading: no measurement; measure again or remove the row", zero)
     if _moves(samples):
         _refuse_metres(samples, samples.p_meas, "measured", "x_meas_m …")
 
@@ -82,12 +82,12 @@ def _check_readings(samples: Samples) -> None:
 def _refuse_metres(poses: Poses, p: FloatArray, what: str, column: str) -> None:
     if looks_like_metres(p):
         spread = np.linalg.norm(np.ptp(p, axis=0))
-        remedy = f"metres? Multiply by 1000 or name the columns {column}"
+        remedy = f"are they metres? Name the columns {column}"
         raise poses.error(f"the {what} positions spread over {spread:.2f} mm; {remedy}")
 
 
 def looks_like_metres(p: FloatArray) -> bool:
-    """Return whether positions (n, 3) called mm are a work region in metres: 0.2–10 wide, near the origin."""
+    """Return whether positions (n, 3) in mm are rather a work region in metres: 0.2–10 wide, near the origin."""
     spread = float(np.linalg.norm(np.ptp(p, axis=0))) if len(p) else 0.0
     return _METRES_SPREAD[0] <= spread <= _METRES_SPREAD[1] and bool(np.abs(p).max() < _METRES_NORM)
 
@@ -106,16 +106,16 @@ def _check_scale(samples: Samples) -> None:
         return
     ratio = _radius(samples.p_meas) / commanded
     if ratio < _SAME:
-        raise samples.error("all measured positions are the same, the commanded ones are not; was one reading copied?")
+        raise samples.error("all measured positions are equal, but the commanded ones are not; was one reading copied?")
     for factor, unit in _UNIT_FACTORS.items():
         for of, value in (("measured", ratio), ("commanded", 1.0 / ratio)):
             if abs(value * factor - 1.0) < 0.2:
                 message = f"the {of} positions spread {factor:g} times less than the others: they are {unit}, not mm"
-                raise samples.error(f"{message}; say so in the columns' names")
+                raise samples.error(f"{message}; correct the unit in the column names")
 
 
 def _check_repeats(samples: Samples) -> None:
-    """Refuse readings of one configuration (with its load and approach) further apart than any repeatability."""
+    """Refuse readings of one configuration (with its load and approach) that are too far apart for any robot."""
     rotation = None if samples.rotation_cmd is None else samples.rotation_cmd.as_matrix().reshape(len(samples), 9)
     configuration = (samples.q,) if samples.q is not None else (samples.p_cmd, rotation)
     keys = [x for x in (*configuration, samples.approach, samples.load) if x is not None]
@@ -130,36 +130,35 @@ def _check_repeats(samples: Samples) -> None:
     spread = np.linalg.norm(high - low, axis=1)
     worst = int(spread.argmax())
     if spread[worst] > _REPEAT_MM:
-        message = (
-            f"one commanded configuration, readings {spread[worst]:.3g} mm apart; repeats lie within {_REPEAT_MM:g} mm"
-        )
+        message = f"readings of one configuration are {spread[worst]:.3g} mm apart, expected at most {_REPEAT_MM:g} mm"
         remedy = "measure again, or separate the series if the tracker was moved"
         raise samples.error(f"{message}; {remedy}", group == worst)
 
 
 def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> FloatArray:
-    """Compare joints with commanded positions: the robot's nominal model must take the ones to the others.
+    """Compare the commanded positions with the joints through the robot's nominal model.
 
-    The frame of the commanded positions and the tool in them need not be known: both are fitted (a rigid motion and an
-    offset from the flange), so what remains is neither's doing.
+    The frame of the commanded positions and the tool are fitted (a rigid motion and an offset from the flange), so they
+    need not be known.
 
     Parameters
     ----------
     poses : Poses
-        With `q` and `p_cmd`; otherwise there is nothing to compare.
+        The poses; compared if they have `q` and `p_cmd`.
     robot : Robot
+        The robot with its nominal model.
     tolerance_mm : float [mm]
-        What a rounded or factory-calibrated controller may differ from its nominal model.
+        The largest deviation of a rounded or factory-calibrated controller from the nominal model.
 
     Returns
     -------
     (n,) array [mm]
-        What is left at each row; empty if there is nothing to compare or too few rows to fit.
+        The remaining deviation of each row; empty without joints, without commanded positions, or with too few rows.
 
     Raises
     ------
     DataError
-        With the rows that disagree, or the unit that explains it.
+        With the rows that disagree, or the unit that explains the deviation.
     """
     if poses.q is None or poses.p_cmd is None or len(poses) < _FEWEST or not _moves(poses):
         return np.empty(0)
@@ -177,25 +176,25 @@ def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> F
     for q_factor, p_factor, why in _REMEDIES:
         if np.median(_disagreement(poses.q * q_factor, poses.p_cmd * p_factor, robot, robust=False)) <= tolerance_mm:
             raise poses.error(f"{message}: {why}")
-    raise poses.error(f"{message}; is it this robot, and are the joints in its own order and sign?")
+    raise poses.error(f"{message}; is it this robot, and are its joints in the right order and sign?")
 
 
 def check_not_compensated(poses: Poses, robot: Robot) -> None:
-    """Refuse poses of a controller that compensates its arm's errors already: they would be corrected twice.
+    """Refuse poses of a controller that already compensates the errors of its arm: they would be corrected twice.
 
-    Such a controller (absolute accuracy) shows poses of its calibrated model beside joints that the nominal model takes
-    elsewhere, by 1–3 mm. Rounded displays, and servo errors in measured joints, stay below `_ROUNDING_MM`.
+    Such a controller (absolute accuracy) shows positions of its calibrated model, 1–3 mm from those of the nominal
+    model. Rounding, and servo errors in measured joints, stay below `_ROUNDING_MM`.
 
     Raises
     ------
     DataError
-        If joints and commanded positions disagree by more, and as `check_against`.
+        If joints and commanded positions disagree by more, or for a reason of `check_against`.
     """
     left = check_against(poses, robot)
     if len(left) and (median := float(np.median(left))) > _ROUNDING_MM:
         message = f"joints and commanded positions disagree by {median:.3g} mm (median) on the nominal {robot.name}"
-        why = "the controller seems to compensate already (absolute accuracy), and errors would be corrected twice"
-        remedy = "switch that off and measure again, or leave out the commanded positions if they are another model's"
+        why = "the controller seems to compensate already (absolute accuracy), so errors would be corrected twice"
+        remedy = "switch it off and measure again, or leave out the commanded positions if they are of another model"
         raise poses.error(f"{message}: {why}; {remedy}")
 
 
@@ -207,9 +206,9 @@ def _disagreement(q: FloatArray, p_cmd: FloatArray, robot: Robot, robust: bool =
         tf_base_flange = robot.forward(q)
         try:
             residuals = register_with_tool(tf_base_flange, p_cmd, robust=robust).residuals
-        except IdentifiabilityError:  # one orientation: the tool is part of the frame
+        except IdentifiabilityError:  # a single orientation: the tool cannot be separated from the frame
             residuals = register(tf_base_flange[:, :3, 3], p_cmd, robust=robust).residuals
-    except TrueposeError:  # joints that no arm can have, or positions that no frame and tool explain
+    except TrueposeError:  # impossible joints, or positions that no frame and tool explain
         return np.full(len(q), np.inf)
     return np.asarray(np.linalg.norm(residuals, axis=1))
 

@@ -1,7 +1,6 @@
 """Column names of the tidy table: a quantity and its unit, such as ``q1_deg``, ``x_meas_mm``, ``temp_C``.
 
-A name that is nearly one of these is an error that shows the nearest; a name that is clearly something else (a comment,
-an operator) is left alone.
+A name that is nearly one of these is an error that shows the nearest one; other columns are ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _OURS: Final = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a column's name says: the array it belongs to, where in it, and the kind of its unit."""
+    """The quantity of a column: the array it belongs to, its index there, and the kind of its unit."""
 
     array: str
     index: int
@@ -64,11 +63,11 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "temp": Quantity("temperature", 0, "temperature"),
     "load": Quantity("load", 0, "load"),
 }
-"""Every quantity of the tidy table, by the part of a column's name before the unit, in the order of writing."""
+"""All quantities of the tidy table by their column name without unit, in the order of writing."""
 
 
 def full_name(stem: str) -> str:
-    """Return the column name in the unit that we write, such as ``q1_deg``."""
+    """Return the column name with the unit for writing, such as ``q1_deg``."""
     unit = _DEFAULT_UNIT[QUANTITIES[stem].kind]
     return f"{stem}_{unit}" if unit else stem
 
@@ -79,15 +78,16 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
     Parameters
     ----------
     table : TextTable
+        The table.
     wanted : collection of str
-        Arrays to read (``Quantity.array``); columns of others are not looked into.
+        The arrays to read (``Quantity.array``); other columns are ignored.
     finite : bool
         Whether a value that is not finite is an error.
 
     Raises
     ------
     FileError
-        If a column is nearly one of ours, comes twice, lacks its unit or its neighbours, or a field is wrong.
+        If a column name is misspelt, duplicated, without unit or without its neighbours, or a field is invalid.
     """
     found: dict[str, dict[int, tuple[int, float]]] = {}
     for column, name in enumerate(table.header):
@@ -98,14 +98,16 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
             if quantity.index in places:
                 other = table.header[places[quantity.index][0]]
                 raise FileError(
-                    table.path, f"columns {other} and {name} are the same quantity; keep one", line=table.header_line
+                    table.path,
+                    f"columns {other} and {name} are the same quantity; keep only one",
+                    line=table.header_line,
                 )
             places[quantity.index] = (column, factor)
     return {array: _values(table, array, places, finite) for array, places in found.items()}
 
 
 def require(table: TextTable, arrays: Collection[str], *stems: str) -> None:
-    """Raise a FileError that names the columns needed, if none of the arrays they belong to was found."""
+    """Raise a FileError that names the required columns, unless one of their arrays was found."""
     if not {QUANTITIES[stem].array for stem in stems} & set(arrays):
         needed = " or ".join(f"{full_name(stem)} …" for stem in stems)
         has = ", ".join(table.header[:8]) + (" …" if len(table.header) > 8 else "")

@@ -1,7 +1,7 @@
-"""Commanded configurations, and what a tracker read at them (theory).
+"""Commanded configurations, and the readings of a tracker at them (theory).
 
-Positions are mm, angles rad. Commanded quantities are in the robot base frame, measured ones in the tracker frame: they
-become comparable by a registration (`truepose.geometry`).
+Positions are mm, angles rad. Commanded quantities are in the robot base frame, measured ones in the tracker frame; a
+registration (`truepose.geometry`) makes them comparable.
 """
 
 from __future__ import annotations
@@ -18,36 +18,46 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
+_REPR_UNITS: Final = {"temperature": "°C", "load": "kg", "time": "s"}
 _NAMED_ROWS: Final = 6
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Poses:
     """Commanded configurations: a plan to measure, or poses to predict at.
 
     Parameters
     ----------
     q : (n, dof) array [rad], optional
-        Joint vectors, in the robot's own order and sign.
+        The joint vectors, in the robot's own order and sign.
     p_cmd : (n, 3) array [mm], base frame, optional
-        Commanded positions of the tool centre point.
+        The commanded positions of the tool centre point.
     rotation_cmd : Rotation of length n, optional
-        Commanded orientations of the tool, base frame.
+        The commanded orientations of the tool, base frame.
     approach : (n, dof) array of -1, 0, +1, optional
-        Sign of the last motion of each joint.
+        The sign of the last motion of each joint.
     temperature : (n,) array [°C], optional
+        The air temperature.
     load : (n,) array [kg], optional
+        The mass of the payload.
     name : (n,) array of str, optional
-        Names of the poses.
+        The names of the poses.
     row : (n,) array of int, optional
-        The row's name in messages; counted from 0 when not given.
+        The number of each row in messages; from 0 if not given.
     source : str
-        Where the table came from, for messages.
+        The origin of the table, for messages.
 
     Raises
     ------
     DataError
-        If shapes disagree, a value is not finite, or neither joints nor commanded positions are there.
+        If shapes disagree, a value is not finite, or there are neither joints nor commanded positions.
+
+    Examples
+    --------
+    >>> Poses(q=np.zeros((2, 6)), p_cmd=np.array([[1200.0, 0.0, 900.0], [1350.0, 200.0, 900.0]]))
+    Poses: 2 rows from samples
+      q:     6 joints, 0 … 0 deg
+      p_cmd: x 1200 … 1350, y 0 … 200, z 900 … 900 mm (base frame)
     """
 
     q: FloatArray | None = None
@@ -100,8 +110,33 @@ class Poses:
     def __len__(self) -> int:
         return len(getattr(self, self.columns()[0]))
 
+    def __repr__(self) -> str:
+        widths = max(len(name) for name in self.columns()) + 1
+        facts = [f"  {name + ':':{widths}} {fact}" for name in self.columns() if (fact := self._fact(name))]
+        return "\n".join([f"{type(self).__name__}: {len(self)} rows from {self.source}", *facts])
+
+    def _fact(self, name: str) -> str:
+        """Return the extent of a quantity in a few words; nothing for names and row numbers."""
+        value = getattr(self, name)
+        if name in ("row", "name") or not len(self):
+            return ""
+        if isinstance(value, Rotation):
+            turn = np.rad2deg((value[0].inv() * value).magnitude().max())
+            return f"orientations up to {turn:.3g} deg from the first"
+        if name == "q":
+            low, high = np.rad2deg([value.min(), value.max()])
+            return f"{value.shape[1]} joints, {low:.4g} … {high:.4g} deg"
+        if name in ("p_cmd", "p_meas"):
+            ends = zip("xyz", value.min(axis=0), value.max(axis=0), strict=True)
+            frame = "base" if name == "p_cmd" else "tracker"
+            return f"{', '.join(f'{axis} {low:.0f} … {high:.0f}' for axis, low, high in ends)} mm ({frame} frame)"
+        if name in ("p_std", "rotation_std"):
+            rms = float(np.sqrt((value**2).mean()))
+            return f"{rms:.3g} mm per axis (RMS)" if name == "p_std" else f"{np.rad2deg(rms):.3g} deg per axis (RMS)"
+        return "" if name == "approach" else f"{value.min():.6g} … {value.max():.6g} {_REPR_UNITS[name]}"
+
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
-        """Return the rows that a mask, an index array or a slice selects."""
+        """Return the rows selected by a mask, an index array or a slice."""
         return replace(self, **{name: getattr(self, name)[index] for name in self.columns()})
 
     def columns(self) -> list[str]:
@@ -123,30 +158,32 @@ class Poses:
         return f"row{'s' if len(names) != 1 else ''} {', '.join(map(str, names[:_NAMED_ROWS]))}{more}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples(Poses):
-    """Commanded configurations and what the tracker read at each.
+    """Commanded configurations and the reading of the tracker at each.
 
     Parameters
     ----------
     p_meas : (n, 3) array [mm], tracker frame
-        Measured positions of the reflector.
+        The measured positions of the reflector.
     rotation_meas : Rotation of length n, optional
-        Measured orientations, tracker frame.
+        The measured orientations, tracker frame.
     p_std : (n, 3) array [mm], tracker frame, optional
-        Standard deviation of each reading.
+        The standard deviation of each reading.
     rotation_std : (n, 3) array [rad], optional
-        Standard deviation of the measured orientation.
+        The standard deviation of the measured orientation.
     time : (n,) array [s], optional
-        Time of each reading.
+        The time of each reading.
     **commanded
-        See `Poses`; all but `p_meas` by keyword.
+        The commanded quantities, see `Poses`; all but `p_meas` by keyword.
 
     Examples
     --------
     >>> samples = Samples(np.array([[0.0, 0.0, 1.0], [5.0, 0.0, 1.0]]), q=np.zeros((2, 6)))
-    >>> len(samples), samples.columns()
-    (2, ['q', 'row', 'p_meas'])
+    >>> samples
+    Samples: 2 rows from samples
+      q:      6 joints, 0 … 0 deg
+      p_meas: x 0 … 5, y 0 … 0, z 1 … 1 mm (tracker frame)
     """
 
     p_meas: FloatArray

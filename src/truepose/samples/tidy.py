@@ -1,9 +1,9 @@
-"""The tidy table (layout 11 of the tracker files): one row per pose, the unit in each column's name.
+"""The tidy table (layout 11 of the tracker files): one row per pose, with the unit in the name of each column.
 
 ==========================================  =========================================================================
 columns                                     meaning
 ==========================================  =========================================================================
-row, name                                   what messages call the row; counted from 0 if absent
+row, name                                   number and name of the row in messages; from 0 if absent
 q1_deg …                                    joints, in the robot's own order and sign
 x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz(yaw) Ry(pitch) Rx(roll)
 x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)
@@ -12,7 +12,7 @@ approach1 …                                 sign of the last motion of each jo
 time_s, temp_C, load_kg                     time of the reading, air temperature, payload
 ==========================================  =========================================================================
 
-Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter a comma, semicolon or tab.
+Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter is a comma, semicolon, tab or blanks.
 """
 
 from __future__ import annotations
@@ -51,13 +51,24 @@ def read_samples(path: str | Path) -> Samples:
     Returns
     -------
     Samples
+        The samples in the order of the file.
 
     Raises
     ------
     FileError
-        If the file is not such a table; with the line.
+        If the file is not a tidy table; with the line.
     DataError
-        If its values cannot be right (`check`); with the rows.
+        If values are implausible (`check`); with the rows.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> samples = Samples(np.array([[2100.0, 5.0, 800.0], [2050.0, 360.0, 800.0]]), q=np.radians([[10.0], [20.0]]))
+    >>> with TemporaryDirectory() as folder:
+    ...     write_samples(f"{folder}/samples.csv", samples)
+    ...     read_samples(f"{folder}/samples.csv").p_meas
+    array([[2100.,    5.,  800.],
+           [2050.,  360.,  800.]])
     """
     table = read_table(path)
     arrays = gather(table, _COMMANDED | _MEASURED)
@@ -69,14 +80,33 @@ def read_samples(path: str | Path) -> Samples:
 
 
 def read_poses(path: str | Path) -> Poses:
-    """Read commanded configurations without measurements: poses to predict at, or a plan (``plan.csv``).
+    """Read commanded configurations without measurements: poses for a prediction, or a plan (``plan.csv``).
 
-    Columns of measurements may be there and are not looked into.
+    Parameters
+    ----------
+    path : str or Path
+        A CSV file with q1_deg … or x_cmd_mm … (or both); columns of measurements are ignored.
+
+    Returns
+    -------
+    Poses
+        The poses in the order of the file.
 
     Raises
     ------
-    FileError, DataError
-        As `read_samples`.
+    FileError
+        If the file is not a tidy table; with the line.
+    DataError
+        If values are implausible (`check`); with the rows.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     write_samples(f"{folder}/poses.csv", Poses(p_cmd=np.array([[1200.0, 0.0, 900.0], [1350.0, 200.0, 900.0]])))
+    ...     read_poses(f"{folder}/poses.csv").p_cmd
+    array([[1200.,    0.,  900.],
+           [1350.,  200.,  900.]])
     """
     table = read_table(path)
     arrays = gather(table, _COMMANDED)
@@ -87,7 +117,14 @@ def read_poses(path: str | Path) -> Poses:
 
 
 def write_samples(path: str | Path, samples: Poses) -> None:
-    """Write a tidy table, of samples or of a plan, in mm and degrees to 12 significant digits.
+    """Write a tidy table of samples or of a plan, in mm and degrees with 12 significant digits.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to write.
+    samples : Poses
+        The samples or poses.
 
     Raises
     ------
@@ -98,7 +135,7 @@ def write_samples(path: str | Path, samples: Poses) -> None:
 
 
 def samples_text(samples: Poses, path: str | Path = "samples") -> str:
-    """Return the content of a tidy table; see `write_samples`."""
+    """Return the text of a tidy table; see `write_samples`."""
     arrays = {name: getattr(samples, name) for name in samples.columns()}
     if (rotation := arrays.pop("rotation_cmd", None)) is not None:
         arrays["rpy_cmd"] = _angles(rotation, "ZYX")[:, ::-1]
@@ -116,26 +153,28 @@ def samples_text(samples: Poses, path: str | Path = "samples") -> str:
 
 
 def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:
-    """Write a table again with columns added at its end; those of the same name are replaced, the others left as text.
+    """Copy a table with further columns at its end; columns of the same name are replaced, others stay unchanged.
 
     Parameters
     ----------
-    path, out : str or Path
-        The table, and the file to write.
+    path : str or Path
+        The table to read.
+    out : str or Path
+        The file to write.
     columns : mapping of str to (n,) array
-        By the column's full name, in the unit that it says.
+        The new columns by their full names, in the units of the names.
 
     Raises
     ------
     FileError
-        If the table cannot be read or the file not be written.
+        If the table cannot be read or the file cannot be written.
     DataError
         If a column has another number of rows than the table.
     """
     table = read_table(path)
     for name, values in columns.items():
         if len(values) != len(table.fields):
-            raise DataError(f"{path}: has {len(table.fields)} rows, the column {name} {len(values)}")
+            raise DataError(f"{path}: has {len(table.fields)} rows, but the column {name} has {len(values)}")
     kept = [index for index, name in enumerate(table.header) if name not in columns]
     added = [[f"{value:.12g}" for value in values] for values in columns.values()]
     text = StringIO()
@@ -147,7 +186,7 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
 
 
 def _cell(field: str) -> str:
-    """Return a field as it was, but for one that a spreadsheet would take for a formula and that is no number."""
+    """Return a field unchanged, or escaped if it is not a number and a spreadsheet would read it as a formula."""
     return field if field.startswith("'") or is_number(field) else escaped(field)
 
 
@@ -161,7 +200,7 @@ def _rotations(arrays: dict[str, Any]) -> dict[str, Any]:
 
 def _angles(rotation: Rotation, order: Literal["ZYX", "XYZ"]) -> FloatArray:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock any of the equal triples will do
+        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock, any of the equivalent triples
         return np.asarray(rotation.as_euler(order))
 
 
@@ -169,7 +208,7 @@ def _text(path: str | Path, values: NDArray[Any], kind: str) -> list[str]:
     if values.dtype.kind == "U":
         bad = [name for name in values if any(letter in name for letter in ',;"\t\n\r')]
         if bad:
-            raise FileError(path, f"the pose name {bad[0]!r} holds a delimiter or quotation mark; rename the pose")
+            raise FileError(path, f"the pose name {bad[0]!r} contains a delimiter or quotation mark; rename the pose")
         return [escaped(str(name)) for name in values]
     if values.dtype.kind == "i":
         return [str(value) for value in values]
