@@ -3,7 +3,7 @@
 from truepose.trackers.columns import Columns
 from truepose.trackers.formats.joint_files import read_plan
 from truepose.trackers.importing import import_readings
-from truepose.trackers.layout import Layout, first_row_matches, in_columns
+from truepose.trackers.layout import Layout, first_row_matches, in_columns, row_names
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import LAYOUTS, read_readings, write_readings
@@ -22,5 +22,6 @@ __all__ = [
     "match",
     "read_plan",
     "read_readings",
+    "row_names",
     "write_readings",
 ]
