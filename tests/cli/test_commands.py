@@ -149,7 +149,12 @@ def test_similarity(run, cell_files, tmp_path):
     assert set(cartesian["directions"]) == set(cartesian["practical_ranges"]) == set("xyz")
     assert set(joint["practical_ranges"]) == {f"q{k}" for k in range(1, 7)}
     shown = " ".join(run("similarity", cell_files.cell, cell_files.samples).out.split())
-    for words in ("Yes, near points", "How much is noise? Standard deviation", "Does it depend on the direction?", "kinematic"):
+    for words in (
+        "Yes, near points",
+        "How much is noise? Standard deviation",
+        "Does it depend on the direction?",
+        "kinematic",
+    ):
         assert words in shown
     nothing = tmp_path / "no.toml", tmp_path / "no.csv"  # the ending is looked at before they are
     assert "use .svg, .png or .pdf" in run("similarity", *nothing, "--plot", "a.xyz").failed()
