@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 
 import truepose as tp
-from truepose.report import write_report
 
 folder = Path(sys.argv[1])
 cell = tp.load_cell(folder / "cell.toml")
@@ -21,4 +20,4 @@ error_map.save(folder / "production.truepose")
 corrected = tp.correct_program(folder / "program" / "panel.src", error_map, cell, require=0.95)
 corrected.write(folder / "production")
 record = folder / "production" / "panel.corrections.json"
-write_report(error_map, folder / "production.html", held_out, sidecars=[record])
+tp.write_report(error_map, folder / "production.html", held_out, sidecars=[record])
