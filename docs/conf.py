@@ -43,7 +43,6 @@ myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 mathjax_path = "mathjax/tex-chtml.js"  # from sphinx-mathjax-offline: a page asks no server but its own
 
-suppress_warnings = ["ref.python"]  # one name in two packages (Poses, Solution): either link will do
 autodoc_default_options = {  # scikit-learn adds these to every estimator
     "exclude-members": "set_fit_request, set_predict_request, set_score_request, set_partial_fit_request"
 }

@@ -32,7 +32,10 @@ class Columns:
     ----------
     x, y, z : int or str
         The position.
-    name, time : int or str, optional
+    name : int or str, optional
+        The name of each reading.
+    time : int or str, optional
+        The time of each reading.
     rotation : tuple, optional
         Three columns of angles, or four of a quaternion w, x, y, z.
     std : tuple, optional
