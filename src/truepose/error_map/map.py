@@ -240,5 +240,17 @@ def load_map(path: str | Path) -> ErrorMap:
     ------
     FileError
         If the file is not a map, truncated, changed since it was written, or of another schema version.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from truepose import VirtualCell, fit_cell
+    >>> virtual = VirtualCell("paper")
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "cell.truepose"
+    ...     fit_cell(virtual.cell, virtual.measure(virtual.design(30)), "registration").save(path)
+    ...     len(load_map(path).samples)
+    30
     """
     return from_bytes(files.read_bytes(path, LARGEST_MAP), path, ErrorMap)
