@@ -74,7 +74,7 @@ def test_too_few_poses(run, files):
     write_samples(samples, measured(8))
     done = run("fit", cell, samples, "--predictor", "calibration", "--out", out)
     assert done.code == 1
-    assert "8 poses are too few: rank" in done.err
+    assert "8 samples are too few: rank" in done.err
     assert "add poses that turn all joints, such as q = (" in done.err
 
 

@@ -184,10 +184,10 @@ def test_noise_of_the_readings_makes_the_rest_the_models(samples, targets):
 
 def test_few_and_similar_poses(samples, rng):
     q, e = samples
-    message = r"6 poses are too few: rank 18 of the 27 .* add poses .* such as q = \("
+    message = r"6 samples are too few: rank 18 of the 27 .* add poses .* such as q = \("
     with pytest.raises(IdentifiabilityError, match=message):
         KinematicCalibration(ROBOT, TOOL).fit(q[:6], e[:6])
-    with pytest.raises(IdentifiabilityError, match="30 poses are too similar: rank 3 of the 27"):
+    with pytest.raises(IdentifiabilityError, match="30 samples are too similar: rank 3 of the 27"):
         KinematicCalibration(ROBOT, TOOL).fit(np.tile(q[:1], (30, 1)), e[:30])
     still = q.copy()
     still[:, 3:] = q[0, 3:]

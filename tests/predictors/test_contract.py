@@ -13,15 +13,19 @@ from truepose.errors import DataError
 from truepose.predictors import (
     GridCell,
     InverseDistance,
+    KinematicCalibration,
+    KinematicKriging,
     LocalKriging,
     Nearest,
     OrdinaryKriging,
     RadialBasis,
+    ResidualNetwork,
     SimpleKriging,
     UniversalKriging,
     VecchiaKriging,
     VectorKriging,
 )
+from truepose.robots import load_robot
 from truepose.similarity import VariogramModel
 
 PREDICTORS = [
@@ -45,7 +49,69 @@ QUICK = [  # their fit of the variogram is OrdinaryKriging's
 ]
 
 
-@parametrize_with_checks([OrdinaryKriging(), *QUICK])
+class AnyColumns:
+    """Turn the data of scikit-learn's checks, of any width, into joints of an arm and errors of three components."""
+
+    def _fit(self, X, e, noise_std):
+        self._width = e.shape[1]
+        super()._fit(_joints(X), e[:, np.arange(3) % self._width], noise_std)
+
+    def _predict(self, X, return_std):
+        e, std = super()._predict(_joints(X), return_std)
+        columns = np.arange(self._width) % 3
+        return e[:, columns], None if std is None else std[:, columns]
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # the data of the checks are not the errors of an arm
+        return tags
+
+
+def _joints(x):
+    rng = np.random.default_rng(0)
+    return 2.0 * np.sin(3.0 * x / (1.0 + np.abs(x)) @ rng.normal(size=(x.shape[1], 6)) + rng.uniform(-3, 3, 6))
+
+
+class AnyCalibration(AnyColumns, KinematicCalibration):
+    """KinematicCalibration for data of any width."""
+
+
+class AnyKriging(AnyColumns, KinematicKriging):
+    """KinematicKriging for data of any width."""
+
+
+class AnyNetwork(AnyColumns, ResidualNetwork):
+    """ResidualNetwork for data of any width."""
+
+
+ROBOT = load_robot("kuka-kr150-2")
+ROBOT.frames(np.zeros((1, 6)))
+_ = ROBOT.link_before  # cached now: a check compares the robot's attributes before and after a fit
+ARMS = [AnyCalibration(ROBOT), AnyKriging(ROBOT, residual="none", joint_errors=False), AnyNetwork(ROBOT, hidden=3)]
+_FILTERS = "partial_fit belongs to the Kalman filters; other methods refuse it"
+_FEW = "the check has fewer than the 20 samples that five networks need"
+EXPECTED_TO_FAIL = {
+    AnyCalibration: dict.fromkeys(
+        ["check_fit_score_takes_y", "check_n_features_in_after_fitting", "check_estimators_partial_fit_n_features"],
+        _FILTERS,
+    ),
+    AnyNetwork: dict.fromkeys(
+        [
+            "check_n_features_in_after_fitting",
+            "check_estimators_nan_inf",
+            "check_regressor_multioutput",
+            "check_regressors_no_decision_function",
+            "check_fit2d_1feature",
+        ],
+        _FEW,
+    ),
+}
+
+
+@parametrize_with_checks(
+    [OrdinaryKriging(), *QUICK, *ARMS],
+    expected_failed_checks=lambda estimator: EXPECTED_TO_FAIL.get(type(estimator), {}),
+)
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
 def test_scikit_learn(estimator, check):
     check(estimator)

@@ -347,7 +347,7 @@ class KinematicCalibration(PosePredictor):
         if 2 * seen.rank < possible or 3 * len(data) < possible:
             why = "too few" if 3 * len(data) < possible else "too similar"
             raise IdentifiabilityError(
-                f"calibration: {len(data)} poses are {why}: rank {seen.rank} of the {possible} that positions can "
+                f"calibration: {len(data)} samples are {why}: rank {seen.rank} of the {possible} that positions can "
                 f"tell; {self._add(data)}"
             )
 
