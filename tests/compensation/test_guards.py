@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truepose.compensation import BELOW, Guards, Limits, Region, apply_policy, supported_angle
+from truepose.compensation import BELOW, Corrections, Guards, Limits, Region, apply_policy, supported_angle
 from truepose.compensation.orientations import orientation_blocks
 
 
@@ -128,3 +128,11 @@ def test_the_angle_is_what_residuals_from_other_orientations_support(rng, record
     one = np.rad2deg(supported_angle(lambda _: pytest.fail("nothing to compare"), turned(*np.zeros(30))))
     assert one == pytest.approx(2.0)
     record_property("cases", len(cases) + 1)
+
+
+def test_repr_counts_verdicts():
+    p, verdict = np.zeros((3, 3)), np.array(["correct", "refuse", "correct"])
+    moved = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    found = Corrections(p, moved, moved, -moved, np.ones((3, 3)), verdict, ["", "outside", ""])
+    expected = "<Corrections of 3 targets: 2 correct, 1 refuse; lengths have mean 0.200 mm, max 0.300 mm>"
+    assert repr(found) == expected

@@ -64,6 +64,8 @@ def test_what_is_left_is_told_by_the_outer_loop(virtual, samples):
     choice = tp.choose([*PLAIN, "calibration"], samples, virtual.cell)
     assert [row["predictor"] for row in choice.ranking] == ["calibration", "ordinary-kriging", "idw", "registration"]
     assert choice.expected["chosen"] == {"calibration": 10}
+    assert repr(choice).startswith("<Choice: calibration, fitted to 60 of 60 samples; expected mean residual 0.0")
+    assert [line.split()[0] for line in repr(choice).splitlines()[1:]] == [row["predictor"] for row in choice.ranking]
     assert choice.expected["mean_mm"] == choice.ranking[0]["mean_mm"]  # the same candidate in every fold
     test = virtual.measure(virtual.design(200, seed=2), seed=2)
     errors = tp.fit_cell(virtual.cell, samples, "calibration").validate(test)

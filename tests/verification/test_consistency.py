@@ -95,9 +95,15 @@ def test_drift_and_its_interval(rng):
     [
         (lambda: check_consistency(np.zeros((3, 2)), independent(3)), r"residuals \(3, 2\) and covariance \(3, 3, 3\)"),
         (lambda: check_consistency(np.zeros((3, 3)), 0 * independent(3)), "is not positive definite"),
-        (lambda: drift(np.zeros((5, 3)), independent(5), np.ones(5)), "changes by 0 show no drift"),
+        (lambda: drift(np.zeros((5, 3)), independent(5), np.ones(5)), "got 5 whose quantity changes by 0"),
     ],
 )
 def test_wrong_input(call, message):
     with pytest.raises(DataError, match=message):
         call()
+
+
+def test_repr_has_the_verdict(rng):
+    found = check_consistency(rng.normal(scale=4 * STD, size=(20, 3)), independent(20))
+    assert repr(found).startswith("<ConsistencyTest: does not hold (p = ")
+    assert "; 20 readings, " in repr(found)

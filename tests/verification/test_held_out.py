@@ -79,3 +79,14 @@ def test_what_cannot_be_compared() -> None:
         coverage(e, np.ones(4))
     with pytest.raises(DataError, match=r"std of pose 2 is .* expected positive numbers"):
         coverage(e, np.ones((4, 3)) * [[1], [1], [0], [1]])
+
+
+def test_repr_fits_a_screen(rng: np.random.Generator) -> None:
+    e = rng.normal(size=(40, 3))
+    groups = {"blocks": np.arange(40) // 10}
+    shown = repr(held_out(10 * e, e, np.ones((40, 3)), noise=np.ones((40, 3)), groups=groups))
+    assert shown.startswith("Accuracy of 40 poses [mm]\n")
+    assert "noise floor: mean 1.596 mm; mean after is " in shown
+    assert "mean after, blocks resampled: " in shown
+    assert len(shown.splitlines()) == 9
+    assert max(map(len, shown.splitlines())) < 80

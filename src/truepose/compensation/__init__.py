@@ -1,4 +1,4 @@
-"""From a predicted error to a command: solve (15), (16), and guard (theory, compensation)."""
+"""Turn predicted errors into commands: solve (15), (16), and guard them (theory, compensation)."""
 
 from truepose.compensation.guards import BELOW, Corrections, Guards, Limits, Policy, Region, apply_policy
 from truepose.compensation.in_force import LimitsInForce

@@ -1,4 +1,4 @@
-"""Guards, which refuse a correction and say why (theory, compensation): a wrong one is worse than none."""
+"""Guard corrections: refuse those that the samples do not support, with the reason (theory, compensation)."""
 
 from __future__ import annotations
 
@@ -17,37 +17,36 @@ Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
 BELOW: Final = "below uncertainty"
-"""Verdict of a target that stays nominal since its correction is smaller than its own standard deviation."""
+"""The verdict of a target that stays nominal because its correction is smaller than its standard deviation."""
 ARM_BRANCH: Final = 0b111
-"""Bits 0–2 of KUKA's Status name the branch; the others are not about it (conventions.md)."""
+"""Bits 0 to 2 of KUKA's Status, which name the branch (conventions.md)."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a correction may be. None: found from the samples, as said at each.
+    """The limits of corrections.
 
     Attributes
     ----------
     max_std : float [mm]
-        Largest length of the predicted standard deviation (sx, sy, sz). It does not depend on the samples: a bad
-        campaign must not raise it.
+        The largest length of the predicted standard deviation (sx, sy, sz). It does not depend on the samples, so a bad
+        campaign cannot raise it.
     min_correction_stds : float
-        Smallest length of a correction, as a multiple of the length of its standard deviation. Below it the target
-        stays nominal: chance alone could give the correction.
+        The smallest length of a correction as a multiple of the length of its standard deviation. Below it the target
+        stays nominal, because chance alone could give the correction.
     max_correction : float [mm]
-        Largest length of a correction.
+        The largest length of a correction.
     max_distance : float [mm or rad], optional
-        Largest distance to the nearest sample, in the predictor's coordinates. Default: 1.5 times the largest distance
-        of a sample to its nearest neighbour.
+        The largest distance to the nearest sample, in the predictor's coordinates. Default: 1.5 times the largest
+        distance of a sample to its nearest neighbour.
     max_angle : float [rad]
-        Largest rotation between a target's orientation and that of the sample most alike; a map of positions knows no
-        other.
+        The largest rotation between the orientation of a target and the nearest orientation of a sample.
     max_tool : float [mm]
-        Largest distance between the tool point of a target and the measured one, for maps that know position only.
+        The largest distance between the tool point of a target and the measured one, for maps of positions only.
     max_rotation : float [rad]
-        Largest angle of a correction of orientation.
+        The largest angle of a correction of orientation.
     max_rotation_std : float [rad]
-        Largest length of the predicted standard deviation of orientation, where that is corrected.
+        The largest length of the predicted standard deviation of orientation, if orientation is corrected.
     """
 
     max_std: float = 0.25
@@ -61,19 +60,19 @@ class Limits:
 
 
 class Region:
-    """The sampled region: near a sample, and not where a linear trend would have to be extrapolated.
+    """The sampled region: near a sample, and without extrapolation of a linear trend.
 
     Parameters
     ----------
     x : (n, d) array
-        Samples in the predictor's coordinates: positions [mm] or joints [rad].
+        The samples in the predictor's coordinates: positions [mm] or joints [rad].
     max_distance : float, optional
-        See `Limits`.
+        The largest distance to a sample, see `Limits`.
 
     Notes
     -----
-    The leverage of x0 is f0ᵀ(FᵀF)⁻¹f0 with the row f = (1, x): the squared Mahalanobis distance of regression, blind to
-    the bounding box. Its limit is 1.5 times the largest leverage among the samples.
+    The leverage of x0 is f0ᵀ(FᵀF)⁻¹f0 with the row f = (1, x), the squared Mahalanobis distance of regression. Its
+    limit is 1.5 times the largest leverage among the samples.
     """
 
     def __init__(self, x: FloatArray, max_distance: float | None = None) -> None:
@@ -83,7 +82,7 @@ class Region:
             max_distance = _SPACING_MARGIN * float(spacing.max())
         self.max_distance = max_distance
         self._mean = x.mean(axis=0)
-        # directions that the samples do not span carry no trend; the distance guards them
+        # directions that the samples do not span have no trend; the distance guards them
         _, scale, self._axes = np.linalg.svd(x - self._mean, full_matrices=False)
         spanned = scale > scale.max(initial=0.0) * 1e-6
         self._axes, self._scale = self._axes[spanned], scale[spanned]
@@ -101,7 +100,7 @@ class Region:
         return _nearest(self._tree, x)[:, 0]
 
     def reasons(self, x: FloatArray, unit: str) -> list[str]:
-        """Return for each of (m, d) points why it lies outside, or an empty string; `unit` is that of x."""
+        """Return the reason why each of (m, d) points is outside, or an empty string; `unit` is the unit of x."""
         distance, leverage = self.distance(x), self.leverage(x)
         reasons = [""] * len(x)
         for i in np.flatnonzero(leverage > self.max_leverage):
@@ -122,12 +121,13 @@ class Guards:
     x : (n, d) array
         The samples in the predictor's coordinates: commanded positions [mm] or joints [rad].
     limits : Limits
+        The limits of corrections.
     p_flange_tool : (3,) array [mm], flange frame
         The measured point.
     rotation : Rotation of length n, optional
-        Orientations of the samples' tool, base frame.
+        The orientations of the samples' tool, base frame.
     status : array of int, optional
-        Arm branches (KUKA Status, bits 0–2) among the samples.
+        The arm branches of the samples (KUKA Status, bits 0 to 2).
     """
 
     def __init__(
@@ -157,23 +157,28 @@ class Guards:
         p_flange_tool: FloatArray | None = None,
         status: IntArray | None = None,
     ) -> list[str]:
-        """Return for each target why it must not be corrected, or an empty string.
+        """Return the reason why each target must not be corrected, or an empty string.
 
         Parameters
         ----------
         x : (m, d) array
-            Solved commands in the predictor's coordinates.
+            The solved commands in the predictor's coordinates.
         unit : str
-            Of x.
+            The unit of x.
         std : (m, 3) array [mm] or (m, 6) array [mm, rad], base frame
-            Predicted standard deviation there.
+            The predicted standard deviations at the commands.
         converged : (m,) array of bool
+            Whether the command was found, see `Solution`.
         rotation : Rotation of length m, optional
-            Orientations of the targets, base frame.
+            The orientations of the targets, base frame.
         p_flange_tool : (m, 3) array [mm], flange frame, optional
-            Tool points of the targets.
+            The tool points of the targets.
         status : (m,) array of int, optional
-            KUKA Status of the targets, −1 where it is not given.
+            The KUKA Status of the targets; −1 if not given.
+
+        Returns
+        -------
+        list of m str
         """
         reasons = self.region.reasons(x, unit)
 
@@ -223,31 +228,31 @@ def _nearest(tree: KDTree, x: FloatArray, k: int = 1) -> FloatArray:
 
 
 def _angle_of_chord(chord: FloatArray) -> FloatArray:
-    """Return the angle of rotation between unit quaternions from their distance: |q ± q'| = 2 sin(angle / 4)."""
+    """Return the angle between orientations from |q ± q'| = 2 sin(angle / 4) of their unit quaternions."""
     angle: FloatArray = 4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
     return angle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Corrections:
     """Commands for targets, each with its verdict.
 
     Attributes
     ----------
     p_target, p_command : (n, 3) arrays [mm], base frame
-        What is wanted, and what to command; equal where the verdict is neither correct nor clip.
+        The targets and their commands; both are equal unless the verdict is correct or clip.
     p_mirror : (n, 3) array [mm], base frame
-        The one-step command (15), for comparison.
+        The one-step commands (15), for comparison.
     e, std : (n, 3) arrays [mm], base frame
-        Predicted error at the command and its standard deviation; NaN where nothing was predicted.
+        The predicted errors at the commands and their standard deviations; NaN without a prediction.
     verdict : (n,) array of str
-        ``correct``, ``clip``, ``skip``, ``refuse`` or ``below uncertainty``.
+        The verdicts: ``correct``, ``clip``, ``skip``, ``refuse`` or ``below uncertainty``.
     reason : list of str
-        Why not ``correct``; empty where it is.
+        The reasons of verdicts other than ``correct``; empty for ``correct``.
     rotation : (n, 3) array [rad], base frame, optional
-        Rotation vectors of the commands: R_c = exp(rotation) R_t. None where orientation was not asked for.
+        The rotation vectors of the commands, R_c = exp(rotation) R_t; None if orientation is not corrected.
     rotation_mirror, rotation_std : (n, 3) arrays [rad], base frame, optional
-        Of one step (15), and the standard deviation of the predicted orientation error.
+        The rotation vectors of one step (15), and the standard deviations of the predicted orientation errors.
     """
 
     p_target: FloatArray
@@ -261,19 +266,30 @@ class Corrections:
     rotation_mirror: FloatArray | None = None
     rotation_std: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        verdicts, counts = np.unique(self.verdict, return_counts=True)
+        listed = ", ".join(f"{count} {verdict}" for verdict, count in zip(verdicts, counts, strict=True))
+        if not (used := np.isin(self.verdict, ("correct", "clip"))).any():
+            return f"<Corrections of {len(self.verdict)} targets: {listed or 'none'}>"
+        length = np.linalg.norm(self.correction[used], axis=1)
+        return (
+            f"<Corrections of {len(self.verdict)} targets: {listed}; lengths have mean {length.mean():.3f} mm, "
+            f"max {length.max():.3f} mm>"
+        )
+
     @property
     def correction(self) -> FloatArray:
-        """What is added to each target, (n, 3) [mm], base frame."""
+        """The displacements of the targets, (n, 3) [mm], base frame."""
         return self.p_command - self.p_target
 
     @property
     def mirror_miss(self) -> FloatArray:
-        """How far the one-step command (15) is from that of (16), (n,) [mm]; NaN where the latter is not used."""
+        """The distances between the commands of (15) and (16), (n,) [mm]; NaN where (16) is not used."""
         miss = np.linalg.norm(self.p_mirror - self.p_command, axis=1)
         return np.where(self.verdict == "correct", miss, np.nan)
 
     def to_rows(self) -> list[dict[str, Any]]:
-        """Return one record per target, units in the names."""
+        """Return one record per target, with units in the keys."""
         rows = [
             {
                 **{f"{axis}_target_mm": self.p_target[i, k] for k, axis in enumerate("xyz")},
@@ -296,28 +312,32 @@ class Corrections:
 def apply_policy(
     correction: FloatArray, std: FloatArray, reasons: Sequence[str], limits: Limits, policy: Policy
 ) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
-    """Turn the guards' reasons into verdicts, and into the share of each correction that is used.
+    """Return the verdict of each target and the share of its correction that is used.
 
-    Under ``refuse`` and ``skip`` a target with a reason keeps its nominal command and has that verdict. Under ``clip``
-    a correction that is only too long is shortened to the limit; any other reason skips its target. A correction that
-    no guard objects to, but that is smaller than its own standard deviation, is not used under any policy: its target
-    is as good without it. Where orientation is corrected, too, both must be smaller.
+    Under ``refuse`` and ``skip``, a target with a reason keeps its nominal command and gets that verdict. Under
+    ``clip``, a correction that is only too long is shortened to the limit; any other reason skips its target. A
+    correction without a reason that is smaller than its standard deviation is not used under any policy; if orientation
+    is corrected as well, both parts must be smaller.
 
     Parameters
     ----------
     correction, std : (n, 3) arrays [mm] or (n, 6) arrays [mm, rad]
-        Corrections and the standard deviations of the predicted errors.
+        The corrections and the standard deviations of the predicted errors.
     reasons : sequence of n str
-        From the guards; empty where nothing is wrong. The size of the correction is judged here.
+        The reasons of the guards; empty for targets without one. The size of the corrections is checked here.
     limits : Limits
+        The limits of corrections.
     policy : {"refuse", "skip", "clip"}
+        The treatment of targets with a reason.
 
     Returns
     -------
     share : (n,) array
-        1 for a correction that is used as it is, 0 for none.
+        The used share of each correction: 1 for all of it, 0 for none.
     verdict : (n,) array of str
+        The verdicts.
     reason : list of str
+        The reasons, with those of too large or too small corrections.
     """
     length, angle = np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)
     excess = np.maximum(length / limits.max_correction, angle / limits.max_rotation)

@@ -1,4 +1,4 @@
-"""The limits in force for a correction: each setting with its value and with who stated it."""
+"""Combine the limits in force for a correction, each with its origin."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class LimitsInForce:
     Attributes
     ----------
     values : mapping of str to float, str or None
-        By the keys of ``[correction]``, in the units of the keys. None: no limit was stated and none was found yet.
+        The values by the keys of ``[correction]``, in the units of the keys; None for a limit not stated or found yet.
     origin : mapping of str to str
-        Who stated each value: ``default``, ``map``, ``cell file`` or ``option``; a default that depends on the samples
-        says how it was found.
+        The origin of each value: ``default``, ``map``, ``cell file`` or ``option``; a default that depends on the
+        samples says how it was found.
     """
 
     values: Mapping[str, Any]
@@ -33,19 +33,19 @@ class LimitsInForce:
 
     @classmethod
     def of(cls, *stated: tuple[str, Mapping[str, Any]], space: str = "cartesian") -> Self:
-        """Combine settings of several origins, the weakest first; a later origin replaces only the keys it states.
+        """Combine settings of several origins, the weakest first; a later origin replaces only its own keys.
 
         Parameters
         ----------
         *stated : (str, mapping)
-            An origin and the keys of ``[correction]`` that it states. None counts as not stated.
+            An origin and its keys of ``[correction]``. None counts as not stated.
         space : {"cartesian", "joint"}
-            The space of the map: distances to samples are millimetres in the one and degrees in the other.
+            The space of the map, which determines the unit of distances to samples (mm or degrees).
 
         Raises
         ------
         DataError
-            If only the distance of the other space was stated: it would have no effect.
+            If only the distance of the other space is stated, which has no effect.
         """
         values: dict[str, Any] = {}
         origin: dict[str, str] = {}
@@ -75,26 +75,26 @@ class LimitsInForce:
 
     @property
     def on_guard(self) -> Policy:
-        """What happens to a target that a guard objects to."""
+        """The treatment of targets with a reason, see `apply_policy`."""
         policy: Policy = self.values["on_guard"]
         return policy
 
     def with_found(self, found: Mapping[str, tuple[float, str]]) -> Self:
-        """Return these settings with limits found from the samples, as (value, how), where none is stated."""
+        """Return these settings with limits found from the samples, (value, how), for keys without a stated value."""
         new = {key: pair for key, pair in found.items() if self.values.get(key) is None}
         values = {key: value for key, (value, _) in new.items()}
         origin = {key: f"default: {how}" for key, (_, how) in new.items()}
         return replace(self, values={**self.values, **values}, origin={**self.origin, **origin})
 
     def at_most(self, key: str, value: float, how: str) -> Self:
-        """Return these settings with one of them not above a value that was found, whoever stated it."""
+        """Return these settings with one of them limited to a value found from the samples."""
         stated = self.values.get(key)
         if stated is not None and stated <= value:
             return self
         return replace(self, values={**self.values, key: value}, origin={**self.origin, key: f"default: {how}"})
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Return value and origin of every setting by its key, for JSON."""
+        """Return the value and origin of each setting by its key, for JSON."""
         return {key: {"value": value, "origin": self.origin[key]} for key, value in self.values.items()}
 
     def sentence(self) -> str:

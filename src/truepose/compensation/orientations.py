@@ -1,4 +1,4 @@
-"""How far from the sampled orientations a map of positions may be asked."""
+"""Find the distance from the sampled orientations up to which a map of positions holds."""
 
 from __future__ import annotations
 
@@ -15,34 +15,39 @@ from truepose.errors import TrueposeError
 LeaveBlocksOut = Callable[[IntArray], tuple[FloatArray, FloatArray]]
 
 ONE_ORIENTATION: Final = float(np.deg2rad(2.0))
-"""What samples at one orientation support [rad]: a tool point known to 1 mm moves by 0.035 mm, less than usual RP."""
+"""The angle that samples at one orientation support [rad]: a tool point known to 1 mm moves by 0.035 mm."""
 _STEPS: Final = np.deg2rad([5.0, 10.0, 15.0, 20.0])
-_LARGEST_RATIO: Final = 1.5  # of residuals to what the map claims, RMS
-_FEWEST: Final = 5  # samples that can speak for a step
+_LARGEST_RATIO: Final = 1.5  # of residuals to predicted standard deviations, RMS
+_FEWEST: Final = 5  # samples per step
 _MOST_BLOCKS: Final = 10
 
 
 def supported_angle(leave_blocks_out: LeaveBlocksOut, rotation: Rotation) -> float:
     """Return the largest angle to the nearest sampled orientation at which a map of positions holds [rad].
 
-    The samples are divided by orientation, and each block is predicted from those of other orientations. In steps of
-    5° of the angle to the nearest of these, the residuals must stay within 1.5 times what the map claims (RMS), up to
-    the first step where they do not; a step that fewer than five samples reach says nothing. Samples at one
-    orientation support 2°.
+    The samples are divided by orientation, and each block is predicted from the other blocks. The residuals are grouped
+    in steps of 5° by the angle to the nearest orientation of another block. The map holds up to the first step whose
+    residuals exceed 1.5 times their predicted standard deviation (RMS). Steps with fewer than five samples are skipped.
+    Samples at one orientation support 2°.
 
     Parameters
     ----------
     leave_blocks_out : callable
-        Takes a label for each sample; returns residuals and their standard deviations, (n, 3) [mm].
+        A function from a label for each sample to residuals and their standard deviations, (n, 3) [mm].
     rotation : Rotation of length n
         The orientations of the samples' tool.
+
+    Returns
+    -------
+    float
+        The angle [rad].
     """
     block = orientation_blocks(rotation)
     if block.max(initial=0) == 0:
         return ONE_ORIENTATION
     try:
         residual, std = leave_blocks_out(block)
-    except TrueposeError:  # what is left without a block cannot bear the model
+    except TrueposeError:  # the remaining samples do not support the model
         return ONE_ORIENTATION
     ratio = np.mean((residual / np.maximum(std, np.finfo(float).tiny)) ** 2, axis=1)
     angle = _angle_to_others(rotation, block)
@@ -58,10 +63,10 @@ def supported_angle(leave_blocks_out: LeaveBlocksOut, rotation: Rotation) -> flo
 
 
 def orientation_blocks(rotation: Rotation) -> IntArray:
-    """Return the block of each of n orientations, (n,): equal ones together, and at most ten blocks.
+    """Return the block of each of n orientations, (n,): equal orientations together, and at most ten blocks.
 
-    Orientations within 2° of the first of their kind count as one. More than ten kinds are cut along their widest
-    direction, again and again.
+    Orientations within 2° of the first of their kind count as equal. More than ten kinds are divided repeatedly across
+    their widest direction.
     """
     kind, kinds = _kinds(rotation)
     if len(kinds) <= _MOST_BLOCKS:

@@ -1,4 +1,4 @@
-"""The command whose predicted outcome is the target (theory (15) and (16)), for positions and for poses.
+"""Solve for the command whose predicted outcome is the target (theory (15), (16)), for positions and poses.
 
 A command is a position, or a pose as a position and the rotation vector ω by which it differs from the target,
 R_c = exp(ω) R_t. Its outcome is exp(ŵ) R_c, so that R_c = exp(−ŵ) R_t is ω + ŵ = 0: the same equation as for positions.
@@ -15,10 +15,10 @@ import numpy as np
 from truepose._typing import BoolArray, FloatArray, IntArray
 
 Predict = Callable[[FloatArray, IntArray], FloatArray]
-"""Commands (m, 3) [mm] or (m, 6) [mm, rad] for the targets of some rows (m,), to an array of m."""
+"""A function of commands (m, 3) [mm] or (m, 6) [mm, rad] and the rows (m,) of their targets."""
 
 TOLERANCE: Final = 1e-4
-"""[mm, mrad] A solution reproduces its target to this; ten times finer than 1 µm and 1 µrad."""
+"""The tolerance of a solution [mm, mrad]: ten times finer than 1 µm and 1 µrad."""
 
 _UNITS: Final = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
 
@@ -30,13 +30,15 @@ class Solution:
     Attributes
     ----------
     command : (n, 3) array [mm] or (n, 6) array [mm, rad], base frame
+        The commands of (16).
     mirror : array like command
         The commands of one step (15): P_c = P_t − ê(P_t), ω = −ŵ.
     error : array like command
-        Predicted error at the command.
+        The predicted errors at the commands.
     converged : (n,) array of bool
         Whether ‖command + error − target‖ is within the tolerance.
     iterations : int
+        The number of iterations.
     """
 
     command: FloatArray
@@ -56,19 +58,21 @@ def solve(
 ) -> Solution:
     """Return the commands P_c with P_c + ê(P_c) = P_t (16), and those of one step (15).
 
-    A fixed-point iteration, or Newton's where the predictor gives its derivative. Errors change by some 10⁻³ mm per mm,
-    so either takes two or three steps; a target that does not settle is reported, never returned as if it had.
+    The iteration is Newton's if the gradient is given, otherwise a fixed-point iteration. Errors change by about 10⁻³
+    mm per mm, so both take two or three steps. `Solution.converged` marks targets without a solution.
 
     Parameters
     ----------
     target : (n, 3) array [mm] or (n, 6) array [mm, rad], base frame
-        Positions; or poses, each by its position and the rotation vector zero.
+        The positions; or the poses, each as its position and a rotation vector of zero.
     predict : callable
-        Commands and their rows (m,) to predicted errors, like the commands.
+        A function of commands and their rows (m,) that returns the predicted errors, like the commands.
     gradient : callable, optional
-        Positions and their rows to ∂ê/∂P (m, 3, 3), component by coordinate.
+        A function of positions and their rows that returns ∂ê/∂P (m, 3, 3), component by coordinate.
     tolerance : float [mm, mrad]
+        The largest distance between outcome and target.
     max_iterations : int
+        The largest number of iterations.
 
     Returns
     -------

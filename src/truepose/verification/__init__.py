@@ -1,6 +1,6 @@
-"""Verification on poses that took no part in the fit or the choice (theory, verification)."""
+"""Verify error models on poses that took no part in the fit or the choice (theory, verification)."""
 
-from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
+from truepose.verification.accuracy import Accuracy, IntervalCoverage, accuracy, coverage, mean_noise, summary
 from truepose.verification.held_out import RP_PER_STD, HeldOut, held_out, usual_groups
 from truepose.verification.performance import Attained, Iso9283, PoseFigures
 
@@ -8,8 +8,8 @@ __all__ = [
     "RP_PER_STD",
     "Accuracy",
     "Attained",
-    "Coverage",
     "HeldOut",
+    "IntervalCoverage",
     "Iso9283",
     "PoseFigures",
     "accuracy",

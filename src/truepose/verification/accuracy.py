@@ -1,4 +1,4 @@
-"""Accuracy before and after, with bootstrap intervals, and whether the predicted standard deviation tells the truth."""
+"""Compare accuracy before and after, with bootstrap intervals, and check predicted standard deviations."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def summary(e: ArrayLike) -> dict[str, float]:
 
     Parameters
     ----------
-    e : (n, 3) array [mm]
-        Positional errors; or (n,), one component.
+    e : (n, 3) or (n,) array [mm]
+        The positional errors, or one component of them.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def summary(e: ArrayLike) -> dict[str, float]:
     Raises
     ------
     DataError
-        If there is no error, or one is not finite.
+        If the array is empty or not finite.
 
     Examples
     --------
@@ -50,22 +50,22 @@ def summary(e: ArrayLike) -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Accuracy:
-    """Held-out accuracy before and after (theory, verification); see `accuracy`.
+    """The accuracy of the same poses before and after; the result of `accuracy`.
 
     Attributes
     ----------
     before, after : dict
-        As `summary` gives them.
+        The figures of the errors, see `summary`.
     axes : dict
-        ``x``, ``y``, ``z``, each with ``before`` and ``after``.
+        The same figures of each component ``x``, ``y``, ``z``, under ``before`` and ``after``.
     reduction_mean_percent, reduction_max_percent : float
-        100 (1 − after / before).
+        The reductions 100 (1 − after / before) of the mean and of the maximum.
     intervals : dict
-        95 % bootstrap interval of ``after_mean_mm``, ``after_max_mm``, ``reduction_mean_percent``,
-        ``reduction_max_percent``; poses are resampled in pairs of before and after. The bootstrap of a maximum is
-        too narrow: it knows no pose worse than those measured.
+        The 95 % bootstrap intervals of ``after_mean_mm``, ``after_max_mm``, ``reduction_mean_percent`` and
+        ``reduction_max_percent``; each pose is resampled with its errors before and after. The interval of a maximum
+        is too narrow, because the bootstrap has no pose worse than the measured ones.
     """
 
     before: dict[str, float]
@@ -74,6 +74,19 @@ class Accuracy:
     reduction_mean_percent: float
     reduction_max_percent: float
     intervals: dict[str, tuple[float, float]]
+
+    def __repr__(self) -> str:
+        lines = [
+            f"Accuracy of {self.before['n']} poses [mm]",
+            f"{'before':>15} {'after':>8}  reduction (95 % interval)",
+        ]
+        for name in ("mean", "rms", "p95", "max"):
+            row = f"  {name:4} {self.before[f'{name}_mm']:8.3f} {self.after[f'{name}_mm']:8.3f}"
+            if name in ("mean", "max"):
+                low, high = self.intervals[f"reduction_{name}_percent"]
+                row += f"  {getattr(self, f'reduction_{name}_percent'):.1f} % ({low:.1f} to {high:.1f})"
+            lines.append(row)
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain numbers, for JSON."""
@@ -93,9 +106,13 @@ def accuracy(before: ArrayLike, after: ArrayLike, *, rng: np.random.Generator | 
     Parameters
     ----------
     before, after : (n, 3) arrays [mm], base frame
-        Positional errors of the same held-out poses, in the same order.
+        The positional errors of the same held-out poses, in the same order.
     rng : Generator or int
-        For the bootstrap.
+        The random generator of the bootstrap, or its seed.
+
+    Returns
+    -------
+    Accuracy
 
     Raises
     ------
@@ -104,13 +121,18 @@ def accuracy(before: ArrayLike, after: ArrayLike, *, rng: np.random.Generator | 
 
     Examples
     --------
-    >>> accuracy([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0]]).reduction_max_percent
-    90.0
+    >>> accuracy([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0]])
+    Accuracy of 2 poses [mm]
+             before    after  reduction (95 % interval)
+      mean    1.500    0.150  90.0 % (90.0 to 90.0)
+      rms     1.581    0.158
+      p95     1.950    0.195
+      max     2.000    0.200  90.0 % (90.0 to 90.0)
     """
     e_before, e_after = np.asarray(before, float), np.asarray(after, float)
     if e_before.shape != e_after.shape or e_before.ndim != 2:
         raise DataError(
-            f"before has shape {e_before.shape}, after {e_after.shape}; both must be (n, 3) errors of the same poses"
+            f"before has shape {e_before.shape}, after {e_after.shape}; expected (n, 3) errors of the same poses"
         )
     length = np.stack([_lengths(e_before), _lengths(e_after)])
     n = length.shape[1]
@@ -136,17 +158,17 @@ def accuracy(before: ArrayLike, after: ArrayLike, *, rng: np.random.Generator | 
 
 
 @dataclass(frozen=True)
-class Coverage:
-    """How honest a predicted standard deviation is, over components of held-out errors.
+class IntervalCoverage:
+    """The agreement of predicted standard deviations with held-out errors, over components; see `coverage`.
 
     Attributes
     ----------
     within_68, within_95 : float
-        Share of components inside ±0.994 and ±1.960 standard deviations; 0.68 and 0.95 are right.
+        The share of components inside ±0.994 and ±1.960 standard deviations; ideally 0.68 and 0.95.
     standardised_rms : float
-        RMS of residual / std; 1 is right, above 1 the predictor is too sure.
+        The RMS of residual / std; ideally 1. Above 1 the predicted standard deviations are too small.
     standardised_mean : tuple of 3 float
-        Mean of residual / std in each direction; 0 is right, otherwise all errors go one way.
+        The mean of residual / std in each direction; ideally 0. Otherwise the predictions are biased.
     """
 
     within_68: float
@@ -155,27 +177,32 @@ class Coverage:
     standardised_mean: tuple[float, ...] = ()
 
 
-def coverage(residual: ArrayLike, std: ArrayLike) -> Coverage:
-    """Return how often residuals lie inside their predicted intervals.
+def coverage(residual: ArrayLike, std: ArrayLike) -> IntervalCoverage:
+    """Return the share of residuals inside their predicted intervals.
 
     Parameters
     ----------
     residual, std : (n, 3) arrays [mm]
-        Held-out residuals and the standard deviation predicted for them, measurement noise included.
+        The held-out residuals and their predicted standard deviations, measurement noise included.
 
     Raises
     ------
     DataError
         If the shapes differ, or a standard deviation is not positive.
+
+    Examples
+    --------
+    >>> round(coverage(np.random.default_rng(0).normal(size=(1000, 3)), np.ones((1000, 3))).within_95, 2)
+    0.95
     """
     left, predicted = np.asarray(residual, float), np.asarray(std, float)
     if left.shape != predicted.shape or left.ndim != 2:
-        raise DataError(f"residuals have shape {left.shape}, their std {predicted.shape}; both must be (n, 3)")
+        raise DataError(f"residuals have shape {left.shape}, their std {predicted.shape}; expected (n, 3) for both")
     bad = np.flatnonzero(~(predicted > 0.0).all(axis=1))
     if len(bad):
         raise DataError(f"std of pose {bad[0]} is {predicted[bad[0]]}; expected positive numbers, noise included")
     z = left / predicted
-    return Coverage(
+    return IntervalCoverage(
         within_68=float(np.mean(np.abs(z) < 0.99446)),
         within_95=float(np.mean(np.abs(z) < 1.95996)),
         standardised_rms=float(np.sqrt(np.mean(z**2))),
@@ -184,7 +211,7 @@ def coverage(residual: ArrayLike, std: ArrayLike) -> Coverage:
 
 
 def mean_noise(covariance: ArrayLike) -> FloatArray:
-    """Return the mean length of normal noise: the least that any predictor leaves of readings with that noise.
+    """Return the mean length of normal noise, which is the lower limit of any predictor's mean residual.
 
     With eigenvalues λ of the covariance it is 2 √(2/π) R_G(λ1, λ2, λ3), Carlson's integral: the mean of √(uᵀΣu) over
     directions u is R_G (DLMF 19.16.3, 19.23.7), and E|uᵀx| = √(2/π) √(uᵀΣu) is half of E‖x‖ when averaged over them.
@@ -192,11 +219,12 @@ def mean_noise(covariance: ArrayLike) -> FloatArray:
     Parameters
     ----------
     covariance : (n, 3, 3) array [mm²]
-        Repeatability and reading noise together.
+        The covariances of repeatability and reading noise together.
 
     Returns
     -------
     (n,) array [mm]
+        The mean lengths.
 
     Raises
     ------
@@ -222,16 +250,16 @@ def _lengths(e: ArrayLike) -> FloatArray:
     array = np.asarray(e, float)
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or len(array) == 0:
-        raise DataError(f"errors of shape {array.shape} came, (n, 3) with n > 0 was expected")
+        raise DataError(f"expected errors of shape (n, 3) with n > 0, got {array.shape}")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise DataError(
-            f"error {bad[0]} is not finite ({len(bad)} in all): remove these poses before computing accuracy"
+            f"error {bad[0]} is not finite ({len(bad)} in all); remove these poses before computing accuracy"
         )
     return np.asarray(np.linalg.norm(array, axis=1))
 
 
 def _reduction(before_after: FloatArray) -> FloatArray:
-    """Percent reduction; rows are before and after. Nothing to reduce counts as 0."""
+    """Return the reduction in percent; rows are before and after. It is 0 where before is 0."""
     before, after = before_after
     return np.asarray(100.0 * (1.0 - np.divide(after, before, out=np.ones_like(before), where=before > 0)))

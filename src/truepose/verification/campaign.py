@@ -1,16 +1,16 @@
-"""Was a measuring campaign sound? A moved tracker, a wrong scale, a drift, reference points that do not come back.
+"""Find faults of a measuring campaign: a moved tracker, a wrong scale, a drift, changed reference points.
 
 The errors e (n, 3) of a campaign are modelled as
 
     e = X x + H θ + g + r,        x ~ N(0, T²),   g ~ GP(0, γ² k(u, u′)) per component,   r ~ N(0, σ²)
 
-X are the columns of what an arm may deviate by (kinematic parameters with their tolerances T; the station is free), g
-is a smooth field over the coordinates u (joints or positions) that takes what X leaves, and H are the columns of a
-fault: six for a rigid motion between two parts of the campaign, six for a rigid motion that grows with time, one for
-a scale. σ, γ and the length of k are found by restricted likelihood (Patterson and Thompson 1971) with H in the model,
-so a fault does not hide behind the noise that it would cause. θ is tested by an F test against its covariance, which
-holds what X and g can imitate: where a plan visits the region in order, a drift is hardly distinguishable from the
-arm's own errors, and its standard error says so.
+X are the columns of the arm's own deviations (kinematic parameters with their tolerances T; the station is free), g is
+a smooth field of the remaining errors over the coordinates u (joints or positions), and H are the columns of a fault:
+six for a rigid motion between two parts of the campaign, six for a rigid motion that grows with time, one for a scale.
+σ, γ and the length of k are estimated by restricted likelihood (Patterson and Thompson 1971) with H in the model, so
+that a fault does not inflate the noise. An F test compares θ with its covariance, which includes all that X and g can
+imitate: if a plan visits the region in order, a drift is hardly distinguishable from the arm's own errors, and its
+standard error is large.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ from truepose.geometry.transforms import cross_matrix
 Kind = Literal["moved", "drift", "scale", "reference"]
 
 SIGNIFICANT: Final = 1e-6
-"""Largest chance, under no fault, of an effect as large as one that is named."""
+"""The largest p-value of a fault that is reported."""
 SMALLEST_MM: Final = 0.05
-"""Smallest effect that is named: root mean square displacement of the samples [mm]."""
+"""The smallest effect that is reported: root mean square displacement of the samples [mm]."""
 SMALLEST_SCALE: Final = 1e-3
-"""Smallest scale that is named: links are made to about a millimetre in a metre."""
+"""The smallest scale that is reported; links are accurate to about a millimetre in a metre."""
 FEWEST: Final = 16
-"""Samples below which nothing is tested."""
+"""The smallest number of samples that is tested."""
 LARGEST: Final = 300
-"""Samples that are tested: of more, these are drawn at random."""
+"""The largest number of samples that is tested; larger campaigns are thinned at random."""
 
-_SIDE: Final = 8  # samples on either side of a move
-_CUTS: Final = 48  # places of a move that are looked at before the best is refined
+_SIDE: Final = 8  # samples on either side of a motion
+_CUTS: Final = 48  # positions of a motion tried before the best is refined
 _LENGTHS: Final = (0.15, 0.4, 1.0)  # of k, in units of the spread of the coordinates
 _RATIOS: Final = (0.3, 3.0, 30.0, 300.0)  # γ²/σ², beside 0
 _STEPS: Final = 4  # for σ
-_WORTH: Final = 0.01  # chance below which a fault is looked at closely
+_WORTH: Final = 0.01  # p-value below which a fault is fitted
 _DEGREE: Final = 3
-_GROSS: Final = 40.0  # squared distance beyond which a sample is gross: χ² of three passes it once in 10⁸
+_GROSS: Final = 40.0  # squared distance beyond which a sample is gross; χ² with three degrees of freedom: 1 in 10⁸
 _ROUNDS: Final = 4
 _KINDS: Final = ("moved", "drift", "scale")
-_DIFFUSE: Final = 1e-6  # weight of what is free [1/mm²]
-_SPREAD: Final = 10.0  # mm: reference points nearer to a line tell no rotation
-_KNOWN: Final = 100.0  # degrees of freedom of a noise that is known beforehand
+_DIFFUSE: Final = 1e-6  # prior weight of free columns [1/mm²]
+_SPREAD: Final = 10.0  # mm: reference points nearer to a line do not determine a rotation
+_KNOWN: Final = 100.0  # degrees of freedom of a known noise
 _FLOOR: Final = 1e-4  # of σ [mm]
 
 
@@ -64,21 +64,21 @@ class Change:
     Attributes
     ----------
     kind : {"moved", "drift", "scale", "reference"}
-        The tracker moved; a motion that grows with time; a scale; reference points that changed.
+        The kind of fault: the tracker moved, a motion grows with time, lengths have a scale, reference points changed.
     shift, shift_std : float [mm]
-        Length of the displacement of the samples' centre, from before to after or from first to last.
+        The length of the displacement of the samples' centre, from before to after or from first to last.
     turn, turn_std : float [rad]
-        Angle of the rotation.
+        The angle of the rotation.
     scale, scale_std : float
-        Measured over commanded lengths, less 1.
+        The ratio of measured to commanded lengths, minus 1.
     size, size_std : float [mm]
-        Root mean square displacement of the samples.
+        The root mean square displacement of the samples.
     p_value : float
-        Chance of an effect as large as this without a fault.
+        The probability of an effect at least this large without a fault.
     rows : tuple of int
-        Of a move the last sample before and the first after it; else the first and the last sample.
+        The last sample before a motion and the first after it; for other faults the first and the last sample.
     points : int
-        Reference points; else 0.
+        The number of reference points; 0 for other faults.
     """
 
     kind: Kind
@@ -96,26 +96,27 @@ class Change:
 
     @property
     def notable(self) -> bool:
-        """Whether it is significant and large enough to be named."""
+        """Whether the fault is significant and large enough to be reported."""
         large = abs(self.scale) > SMALLEST_SCALE if self.kind == "scale" else self.size > SMALLEST_MM
         return large and self.p_value < SIGNIFICANT
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign's errors, in the order of time.
+    """The errors of a campaign in order of time, with the columns of their model.
 
     Attributes
     ----------
     e : (n, 3) array [mm], base frame
+        The positional errors.
     p : (n, 3) array [mm], base frame
-        Commanded positions.
+        The commanded positions.
     coordinates : (n, d) array
-        Over which the arm's errors are smooth.
+        The coordinates over which the arm's errors are smooth.
     columns : (n, 3, k) array
-        What one tolerance of each of the arm's parameters adds to the errors [mm].
+        The change of the errors by one tolerance of each parameter of the arm [mm].
     when : (n,) array
-        Time, or the place in the order.
+        The time, or the rank in order of time.
     """
 
     e: FloatArray
@@ -132,13 +133,13 @@ class Campaign:
 
     @cached_property
     def rigid(self) -> FloatArray:
-        """Columns of a rigid motion about the samples' centre, (n, 3, 6): translation [mm], rotation [rad]."""
+        """The columns of a rigid motion about the samples' centre, (n, 3, 6): translation [mm], rotation [rad]."""
         turned = -cross_matrix(self.p - self.p.mean(axis=0))
         return np.concatenate([np.tile(np.eye(3), (len(self), 1, 1)), turned], axis=2)
 
     @cached_property
     def smooth(self) -> FloatArray:
-        """Columns of fields that are cubic in the position, (n, 3, 57) [mm]: 1 mm over the degree, RMS."""
+        """The columns of fields cubic in the position, (n, 3, 57) [mm]; the RMS of each is 1 mm over its degree."""
         unit = (self.p - self.p.mean(axis=0)) / np.maximum(self.p.std(axis=0), 1.0)
         powers = [w for w in product(range(_DEGREE + 1), repeat=3) if 0 < sum(w) <= _DEGREE]
         terms = np.stack([np.prod(unit**w, axis=1) for w in powers], axis=1)
@@ -147,7 +148,7 @@ class Campaign:
 
     @cached_property
     def tested(self) -> tuple[IntArray, Campaign]:
-        """The samples that tests use, at most `LARGEST` and none that is gross: their places, and themselves."""
+        """The rows and the samples that are tested: at most `LARGEST`, without gross ones."""
         rows = _thinned(len(self))
         part = self[rows]
         if len(rows) >= FEWEST and not (keep := _sound(part)).all():
@@ -156,7 +157,7 @@ class Campaign:
 
     @cached_property
     def field(self) -> _Model:
-        """The model without faults, with the cubic fields."""
+        """The fitted model without faults, with the cubic fields."""
         return _fit(self, [])
 
     @cached_property
@@ -173,24 +174,34 @@ class Campaign:
 
     @property
     def growing(self) -> FloatArray:
-        """Columns of a rigid motion that grows by 1 from the first sample to the last, (n, 3, 6)."""
+        """The columns of a rigid motion that grows by 1 from the first sample to the last, (n, 3, 6)."""
         span = np.ptp(self.when)
         return np.asarray(self.rigid * ((self.when - self.when.mean()) / (span or 1.0))[:, None, None])
 
     @property
     def stretched(self) -> FloatArray:
-        """Column of a scale, (n, 3, 1)."""
+        """The column of a scale, (n, 3, 1)."""
         return np.asarray((self.p - self.p.mean(axis=0))[:, :, None])
 
     def moved(self, at: int) -> FloatArray:
-        """Return the columns of a rigid motion from a sample on, (n, 3, 6)."""
+        """Return the columns of a rigid motion of a sample and all later ones, (n, 3, 6)."""
         return np.asarray(self.rigid * (np.arange(len(self)) >= at)[:, None, None])
 
 
 def changes(campaign: Campaign) -> list[Change]:
     """Return the faults of a campaign, the clearest first; empty below `FEWEST` samples.
 
-    Faults are added one at a time, the most significant first, and each is tested beside those found before.
+    Faults are added one at a time, the most significant first, and each is tested together with those found before.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The errors and the columns of their model.
+
+    Returns
+    -------
+    list of Change
+        The faults that are significant and large enough.
     """
     rows, part = campaign.tested
     if len(rows) < FEWEST:
@@ -206,8 +217,8 @@ def changes(campaign: Campaign) -> list[Change]:
         if not tested:
             break
         found.append(min(tested, key=lambda one: one[0])[1])
-    told = [_change(part, one, [other.columns for other in found if other is not one]) for one in found]
-    return [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in told]
+    final = [_change(part, one, [other.columns for other in found if other is not one]) for one in found]
+    return [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in final]
 
 
 def suspected_drift(campaign: Campaign) -> float:
@@ -233,7 +244,7 @@ def _thinned(n: int) -> IntArray:
 
 
 def noise(campaign: Campaign) -> float:
-    """Return the standard deviation of what neither the arm's parameters nor a smooth field explain [mm]."""
+    """Return the standard deviation of the errors beyond the arm's parameters and a smooth field [mm]."""
     return campaign[_thinned(len(campaign))].field.sigma
 
 
@@ -242,22 +253,22 @@ def reference_change(
 ) -> Change | None:
     """Compare the readings of reference points before and after.
 
-    Their scatter about the common motion is the noise where it is larger than the known one, or nothing else tells it;
-    four points or more that are not on a line may turn.
+    The noise is their scatter about the common motion if it exceeds the known noise or no noise is known. The motion
+    includes a rotation if there are four or more points that are not on a line.
 
     Parameters
     ----------
     e, p : (n, 3) arrays [mm], base frame
-        Errors and commanded positions in the order of time.
+        The errors and commanded positions in order of time.
     before, after : (m,) arrays of int
-        Samples of the same command, at the begin and at the end.
+        The samples of the same commands at the start and at the end.
     noise_std : float [mm], optional
-        Of one reading, in each direction, robot included. Needed for fewer than three points.
+        The standard deviation of one reading in each direction, robot included; required below three points.
 
     Returns
     -------
     Change or None
-        None without points, or where nothing tells the noise.
+        None without points, or if the noise is unknown.
     """
     m = len(before)
     if not m or (m < 3 and noise_std is None):
@@ -275,13 +286,13 @@ def reference_change(
         std, freedom = max(std, np.sqrt(2.0) * noise_std), _KNOWN
     covariance = np.asarray(max(std, _FLOOR) ** 2 * np.linalg.inv(flat.T @ flat), np.float64)
     ends = int(before.min()), int(after.max())
-    told = _told("reference", estimate, covariance, columns, freedom, 1, ends)
-    return replace(told, points=m)
+    found = _tested("reference", estimate, covariance, columns, freedom, 1, ends)
+    return replace(found, points=m)
 
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """The fitted model: of the columns added last, θ and its covariance; σ; and what tests of more need."""
+    """The fitted model: σ, θ of the added columns with its covariance, and the factors for tests of further columns."""
 
     sigma: float
     freedom: float
@@ -294,7 +305,7 @@ class _Model:
     pulled: FloatArray  # (n, 3): weighted residuals, turned
 
     def chance(self, columns: FloatArray, tries: int = 1) -> float:
-        """Return the chance of what further columns explain, to first order: variances are those without them."""
+        """Return the p-value of further columns to first order: with the variances of the model without them."""
         explained, k = _explained(*self.against(columns)), columns.shape[2]
         left = max(self.freedom - explained, 1e-9)
         return min(1.0, tries * float(stats.f.sf(explained / k / left * self.freedom, k, self.freedom)))
@@ -310,7 +321,7 @@ class _Model:
 
 @dataclass(frozen=True, eq=False)
 class _Cause:
-    """A fault to test: from which sample on, its columns, in how many places it was looked for."""
+    """A fault to test: its first sample, its columns, and the number of positions that were tried."""
 
     kind: Kind
     at: int
@@ -319,7 +330,7 @@ class _Cause:
 
 
 def _fit(campaign: Campaign, added: list[FloatArray], smooth: bool = True) -> _Model:
-    """Fit σ, γ and the length of k by restricted likelihood, with columns added that have no prior."""
+    """Fit σ, γ and the length of k by restricted likelihood, with additional columns that have no prior."""
     n = len(campaign)
     free = np.concatenate([campaign.rigid, *added], axis=2)
     unit = np.maximum(np.sqrt(np.mean(free**2, axis=(0, 1))), 1e-12)
@@ -375,7 +386,7 @@ def _scaled(
 
 
 def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
-    """Return the faults that are worth a fit of their own."""
+    """Return the faults whose first-order p-value justifies a fit."""
     cuts = np.arange(_SIDE, len(campaign) - _SIDE + 1)
     field = _fit(campaign, known) if known else campaign.field
     arm = _fit(campaign, known, smooth=False)
@@ -388,10 +399,10 @@ def _causes(campaign: Campaign, known: list[FloatArray]) -> list[_Cause]:
 
 
 def _best_cut(campaign: Campaign, model: _Model, cuts: IntArray) -> int:
-    """Return the place of a move that explains most.
+    """Return the position of the motion that explains most.
 
-    All motions from the edges of segments on are sums of the segments' own columns, so one product serves them all;
-    the places near the best are then tried one by one.
+    A motion that starts at the edge of a segment is a sum of the segments' own columns, so one product serves all of
+    them; the positions near the best one are then tried one by one.
     """
     rough = np.unique(np.linspace(cuts[0], cuts[-1], min(_CUTS, len(cuts))).astype(np.intp))
     segment = np.searchsorted(rough, np.arange(len(campaign)), side="right")
@@ -413,9 +424,9 @@ def _explained(squares: FloatArray, right: FloatArray) -> float:
 
 
 def _sound(campaign: Campaign) -> BoolArray:
-    """Return the samples that are not gross (n,): single readings far off hide all else.
+    """Return the samples that are not gross, (n,); single gross readings would hide all other effects.
 
-    What is far off as long as nothing moved is judged again beside the best motion.
+    Samples are gross only if they are also far off when the best motion is in the model.
     """
     keep = np.ones(len(campaign), np.bool_)
     for _ in range(_ROUNDS):
@@ -450,14 +461,14 @@ def _left_out(model: _Model) -> FloatArray:
 
 
 def _change(campaign: Campaign, cause: _Cause, known: list[FloatArray]) -> Change:
-    """Return a fault, tested beside others that are known."""
+    """Return a fault, tested together with known ones."""
     model, k = _fit(campaign, [*known, cause.columns], smooth=cause.kind != "scale"), cause.columns.shape[2]
     columns = campaign.stretched if cause.kind == "scale" else campaign.rigid
     ends = (cause.at - 1, cause.at) if cause.kind == "moved" else (0, len(campaign) - 1)
-    return _told(cause.kind, model.theta[-k:], model.covariance[-k:, -k:], columns, model.freedom, cause.tries, ends)
+    return _tested(cause.kind, model.theta[-k:], model.covariance[-k:, -k:], columns, model.freedom, cause.tries, ends)
 
 
-def _told(
+def _tested(
     kind: Kind,
     theta: FloatArray,
     covariance: FloatArray,

@@ -1,13 +1,13 @@
-"""Does a model still hold? New readings against what it predicted, with the covariance that it gave them.
+"""Test whether a model still holds for new readings, and fit possible causes if it does not.
 
-With residuals r and their covariance S, the whitened z = L⁻¹ r, S = L Lᵀ, are standard normal where it holds: zᵀz is
-χ² and successive z are uncorrelated. Where it does not hold, columns H that stand for a cause (a moved station, a joint
-that is off) explain it as far as generalised least squares of r on H lowers rᵀS⁻¹r.
+If the model holds, the residuals r with covariance S = L Lᵀ give whitened residuals z = L⁻¹ r that are standard normal:
+zᵀz is χ² distributed and successive z are uncorrelated. If it does not hold, a cause with columns H (a moved station, a
+joint offset) explains the share of rᵀS⁻¹r that generalised least squares of r on H removes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
@@ -25,22 +25,22 @@ _FAILS: Final = 0.001
 _NOTABLE: Final = 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConsistencyTest:
-    """Whether a model still holds for new readings.
+    """The test of a model against new readings; the result of `check_consistency`.
 
     Attributes
     ----------
     n : int
-        Readings, of three components each.
+        The number of readings, of three components each.
     ratio : float
-        Root mean square of the standardised residuals; 1 where the model holds.
+        The root mean square of the standardised residuals; 1 if the model holds.
     p_chi_square : float
-        Chance of residuals as large as these or larger, if the model holds.
+        The probability of residuals at least as large as these, if the model holds.
     p_white : float
-        Chance of successive residuals as much alike as these, if the model holds; 1 where that cannot be told.
+        The probability of successive residuals at least as correlated as these, if the model holds; 1 if not tested.
     far : list of int
-        Readings whose own standardised length is beyond three times what chance gives in the mean.
+        The readings whose standardised length exceeds three times its root mean square.
     """
 
     n: int
@@ -51,34 +51,42 @@ class ConsistencyTest:
 
     @property
     def p_value(self) -> float:
-        """The smaller of the two chances, times two as there are two (Bonferroni)."""
+        """The smaller of the two probabilities, times two for two tests (Bonferroni)."""
         return min(1.0, 2.0 * min(self.p_chi_square, self.p_white))
 
     @property
     def verdict(self) -> Verdict:
-        """In words: ``holds``, ``doubtful`` (p below 0.01) or ``does not hold`` (p below 0.001)."""
+        """The verdict: ``holds``, ``doubtful`` (p below 0.01) or ``does not hold`` (p below 0.001)."""
         return "does not hold" if self.p_value < _FAILS else "doubtful" if self.p_value < _DOUBTFUL else "holds"
 
+    def __repr__(self) -> str:
+        far = f", {len(self.far)} of them far off" if self.far else ""
+        return (
+            f"<ConsistencyTest: {self.verdict} (p = {self.p_value:.2g}); {self.n} readings{far}; "
+            f"standardised residuals have RMS {self.ratio:.2f}>"
+        )
+
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, verdict and p-value among them."""
+        """Return plain values, with the verdict and the p-value."""
         return {"verdict": self.verdict, "p_value": self.p_value, **asdict(self)}
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A cause, fitted to residuals.
+    """A possible cause, fitted to the residuals.
 
     Attributes
     ----------
     cause : str
+        The name of the cause.
     estimate, std : (k,) arrays
-        Of its columns' coefficients.
+        The coefficients of its columns and their standard deviations.
     explained : float
-        Share of rᵀS⁻¹r that it takes away.
+        The share of rᵀS⁻¹r that it removes.
     p_left : float
-        Chance of what is left, if this is the whole cause.
+        The probability of the remaining residuals, if this is the only cause.
     evidence : float
-        Bayesian information criterion of doing without it, less that with it: positive where the readings speak for it.
+        The Bayesian information criterion without the cause minus that with it; positive if the readings support it.
     """
 
     cause: str
@@ -92,22 +100,26 @@ class Explanation:
 def check_consistency(
     residual: FloatArray, covariance: FloatArray, shared: FloatArray | None = None
 ) -> ConsistencyTest:
-    """Test whether a model holds.
+    """Test whether a model holds for new readings.
 
     Parameters
     ----------
     residual : (n, 3) array [mm]
-        Reading minus prediction, in the order of time.
+        The readings minus the predictions, in the order of time.
     covariance : (3n, 3n) or (n, 3, 3) array [mm²]
-        Of prediction and reading together; the second form where what the readings share is not known.
+        The covariance of prediction and reading together; the second form if the readings' common part is not known.
     shared : (n, 3) array [mm²], optional
-        With the second form, the variance of the prediction in it: neighbours may have that error in common. The test
-        allows for all of it being one (Satterthwaite 1946), and looks for no likeness of successive residuals.
+        With the second form, the variance of the prediction in it. Neighbours may share this error, so the test treats
+        it as one common error (Satterthwaite 1946) and does not test the correlation of successive residuals.
+
+    Returns
+    -------
+    ConsistencyTest
 
     Raises
     ------
     DataError
-        If shapes disagree, or the covariance is none.
+        If shapes disagree, or the covariance is not positive definite.
 
     Examples
     --------
@@ -119,7 +131,7 @@ def check_consistency(
     'does not hold'
     """
     n = len(residual)
-    z = _whitened(residual, covariance)(residual.reshape(-1, 1))[:, 0]
+    z = _whitening(residual, covariance)(residual.reshape(-1, 1))[:, 0]
     alike = float(z[3:] @ z[:-3]) / np.sqrt(max(3 * (n - 1), 1)) if shared is None else 0.0
     wider, dof = (1.0, float(len(z))) if shared is None else _common(covariance, shared)
     blocks = _blocks(covariance, n)
@@ -134,16 +146,16 @@ def check_consistency(
 
 
 def explanations(residual: FloatArray, covariance: FloatArray, causes: Mapping[str, FloatArray]) -> list[Explanation]:
-    """Fit each cause alone, and return those that the readings speak for, the likeliest first.
+    """Fit each cause alone, and return the causes that the readings support, the likeliest first.
 
     Parameters
     ----------
     residual, covariance
-        As `check_consistency`.
+        The residuals and their covariance, see `check_consistency`.
     causes : mapping of str to (n, 3, k) array
-        Columns: what one unit of each coefficient adds to the residuals [mm].
+        The columns of each cause: the change of the residuals by one unit of each coefficient [mm].
     """
-    white = _whitened(residual, covariance)
+    white = _whitening(residual, covariance)
     z = white(residual.reshape(-1, 1))[:, 0]
     found = []
     for cause, columns in causes.items():
@@ -158,14 +170,14 @@ def explanations(residual: FloatArray, covariance: FloatArray, causes: Mapping[s
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How errors change with a quantity such as time or temperature.
+    """The change of errors with a quantity such as time or temperature; the result of `drift`.
 
     Attributes
     ----------
     slope, std : (3,) arrays [mm per unit], base frame
-        The standard deviation is widened where residuals are larger than the model says.
+        The slopes and their standard deviations, widened if residuals are larger than the model predicts.
     p_value : float
-        Chance of slopes as large as these, if nothing drifts.
+        The probability of slopes at least as large as these without a drift.
     """
 
     slope: FloatArray
@@ -183,13 +195,18 @@ class Drift:
 
 
 def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) -> Drift:
-    """Regress residuals on a quantity, each component with its own level and slope.
+    """Regress residuals on a quantity; each component has its own level and slope.
 
     Parameters
     ----------
     residual, covariance
-        As `check_consistency`.
+        The residuals and their covariance, see `check_consistency`.
     quantity : (n,) array
+        The quantity at each reading.
+
+    Returns
+    -------
+    Drift
 
     Raises
     ------
@@ -198,8 +215,8 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
     """
     n = len(residual)
     if n < 4 or np.ptp(quantity) == 0:
-        raise DataError(f"{n} readings whose quantity changes by {np.ptp(quantity):g} show no drift; 4 or more must")
-    white = _whitened(residual, covariance)
+        raise DataError(f"drift needs 4 or more readings, got {n} whose quantity changes by {np.ptp(quantity):g}")
+    white = _whitening(residual, covariance)
     z = white(residual.reshape(-1, 1))[:, 0]
     t = (quantity - quantity.mean()) / quantity.std()
     level = np.tile(np.eye(3), (n, 1, 1))
@@ -212,18 +229,18 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
 
 
 def _common(covariance: FloatArray, shared: FloatArray) -> tuple[float, float]:
-    """Return factor and degrees of freedom of χ² where the shared variances are one error in each component."""
+    """Return the factor and degrees of freedom of χ² if the shared variances are one error in each component."""
     share = np.sqrt(shared / np.einsum("naa->na", covariance))
     squares = sum(float(((np.outer(one, one) + np.diag(1.0 - one**2)) ** 2).sum()) for one in share.T)
     return squares / share.size, share.size**2 / squares
 
 
 def _least_squares(columns: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return coefficients, their standard deviations under unit noise, and the squares left."""
+    """Return the coefficients, their standard deviations under unit noise, and the remaining sum of squares."""
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
     if s[-1] < 1e-9 * s[0]:
-        raise DataError("the readings cannot tell a cause's parts from each other; measure more or wider poses")
+        raise DataError("the readings cannot separate the parts of a cause; measure more poses, or poses farther apart")
     estimate = vt.T @ ((u.T @ z) / s) / scale
     std = np.linalg.norm(vt.T / s, axis=1) / scale
     left = z - u @ (u.T @ z)
@@ -236,26 +253,19 @@ def _blocks(covariance: FloatArray, n: int) -> FloatArray:
     return np.asarray(np.einsum("iaib->iab", covariance.reshape(n, 3, n, 3)))
 
 
-class _Whitening:
-    """Multiplication by L⁻¹."""
-
-    def __init__(self, factor: FloatArray) -> None:
-        self._factor = factor
-
-    def __call__(self, columns: FloatArray) -> FloatArray:
-        if self._factor.ndim == 2:
-            return np.asarray(solve_triangular(self._factor, columns, lower=True))
-        n = len(self._factor)
-        return np.asarray(np.linalg.solve(self._factor, columns.reshape(n, 3, -1)).reshape(3 * n, -1))
-
-
-def _whitened(residual: FloatArray, covariance: FloatArray) -> _Whitening:
+def _whitening(residual: FloatArray, covariance: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return the multiplication of columns (3n, k) by L⁻¹."""
     n = len(residual)
     if residual.shape != (n, 3) or not n or covariance.shape not in ((3 * n, 3 * n), (n, 3, 3)):
         raise DataError(
             f"residuals {residual.shape} and covariance {covariance.shape}: expected (n, 3) and (3n, 3n) or (n, 3, 3)"
         )
     try:
-        return _Whitening(np.asarray(np.linalg.cholesky(covariance), np.float64))
+        factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
     except np.linalg.LinAlgError:
-        raise DataError("the covariance of the residuals is not positive definite; state the readings' noise") from None
+        raise DataError(
+            "the covariance of the residuals is not positive definite; give the noise of the readings"
+        ) from None
+    if factor.ndim == 2:
+        return lambda columns: np.asarray(solve_triangular(factor, columns, lower=True))
+    return lambda columns: np.asarray(np.linalg.solve(factor, columns.reshape(n, 3, -1)).reshape(3 * n, -1))

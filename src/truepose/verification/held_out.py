@@ -1,7 +1,7 @@
-"""How good a predictor is on poses that it has not seen: all figures of theory, verification by one function.
+"""Verify a predictor on poses that it has not seen (theory, verification).
 
-Poses near each other, on one branch or of one hour resemble each other, so an interval that resamples single poses is
-too narrow where they come in such groups: for each way to group them whole groups are resampled as well.
+Errors of poses near each other, on one branch or in one hour are correlated, so an interval from resampling single
+poses is too narrow. Whole groups of poses are therefore resampled as well.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, TrueposeError
 from truepose.predictors.folds import block_folds, branch_folds
 from truepose.robots import Robot
-from truepose.verification.accuracy import Accuracy, Coverage, accuracy, coverage, mean_noise, summary
+from truepose.verification.accuracy import Accuracy, IntervalCoverage, accuracy, coverage, mean_noise, summary
 
 RP_PER_STD: Final = 2.0 * np.sqrt(2.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi)
-"""RP of ISO 9283 of normal scatter with one standard deviation in each direction: mean and 3 std of its length."""
+"""RP of ISO 9283 for isotropic normal scatter, over its standard deviation in each direction."""
 
 _BOOTSTRAPS: Final = 2000
 _BLOCKS: Final = 5
@@ -29,27 +29,40 @@ _PER_BLOCK: Final = 6
 _TIMES: Final = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HeldOut:
-    """Held-out accuracy; see `held_out`.
+    """The held-out accuracy of a predictor; the result of `held_out`.
 
     Attributes
     ----------
     accuracy : Accuracy
-    coverage : Coverage, optional
-        Where standard deviations were predicted.
+        The accuracy without and with the predictor.
+    coverage : IntervalCoverage, optional
+        The check of the predicted standard deviations, if there are any.
     noise_floor : dict
-        ``mean_mm``, the mean length of the noise, which no predictor can go below; ``ratio`` of the mean after to it,
-        and ``ratio_interval_95``. Empty where the noise is not known.
+        ``mean_mm``, the mean length of the noise, which is the lower limit of any predictor; ``ratio`` of the mean
+        after to it, and ``ratio_interval_95``. Empty if the noise is not known.
     groups : dict
-        By the name of a grouping: ``interval_95_mean_mm`` of the mean after when whole groups are resampled, and
-        ``parts``, each with ``name``, ``before`` and ``after``.
+        For each grouping: ``interval_95_mean_mm`` of the mean after, with whole groups resampled, and ``parts``, each
+        with ``name``, ``before`` and ``after``.
     """
 
     accuracy: Accuracy
-    coverage: Coverage | None
+    coverage: IntervalCoverage | None
     noise_floor: dict[str, Any]
     groups: dict[str, dict[str, Any]]
+
+    def __repr__(self) -> str:
+        lines = [repr(self.accuracy)]
+        if self.coverage is not None:
+            lines.append(f"inside the predicted 95 % intervals: {100 * self.coverage.within_95:.0f} % of components")
+        if self.noise_floor:
+            mean, ratio = self.noise_floor["mean_mm"], self.noise_floor["ratio"]
+            lines.append(f"noise floor: mean {mean:.3f} mm; mean after is {ratio:.2f} times that")
+        for name, group in self.groups.items():
+            low, high = group["interval_95_mean_mm"]
+            lines.append(f"mean after, {name} resampled: {low:.3f} to {high:.3f} mm (95 %)")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
@@ -70,20 +83,24 @@ def held_out(
     groups: Mapping[str, ArrayLike] | None = None,
     rng: np.random.Generator | int = 0,
 ) -> HeldOut:
-    """Return the accuracy on held-out poses, with intervals, and what limits it.
+    """Return the accuracy on held-out poses with intervals, coverage and noise floor.
 
     Parameters
     ----------
     before, after : (n, 3) arrays [mm]
-        Errors without the predictor, and what it leaves.
+        The errors without the predictor, and the residuals with it.
     std : (n, 3) array [mm], optional
-        Predicted for `after`, noise included.
+        The predicted standard deviations of `after`, noise included.
     noise : (n, 3, 3) or (n, 3) array [mm²] or [mm], optional
-        Covariance of repeatability and reading together; or their standard deviation in each direction.
+        The covariances of repeatability and reading together, or their standard deviations in each direction.
     groups : mapping of str to (n,) labels, optional
-        Ways to group the poses: see `usual_groups`.
+        The groupings of the poses, see `usual_groups`.
     rng : Generator or int
-        For the bootstrap.
+        The random generator of the bootstrap, or its seed.
+
+    Returns
+    -------
+    HeldOut
 
     Raises
     ------
@@ -118,25 +135,30 @@ def held_out(
 def usual_groups(
     p_cmd: FloatArray, *, q: FloatArray | None = None, robot: Robot | None = None, time: FloatArray | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Return the groupings that poses allow: blocks of space, branches of the arm where there are two, parts of time.
+    """Return the groupings that the poses allow: blocks of space, branches of the arm, parts of time.
 
     Parameters
     ----------
     p_cmd : (n, 3) array [mm], base frame
+        The commanded positions.
     q : (n, dof) array [rad], optional
+        The joints, for branches.
     robot : Robot, optional
+        The nominal robot, for branches.
     time : (n,) array [s], optional
+        The times of the readings.
 
     Returns
     -------
     dict of str to (n,) array
+        The labels of each grouping.
     """
     groups: dict[str, NDArray[Any]] = {}
     blocks = min(_BLOCKS, len(p_cmd) // _PER_BLOCK)
     if blocks > 1:
         groups["blocks"] = block_folds(p_cmd, blocks)
     if q is not None and robot is not None:
-        with contextlib.suppress(TrueposeError):  # all on one branch, or a robot whose branches are not known
+        with contextlib.suppress(TrueposeError):  # all on one branch, or branches not known for this robot
             groups["branches"] = branch_folds(robot, q)
     if time is not None and blocks > 1 and np.ptp(time) > 0.0:
         rank = np.argsort(np.argsort(time, kind="stable"))
@@ -156,9 +178,9 @@ def _covariance(noise: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 def _grouped(
     before: FloatArray, after: FloatArray, labels: NDArray[Any], rng: np.random.Generator | int
 ) -> dict[str, Any]:
-    """Return the figures of each group, and the interval of the mean when whole groups are drawn."""
+    """Return the figures of each group, and the interval of the mean from resampling whole groups."""
     if labels.shape != after.shape[:1]:
-        raise DataError(f"labels have shape {labels.shape}, expected ({len(after)},), one for each pose")
+        raise DataError(f"labels have shape {labels.shape}, expected ({len(after)},): one for each pose")
     names, group = np.unique(labels, return_inverse=True)
     length = np.linalg.norm(after, axis=1)
     total, count = np.bincount(group, length), np.bincount(group)

@@ -1,4 +1,4 @@
-"""Performance of a manipulator by ISO 9283:1998, from repeated poses and paths in the robot base frame.
+"""Compute the performance figures of ISO 9283:1998 from repeated poses and paths in the robot base frame.
 
 Pose accuracy AP and repeatability RP (7.2), multi-directional variation vAP (7.2.3), distance accuracy AD and
 repeatability RD (7.3), drift dAP and dRP (7.6), path accuracy AT and repeatability RT (8.2, 8.3). Attained poses are
@@ -25,24 +25,25 @@ DRIFT_CYCLES: Final = 10
 DRIFT_HOURS: Final = 8.0
 POSES: Final = ("P1", "P2", "P3", "P4", "P5")
 DIRECTIONS: Final = 3
-"""How often the standard wants each to be measured."""
+"""The numbers of cycles, hours, poses and approach directions that the standard requires."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """Poses that were commanded again and again, and where the tool went.
+    """Repeatedly commanded poses and the attained ones.
 
     Attributes
     ----------
     pose : (n,) array of str
-        Which commanded pose each row belongs to. Names that begin with "path" are points of a path.
+        The name of the commanded pose of each row. Names that begin with "path" are points of a path.
     p_cmd, p : (n, 3) arrays [mm], base frame
-        Commanded and attained.
+        The commanded and attained positions.
     turn : (n, 3) array [rad], optional
-        Rotation vectors from commanded to attained orientation, base frame.
+        The rotation vectors from commanded to attained orientation, base frame.
     direction : (n,) int array, optional
-        From which side each was approached.
+        The direction of approach of each row.
     time : (n,) array [s], optional
+        The time of each row.
     """
 
     pose: NDArray[np.str_]
@@ -53,13 +54,13 @@ class Attained:
     time: FloatArray | None = None
 
     def of(self, name: str) -> BoolArray:
-        """Return which rows belong to a pose."""
+        """Return the rows of a pose, (n,) bool."""
         return np.asarray(self.pose == name)
 
 
 @dataclass(frozen=True)
 class PoseFigures:
-    """Figures of one pose: AP and RP [mm] with the axes of AP; of orientation [deg] about x, y, z where measured."""
+    """AP and RP of one pose: position [mm], and orientation about x, y, z [deg] if measured."""
 
     name: str
     n: int
@@ -72,23 +73,24 @@ class PoseFigures:
 
 @dataclass(frozen=True)
 class Iso9283:
-    """Figures by ISO 9283; None where the measurements do not give them, and `missing` says why.
+    """The figures of ISO 9283; None where the measurements do not suffice, with the reason in `missing`.
 
     Attributes
     ----------
     poses : tuple of PoseFigures
+        The figures of each pose.
     AP_mm, RP_mm : float, optional
-        The largest over the poses.
+        The largest pose accuracy and repeatability of all poses.
     vAP_mm : float, optional
-        Largest distance between barycentres of one pose approached from several directions; `vAP_pose` says which.
+        The largest distance between barycentres of one pose, `vAP_pose`, approached from several directions.
     AD_mm, RD_mm : float, optional
-        Mean difference of attained and commanded distance, and 3 S of the attained ones, between `AD_poses`.
+        The mean difference between attained and commanded distance, and 3 S of the attained ones, between `AD_poses`.
     dAP_mm, dRP_mm : float, optional
-        Largest change of AP and of RP from the first ten cycles, at `drift_pose`, over `drift_hours`.
+        The largest change of AP and of RP from the first ten cycles, at `drift_pose`, over `drift_hours`.
     AT_mm, RT_mm : float, optional
-        Largest over the points of the paths.
+        The largest path accuracy and repeatability of all path points.
     missing : tuple of str
-        What the standard asks for and is not there.
+        The measurements that the standard requires and that are missing.
     """
 
     poses: tuple[PoseFigures, ...]
@@ -136,7 +138,7 @@ def distance_figures(p_1: FloatArray, p_2: FloatArray, commanded: float) -> tupl
 
 
 def pose_drift(p_cmd: FloatArray, p: FloatArray, cycles: int = DRIFT_CYCLES) -> tuple[float, float]:
-    """Return dAP = max |AP_0 − AP_t| and dRP = max |RP_0 − RP_t| [mm] over blocks of cycles in the order of time."""
+    """Return dAP = max |AP_0 − AP_t| and dRP = max |RP_0 − RP_t| [mm] over blocks of cycles in order of time."""
     blocks = [slice(k, k + cycles) for k in range(0, len(p) - cycles + 1, cycles)]
     ap = np.array([pose_accuracy(p_cmd[block], p[block]) for block in blocks])
     rp = np.array([pose_repeatability(p[block]) for block in blocks])
@@ -149,9 +151,9 @@ def path_figures(p_cmd: FloatArray, p: FloatArray) -> tuple[float, float]:
     Parameters
     ----------
     p_cmd : (m, 3) array [mm]
-        Points of the commanded path.
+        The points of the commanded path.
     p : (n, m, 3) array [mm]
-        Where each of n > 1 cycles passes them; see `crossings`.
+        The attained points of each of n > 1 cycles, see `crossings`.
     """
     mean = p.mean(axis=0)
     length = np.linalg.norm(p - mean, axis=2)
@@ -161,24 +163,24 @@ def path_figures(p_cmd: FloatArray, p: FloatArray) -> tuple[float, float]:
 
 
 def crossings(p_cmd: FloatArray, p: FloatArray) -> FloatArray:
-    """Return where a path that was read densely passes the planes across the commanded path at its points.
+    """Return the intersections of a densely read path with the planes normal to the commanded path at its points.
 
     Parameters
     ----------
     p_cmd : (m, 3) array [mm]
-        Points of the commanded path, m > 1.
+        The points of the commanded path, m > 1.
     p : (k, 3) array [mm]
-        Readings along the attained path, k > 1.
+        The readings along the attained path, k > 1.
 
     Returns
     -------
     (m, 3) array [mm]
-        Of several crossings the one nearest to the commanded point.
+        The intersection nearest to each commanded point.
 
     Raises
     ------
     DataError
-        If the readings do not pass a point.
+        If the readings do not cross a plane.
     """
     tangent = np.gradient(p_cmd, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -196,12 +198,21 @@ def crossings(p_cmd: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def performance_figures(attained: Attained) -> Iso9283:
-    """Return all figures that the measurements give.
+    """Return all figures that the measurements allow.
+
+    Parameters
+    ----------
+    attained : Attained
+        The repeated poses.
+
+    Returns
+    -------
+    Iso9283
 
     Raises
     ------
     DataError
-        If no pose was attained at least twice.
+        If no pose was measured at least twice.
     """
     names, first, counts = np.unique(attained.pose, return_index=True, return_counts=True)
     order = np.argsort(first)
