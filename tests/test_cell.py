@@ -82,17 +82,17 @@ def test_robot_file_beside_the_cell_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        (KUKA + "[tool]\nx_m = 0.1", 4, "[tool] x_m: unknown key; did you mean x_mm? Lengths are mm."),
+        (KUKA + "[tool]\nx_m = 0.1", 4, "[tool] x_m: unknown key; did you mean x_mm? Lengths are in mm."),
         (KUKA + "\n[tols]\nx_mm = 1.0", 4, "[tols]: unknown key; did you mean tool?"),
         (
             KUKA + "[tool]\nw_deg = 1.0",
             4,
-            "[tool] w_deg: is not an angle of a kuka controller; write a_deg, b_deg, c_deg",
+            "[tool] w_deg: is not an angle of a kuka controller; expected a_deg, b_deg, c_deg",
         ),
         (KUKA + '[tool]\nx_mm = "3"', 4, "[tool] x_mm: should be a valid number, not '3'"),
         (KUKA + "[tool]\ny_mm = nan", 4, "[tool] y_mm: should be a finite number, not nan"),
         (KUKA + '[tool]\nfit = "pos"', 4, "[tool] fit: should be 'none', 'position' or 'pose', not 'pos'"),
-        (KUKA + "[tracker]\nrange_um = 5\nstd_mm = 0.1", 5, "stands beside range_um; give one or the other"),
+        (KUKA + "[tracker]\nrange_um = 5\nstd_mm = 0.1", 5, "cannot be combined with range_um; state only one form"),
         (KUKA + "[frames.tools.3]\nx_m = 0.1", 4, "[frames.tools.3] x_m: unknown key; did you mean x_mm?"),
         (KUKA + "[frames.tools.a]\nx_m = 0.1", 4, "[frames.tools.a] x_m: unknown key; did you mean x_mm?"),
         (KUKA + "[frames.bases.1]\nq1 = 1.0", 4, "[frames.bases.1] q1: is not an angle of a kuka controller"),
@@ -120,7 +120,7 @@ def test_unknown_maker_takes_one_unambiguous_set(tmp_path: Path) -> None:
     own = '[robot]\nmodel = "mine.toml"\n[tool]\n'
     described = Cell.from_toml(own + "c_deg = 90.0", folder=tmp_path)
     np.testing.assert_allclose(described.tf_flange_tool[2, 1], 1.0)
-    with pytest.raises(FileError, match="may be yaskawa or staubli"):
+    with pytest.raises(FileError, match="may be those of yaskawa or staubli"):
         Cell.from_toml(own + "rx_deg = 90.0", folder=tmp_path)
     with pytest.raises(FileError, match="mix controllers"):
         Cell.from_toml(own + "a_deg = 90.0\nw_deg = 1.0", folder=tmp_path)

@@ -1,4 +1,4 @@
-"""Registration: exact without noise, unmoved by gross readings, honest about what it cannot know."""
+"""Registration: exact without noise, robust against outliers, and explicit about undetermined directions."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class TestOutliers:
         assert sorted(named) == rows.tolist()
         assert (np.diff(sizes) <= 0).all()
         np.testing.assert_allclose(sizes, size, atol=1.0)
-        assert "10 of 50 readings are gross" in found.hint
+        assert "10 of 50 readings are outliers" in found.hint
 
     def test_without_robust_nothing_is_left_out(self, rng: np.random.Generator) -> None:
         s = make_station(rng, noise=0.1)
@@ -274,7 +274,7 @@ class TestBadInput:
     def test_mirrored(self, rng: np.random.Generator, with_tool: bool, robust: bool, mirror: np.ndarray) -> None:
         s = make_station(rng, noise=0.1)
         fit = partial(register_with_tool, s.flange) if with_tool else partial(register, s.p_commanded)
-        with pytest.raises(DataError, match="as a mirror image they fit: one axis has the wrong sign, or two columns"):
+        with pytest.raises(DataError, match="mirrored they fit: one axis has the wrong sign, or two columns"):
             fit(s.p_measured @ mirror, robust=robust)
 
     @pytest.mark.parametrize("with_tool", [False, True])
@@ -289,14 +289,16 @@ class TestBadInput:
 
     def test_rows_that_do_not_belong_together(self, rng: np.random.Generator) -> None:
         s = make_station(rng, noise=0.1)
-        with pytest.raises(DataError, match=r"median residual .* mm over a spread of .*; do the rows belong together"):
+        with pytest.raises(
+            DataError, match=r"median residual .* mm over a spread of .*; check that the rows belong together"
+        ):
             register(s.p_commanded, rng.permutation(s.p_measured))
 
     @pytest.mark.parametrize(
         ("commanded", "measured", "match"),
         [
             (np.eye(3), np.eye(4, 3), "3 commanded and 4 measured positions"),
-            (np.eye(2, 3), np.eye(2, 3), "2 readings are too few to register, expected at least 3"),
+            (np.eye(2, 3), np.eye(2, 3), "2 readings are too few to register; expected at least 3"),
             (np.eye(3, 2), np.eye(3), r"p_commanded has shape \(3, 2\), expected \(n, 3\)"),
             (np.eye(3), np.diag([1, np.nan, 1]), "p_measured has NaN or infinite numbers in row 1"),
             (np.zeros((0, 3)), np.zeros((0, 3)), "p_commanded is empty"),
@@ -308,7 +310,7 @@ class TestBadInput:
 
     def test_with_tool(self, rng: np.random.Generator) -> None:
         s = make_station(rng, n=4)
-        with pytest.raises(DataError, match="4 readings are too few to register, expected at least 5"):
+        with pytest.raises(DataError, match="4 readings are too few to register; expected at least 5"):
             register_with_tool(s.flange, s.p_measured)
         with pytest.raises(DataError, match=r"tf_base_flange has shape \(4, 3\)"):
             register_with_tool(s.p_commanded, s.p_measured)

@@ -39,7 +39,7 @@ def test_leading_axes_broadcast(tf_a_b: np.ndarray, rng: np.random.Generator) ->
         (np.eye(3), r"poses has shape \(3, 3\), expected \(4, 4\) or \(n, 4, 4\)"),
         (np.zeros((0, 4, 4)), "poses is empty"),
         (np.full((2, 4, 4), np.nan), "NaN or infinite numbers in rows 0, 1"),
-        (make_transform(translation=[1.0, 2.0, 3.0]).T, "lower row is not 0 0 0 1 in row 0; was it transposed"),
+        (make_transform(translation=[1.0, 2.0, 3.0]).T, "lower row is not 0 0 0 1 in row 0; is it transposed"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), "not a rotation in row 0"),
         (np.diag([2.0, 2.0, 2.0, 1.0]), "not a rotation in row 0"),
         ("text", "not an array of numbers"),

@@ -257,9 +257,9 @@ def test_bad_wishes():
     framed = cell.model_copy(update={"region": cell.region.model_copy(update={"frame": 7})})
     with pytest.raises(DataError, match=r"frame 7 is not among \[frames.bases\] \(known: none\)"):
         plan(framed, 10)
-    with pytest.raises(FileError, match=r"home_deg: has 2 joints, expected 6"):
+    with pytest.raises(FileError, match=r"home_deg: expected 6 joints, got 2"):
         cell_of(home_deg=[0.0, 0.0])
-    with pytest.raises(FileError, match=r"\[obstacles.a\] x_mm: from 2 to 1 is no box"):
+    with pytest.raises(FileError, match=r"\[obstacles.a\] x_mm: expected the smaller number first, got 2 and 1"):
         cell_of("\n[obstacles.a]\nx_mm = [2.0, 1.0]\ny_mm = [0.0, 1.0]\nz_mm = [0.0, 1.0]\n")
     with pytest.raises(FileError, match=r"\[region\] size_mmm: unknown key; did you mean size_mm"):
         Cell.from_toml('[robot]\nmodel = "kuka-kr150-2"\n[region]\nsize_mmm = [1.0, 1.0, 1.0]\n')

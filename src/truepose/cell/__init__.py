@@ -1,4 +1,4 @@
-"""The cell: robot, tool, tracker, frames, limits, and the file that describes them."""
+"""Robot cells and the file that describes them: robot, tool, tracker, frames and limits."""
 
 from truepose.cell.cell import Cell, load_cell
 from truepose.cell.poses import ANGLE_KEYS, Pose

@@ -1,7 +1,7 @@
-"""The cell file: which robot, which tool, where the tracker stands, and how far a correction may go.
+"""The cell file: robot, tool, tracker, frames, work region and the limits of corrections.
 
-``cell.toml`` has one table for each of these; lengths are mm and angles are the controller's own, as its pendant shows
-them. Everything but ``[robot] model`` may be left out.
+``cell.toml`` has one table for each. Lengths are in mm, and angles are those of the controller, as its pendant shows
+them. Only ``[robot] model`` is required.
 """
 
 from __future__ import annotations
@@ -34,19 +34,26 @@ from truepose.robots import Robot, load_robot
 
 
 class Cell(CellSection):
-    """A robot cell as its user describes it.
+    """A robot cell as described in its file.
 
     Attributes
     ----------
     robot, tool, base, tracker, payload, frames, region, measuring, correction : CellSection
-        The tables of the file; ``region`` is None where none is stated.
+        The tables of the file; ``region`` is None if not stated.
     obstacles : dict of str to Box
+        The obstacles by name.
     tf_flange_tool : (4, 4) array [mm]
-        The measured point, seen from the flange.
+        The pose of the measured point in the flange frame.
     tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
-        Poses as stated; where ``fit`` asks for them, only starting values.
+        The stated poses; starting values if ``fit`` asks for them.
     tools, bases : dict of int or str to (4, 4) array [mm]
-        The frames given in this file, by number or name; those of ``config_dat`` are not among them.
+        The frames stated in the file, by number or name, without those of ``config_dat``.
+
+    Examples
+    --------
+    >>> from truepose.cell import template
+    >>> Cell.from_toml(template("kuka-kr150-2")).controller
+    'kuka'
     """
 
     robot: RobotSection
@@ -66,12 +73,21 @@ class Cell(CellSection):
 
     @classmethod
     def from_toml(cls, text: str, *, folder: str | Path = ".", source: str | Path = "cell.toml") -> Self:
-        """Return the cell that a text describes; its relative paths start at `folder`, messages name `source`.
+        """Return the cell that the text of a cell file describes.
+
+        Parameters
+        ----------
+        text : str
+            The text.
+        folder : str or Path
+            The folder of relative paths.
+        source : str or Path
+            The file's name in error messages.
 
         Raises
         ------
         FileError
-            If it is not TOML, a key is unknown or has a wrong value, or the robot cannot be loaded.
+            If the text is not TOML, a key is unknown or has an invalid value, or the robot cannot be loaded.
         """
         try:
             return cls.model_validate(parse_toml(text, source), context={"folder": Path(folder)})
@@ -99,7 +115,7 @@ class Cell(CellSection):
         if self.region is not None:
             poses[("region",)] = self.region
             if len(self.region.home_deg) != robot.dof:
-                raise CellError(("region", "home_deg"), f"has {len(self.region.home_deg)} joints, expected {robot.dof}")
+                raise CellError(("region", "home_deg"), f"expected {robot.dof} joints, got {len(self.region.home_deg)}")
         for loc, pose in poses.items():
             try:
                 pose.matrix(self._controller)
@@ -121,7 +137,7 @@ class Cell(CellSection):
     __str__ = __repr__
 
     def load_robot(self) -> Robot:
-        """Return the robot that ``[robot] model`` names, or the one of the validation context (a map holds its own)."""
+        """Return the robot that ``[robot] model`` states, or that of the validation context (a map has its own)."""
         if self._robot is not None:
             robot: Robot = self._robot
             return robot
@@ -130,22 +146,22 @@ class Cell(CellSection):
 
     @property
     def controller(self) -> str | None:
-        """Whose angles the file states, a key of `ANGLE_KEYS`; None where the robot's maker has none."""
+        """The controller whose angles the file states, a key of `ANGLE_KEYS`; None if the maker has no entry."""
         return self._controller
 
     @property
     def station_fitted(self) -> bool:
-        """Whether the tracker's station (or the base, which is the same six numbers) is found from the samples."""
+        """Whether the tracker's station, or the equivalent base, is fitted to the samples."""
         return self.tracker.fit == "pose" or self.base.fit != "none"
 
     @property
     def config_dat(self) -> Path | None:
-        """Path of the controller's ``$config.dat``, if the file names one."""
+        """The path of the controller's ``$config.dat``, or None if the file does not state it."""
         return None if self.frames.config_dat is None else self._folder / self.frames.config_dat
 
     @property
     def tf_flange_tool(self) -> FloatArray:
-        """The measured point, seen from the flange, (4, 4) [mm]."""
+        """The pose of the measured point in the flange frame, (4, 4) [mm]."""
         return self.tool.matrix(self._controller)
 
     @property
@@ -166,29 +182,41 @@ class Cell(CellSection):
 
     @property
     def tools(self) -> dict[int | str, FloatArray]:
-        """Tools given in this file, flange to tool, (4, 4) [mm]."""
+        """The tools stated in this file, flange to tool, (4, 4) [mm]."""
         return {number: pose.matrix(self._controller) for number, pose in self.frames.tools.items()}
 
     @property
     def bases(self) -> dict[int | str, FloatArray]:
-        """Bases given in this file, robot base to frame, (4, 4) [mm]."""
+        """The bases stated in this file, robot base to frame, (4, 4) [mm]."""
         return {number: pose.matrix(self._controller) for number, pose in self.frames.bases.items()}
 
     def to_toml(self) -> str:
-        """Return the file's text: what was stated, also where it is the default; relative paths stay as they are."""
+        """Return the text of the cell file, with all stated values; relative paths are unchanged."""
         return "\n".join(tables((), self.model_dump(exclude_unset=True, exclude_none=True))).lstrip("\n") + "\n"
 
 
 def load_cell(path: str | Path) -> Cell:
     """Return the cell that a file describes.
 
+    Parameters
+    ----------
+    path : str or Path
+        The cell file.
+
     Raises
     ------
     FileError
-        See `Cell.from_toml`; the message names file and line.
+        If the file cannot be read, is not TOML, a key is unknown or has an invalid value, or the robot cannot be
+        loaded; the message names file and line.
 
     Examples
     --------
-    >>> load_cell("cell.toml").tf_flange_tool  # doctest: +SKIP
+    >>> import tempfile
+    >>> from truepose.cell import template
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "cell.toml")
+    ...     _ = path.write_text(template("kuka-kr150-2"), "utf-8")
+    ...     load_cell(path).tool.fit
+    'position'
     """
     return Cell.from_toml(read_text(path, LARGEST_CONFIG), folder=Path(path).parent, source=path)

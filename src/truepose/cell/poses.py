@@ -1,4 +1,4 @@
-"""The tables of a cell file that are poses, and what all tables share."""
+"""Poses in the cell file, and the base class of all its tables."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
 
 LARGEST: Final = 1e6
-"""A number of a cell file beyond this, in any of its units (mm, deg, µm, kg, s), is a mistake."""
+"""The largest number accepted in a cell file, in any of its units (mm, deg, µm, kg, s)."""
 SMALLEST: Final = 1e-6
-"""A number that must be positive and is below this is one, too."""
+"""The smallest number accepted where it must be positive."""
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=SMALLEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=LARGEST)]
 Share = Annotated[float, BeforeValidator(parse_share)]
-"""Between 0 and 1; written as a number or as a text such as "95%"."""
+"""A share between 0 and 1, written as a number or as text such as "95%"."""
 
 ANGLE_KEYS: Final[dict[str, tuple[str, ...]]] = {
     "kuka": ("a_deg", "b_deg", "c_deg"),
@@ -31,13 +31,13 @@ ANGLE_KEYS: Final[dict[str, tuple[str, ...]]] = {
     "yaskawa": ("rx_deg", "ry_deg", "rz_deg"),
     "staubli": ("rx_deg", "ry_deg", "rz_deg"),
 }
-"""The keys of an orientation, by controller; `truepose.geometry.euler` says what they mean."""
+"""The keys of an orientation, by controller; `truepose.geometry.euler` defines their meaning."""
 CONTROLLER: Final = {"universal-robots": "ur", "universal robots": "ur", "stäubli": "staubli"}
-"""Controllers of makers that are not called like them."""
+"""The controllers of makers with another name."""
 
 
 class CellError(ValueError):
-    """An error that several keys cause together; `loc` says at which it is shown."""
+    """An error caused by several keys together; `loc` is the key at which it is reported."""
 
     def __init__(self, loc: tuple[str | int, ...], message: str) -> None:
         self.loc = loc
@@ -45,15 +45,16 @@ class CellError(ValueError):
 
 
 class CellSection(BaseModel):
-    """A table of the cell file: frozen, and a key that it does not know is an error."""
+    """A table of the cell file; it is frozen, and an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Pose(CellSection):
-    """A pose by its values: x_mm, y_mm, z_mm and the controller's own angles; what is left out is zero.
+    """A pose as x_mm, y_mm, z_mm and the controller's angles; omitted values are zero.
 
-    Lengths are mm: a key such as x_m is refused, but a value in metres under x_mm cannot be told from a short tool.
+    Lengths are in mm. A key such as x_m is refused, but a value in metres under x_mm cannot be distinguished from a
+    short tool.
     """
 
     x_mm: Number = 0.0
@@ -77,12 +78,12 @@ class Pose(CellSection):
     rz_deg: Number | None = None
 
     def matrix(self, controller: str | None) -> FloatArray:
-        """Return the (4, 4) transform [mm]; ``controller=None`` (maker unknown) takes the angles that are there.
+        """Return the (4, 4) transform [mm]; with ``controller=None`` (maker unknown) the stated angles decide.
 
         Raises
         ------
         ValueError
-            If the angles are another controller's, mixed, ambiguous, or no unit quaternion.
+            If the angles are those of another controller, mixed or ambiguous, or a quaternion is not of unit length.
         """
         p = np.array([self.x_mm, self.y_mm, self.z_mm])
         given = {key for keys in ANGLE_KEYS.values() for key in keys if getattr(self, key) is not None}
@@ -92,7 +93,7 @@ class Pose(CellSection):
         keys = ANGLE_KEYS[controller]
         wrong = sorted(given - set(keys))
         if wrong:
-            raise CellError((wrong[0],), f"is not an angle of a {controller} controller; write {', '.join(keys)}")
+            raise CellError((wrong[0],), f"is not an angle of a {controller} controller; expected {', '.join(keys)}")
         values = [getattr(self, key) for key in keys]
         if controller == "abb" and None in values:
             raise CellError((keys[0],), "a quaternion needs all of q1, q2, q3, q4")
@@ -104,7 +105,7 @@ class Pose(CellSection):
     def _controller(self, given: set[str]) -> str:
         fitting = [name for name, keys in ANGLE_KEYS.items() if given <= set(keys)]
         if len(fitting) != 1:
-            why = f"may be {' or '.join(fitting)}" if fitting else "mix controllers"
-            remedy = "the robot's maker is unknown, so write a_deg, b_deg, c_deg (Rz Ry Rx) or q1 … q4"
-            raise CellError((min(given),), f"the angles {why}; {remedy}")
+            cause = f"may be those of {' or '.join(fitting)}" if fitting else "mix controllers"
+            remedy = "the robot's maker is unknown; state a_deg, b_deg, c_deg (Rz Ry Rx) or q1 … q4"
+            raise CellError((min(given),), f"the angles {cause}; {remedy}")
         return fitting[0]

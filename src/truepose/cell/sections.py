@@ -1,4 +1,4 @@
-"""The tables of a cell file, but for the cell itself."""
+"""The tables of a cell file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Fit = Literal["none", "position", "pose"]
 class RobotSection(CellSection):
     """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file.
 
-    ``repeatability_mm`` is RP of ISO 9283, as makers state it.
+    ``repeatability_mm`` is RP of ISO 9283, as stated by the maker.
     """
 
     model: str
@@ -25,22 +25,22 @@ class RobotSection(CellSection):
 
 
 class Tool(Pose):
-    """``[tool]``: flange to the measured point. With ``fit`` the values are where the fit starts."""
+    """``[tool]``: flange to the measured point. With ``fit`` the values are starting values."""
 
     fit: Fit = "none"
 
 
 class Base(Pose):
-    """``[base]``: the robot's base in the measuring (world) frame. With ``fit`` the values are where the fit starts."""
+    """``[base]``: the robot's base in the measuring (world) frame. With ``fit`` the values are starting values."""
 
     fit: Fit = "none"
 
 
 class Tracker(Pose):
-    """``[tracker]``: its station in the world frame, and its noise.
+    """``[tracker]``: the station of the tracker in the world frame, and its noise.
 
-    By default the station is found by registration. A fitted base and a fitted station are the same six numbers: data
-    cannot tell them apart, so both together mean one fit.
+    By default the station is found by registration. Data cannot separate the base from the station, so fitting either
+    or both is the same fit of six parameters.
     """
 
     fit: Literal["none", "pose"] = "pose"
@@ -59,7 +59,7 @@ class Tracker(Pose):
     @model_validator(mode="after")
     def _one_noise(self) -> Self:
         if self.std_mm is not None and self._terms():
-            raise CellError(("std_mm",), f"stands beside {', '.join(self._terms())}; give one or the other")
+            raise CellError(("std_mm",), f"cannot be combined with {', '.join(self._terms())}; state only one form")
         return self
 
     def _terms(self) -> list[str]:
@@ -67,9 +67,9 @@ class Tracker(Pose):
         return [name for name in names if getattr(self, name) is not None]
 
     def reading_std(self, p_tracker: FloatArray) -> FloatArray | None:
-        """Return the standard deviation of readings at (n, 3) [mm], tracker frame: (n, 3) [mm], or None if not stated.
+        """Return the standard deviations of readings at (n, 3) [mm], tracker frame: (n, 3) [mm], or None if not stated.
 
-        With u the beam's direction: σ² = σ_across² + (σ_along² − σ_across²) u², each σ growing with the distance.
+        With u the direction of the beam, σ² = σ_across² + (σ_along² − σ_across²) u², where each σ grows with distance.
         """
         if self.std_mm is not None:
             return np.full(p_tracker.shape, self.std_mm)
@@ -84,7 +84,7 @@ class Tracker(Pose):
 
 
 class Payload(CellSection):
-    """``[payload]``: mass and centre of mass in the flange frame."""
+    """``[payload]``: mass, and centre of mass in the flange frame."""
 
     mass_kg: NotNegative = 0.0
     x_mm: Number = 0.0
@@ -93,7 +93,7 @@ class Payload(CellSection):
 
 
 class FramesSection(CellSection):
-    """``[frames]``: the controller's tool and base tables, given here or in its ``$config.dat``."""
+    """``[frames]``: the controller's tool and base tables, stated here or in its ``$config.dat``."""
 
     config_dat: str | None = None
     tools: dict[int | str, Pose] = Field(default_factory=dict)
@@ -102,20 +102,19 @@ class FramesSection(CellSection):
     @field_validator("tools", "bases", mode="before")
     @classmethod
     def _number_keys(cls, value: object) -> object:
-        """Make numbers of keys that are digits: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
+        """Convert keys of digits to numbers: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
         if not isinstance(value, dict):
             return value
         return {int(key) if isinstance(key, str) and is_whole(key) else key: pose for key, pose in value.items()}
 
 
 class Correction(CellSection):
-    """``[correction]``: what a correction may be, and what happens where it may not. None: found, see docs/cell.md.
+    """``[correction]``: the limits of corrections, and the policy beyond them; defaults are in docs/cell.md.
 
-    ``tolerance_mm`` is how far the tool may be from its target; by default ``max_std_mm`` is half of it.
-
-    ``max_bend_mm`` is the largest bend that a correction makes in a path, see `truepose.programs.core.paths`.
+    ``tolerance_mm`` is the tolerated distance of the tool from its target; by default ``max_std_mm`` is half of it.
+    ``max_bend_mm`` is the largest bend that corrections may add to a path, see `truepose.programs.core.paths`.
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
-    ``max_distance_mm`` is for maps in Cartesian space, ``max_distance_deg`` for those in joint space.
+    ``max_distance_mm`` applies to maps in Cartesian space, ``max_distance_deg`` to maps in joint space.
     """
 
     tolerance_mm: Positive | None = None
@@ -134,9 +133,10 @@ class Correction(CellSection):
 
 
 class RegionSection(Pose):
-    """``[region]``: the work region: a box about x_mm, y_mm, z_mm, along the axes of a base frame of the controller.
+    """``[region]``: the work region, a box centred at x_mm, y_mm, z_mm along the axes of a base of the controller.
 
-    The angles are the tool's orientation in that frame; work turns away from it by up to ``tilt_deg`` about each axis.
+    The angles are the orientation of the tool in this base; work deviates from it by up to ``tilt_deg`` about each
+    axis.
     """
 
     size_mm: tuple[Positive, Positive, Positive]
@@ -146,7 +146,7 @@ class RegionSection(Pose):
 
 
 class Box(CellSection):
-    """``[obstacles.NAME]``: a box that the arm must not touch, in the base frame."""
+    """``[obstacles.NAME]``: a box in the base frame that the arm must avoid."""
 
     x_mm: tuple[Number, Number]
     y_mm: tuple[Number, Number]
@@ -157,12 +157,12 @@ class Box(CellSection):
         for key in ("x_mm", "y_mm", "z_mm"):
             low, high = getattr(self, key)
             if low >= high:
-                raise CellError((key,), f"from {low:g} to {high:g} is no box; write the smaller number first")
+                raise CellError((key,), f"expected the smaller number first, got {low:g} and {high:g}")
         return self
 
 
 class Measuring(CellSection):
-    """``[measuring]``: how the measuring program goes to a pose, waits there, and what the tracker can see."""
+    """``[measuring]``: motion and dwell of the measuring program, and the visibility of the reflector."""
 
     dwell_s: Positive = 2.0
     speed_percent: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)] = 20.0
@@ -178,5 +178,5 @@ class Measuring(CellSection):
     @classmethod
     def _has_direction(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
         if value is not None and not any(value):
-            raise ValueError("reflector_axis has no direction; write [0.0, 0.0, 1.0] for the tool's z")
+            raise ValueError("reflector_axis is zero; write [0.0, 0.0, 1.0] for the z axis of the tool")
         return value

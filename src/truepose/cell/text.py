@@ -1,4 +1,4 @@
-"""A cell's text: written from its values, and what is wrong in it, said with line and remedy."""
+"""The text of a cell file: writing it, and explaining its errors with line and remedy."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from truepose.cell.poses import CellError
 
 
 def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
-    """Return the lines of a table and of those within it."""
+    """Return the lines of a table and its subtables."""
     values = {key: value for key, value in table.items() if not isinstance(value, dict)}
     names = [name if re.fullmatch(r"[\w-]+", name, re.A) else json.dumps(name, ensure_ascii=False) for name in header]
     lines = [f"\n[{'.'.join(names)}]"] if values else []
-    # a JSON string is a TOML string, as long as non-ASCII letters stay themselves
+    # a JSON string is a TOML string if non-ASCII letters are not escaped
     lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
     for key, value in table.items():
         if isinstance(value, dict):
@@ -27,8 +27,8 @@ def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
 
 
 def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
-    """Return where the first error stands and one line that says what it is and what to do."""
-    errors = error.errors()  # a misspelt key first: the one that is missing may be the same
+    """Return the location of the first error, and a line with its cause and remedy."""
+    errors = error.errors()  # a misspelt key first, because a missing one may be the same
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     cause = first.get("ctx", {}).get("error")
     loc = (*first["loc"], *cause.loc) if isinstance(cause, CellError) else first["loc"]
@@ -56,8 +56,8 @@ def _nearest(loc: tuple[str | int, ...], cell: type[BaseModel]) -> str:
         section = next(filter(_is_section, get_args(section)), section) if isinstance(section, UnionType) else section
     known = list(section.model_fields) if _is_section(section) else []
     near = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
-    in_metres = " Lengths are mm." if str(loc[-1]).endswith("_m") else ""
-    return f"did you mean {near[0]}?{in_metres}" if near else f"known are {', '.join(known)}"
+    in_metres = " Lengths are in mm." if str(loc[-1]).endswith("_m") else ""
+    return f"did you mean {near[0]}?{in_metres}" if near else f"expected one of {', '.join(known)}"
 
 
 def _is_section(annotation: object) -> TypeGuard[type[BaseModel]]:
@@ -65,7 +65,7 @@ def _is_section(annotation: object) -> TypeGuard[type[BaseModel]]:
 
 
 def line_of(text: str, loc: tuple[str | int, ...]) -> int | None:
-    """Return the line of a key, or of the nearest table above it that the text writes."""
+    """Return the line of a key, or of its table if the key is missing."""
     *tables, key = map(str, loc)
     found, header = None, ""
     for number, line in enumerate(text.splitlines(), start=1):

@@ -17,7 +17,7 @@ from truepose.geometry.arrays import as_rows, name_rows
 
 @dataclass(frozen=True)
 class AngleConvention:
-    """What a controller's orientation numbers are: their names, and the scipy axes of Euler angles [deg]."""
+    """The names of a controller's orientation numbers, and scipy's axes of its Euler angles [deg]."""
 
     names: tuple[str, ...]
     axes: Literal["xyz", "XYZ", "ZYX"] | None = None
@@ -31,9 +31,9 @@ ANGLES: Final = {
     "ur": AngleConvention(("rx", "ry", "rz")),
     "yaskawa": AngleConvention(("Rx", "Ry", "Rz"), "xyz"),
 }
-"""Orientation conventions by controller."""
+"""The orientation conventions by controller."""
 
-_UNIT_TOLERANCE = 1e-3  # quaternions typed with three digits are off by 1.5e-4
+_UNIT_TOLERANCE = 1e-3  # quaternions with three digits deviate by 1.5e-4
 
 
 @overload
@@ -43,7 +43,7 @@ def euler(controller: str, value: ArrayLike) -> Rotation: ...
 
 
 def euler(controller: str, value: Rotation | ArrayLike) -> FloatArray | Rotation:
-    """Turn a controller's orientation numbers into a Rotation, or a Rotation into the numbers.
+    """Convert a controller's orientation numbers to a Rotation, or a Rotation to the numbers.
 
     ==========  ================  ===========================================================================
     controller  numbers           meaning
@@ -53,32 +53,33 @@ def euler(controller: str, value: Rotation | ArrayLike) -> FloatArray | Rotation
     fanuc       W, P, R [deg]     Rz(R)·Ry(P)·Rx(W), fixed axes x, y, z
     ur          rx, ry, rz [rad]  rotation vector
     yaskawa     Rx, Ry, Rz [deg]  fixed axes x, y, z
-    staubli     rx, ry, rz [deg]  Rx(rx)·Ry(ry)·Rz(rz); read in one place only, not confirmed on a controller
+    staubli     rx, ry, rz [deg]  Rx(rx)·Ry(ry)·Rz(rz); from one source only, not confirmed on a controller
     ==========  ================  ===========================================================================
 
     Parameters
     ----------
     controller : {"kuka", "abb", "fanuc", "ur", "yaskawa", "staubli"}
+        The controller.
     value : (3,) or (n, 3) array, (4,) or (n, 4) for abb; or Rotation
-        Its type decides the direction.
+        The orientation; its type decides the direction of the conversion.
 
     Returns
     -------
     Rotation, or array of shape (3,), (n, 3) (abb: 4)
-        Quaternions come with w >= 0, rotation vectors with length <= pi, the middle angle of the others within ±90
-        (staubli too).
+        The other form. Quaternions have w >= 0, rotation vectors a length <= pi, and the middle angles of the others
+        lie within ±90 deg.
 
     Raises
     ------
     DataError
-        For an unknown controller (the nearest name is given), another number of columns, NaN, a quaternion that
-        is not of unit length, a rotation vector that looks like degrees.
+        If the controller is unknown (the message suggests the nearest name), the number of columns is wrong, a value is
+        NaN, a quaternion is not of unit length, or a rotation vector looks like degrees.
 
     Notes
     -----
     At a middle angle of ±90 deg only the sum or difference of the outer two is determined (gimbal lock). The third
-    number is then set to zero and the first carries the whole turn: the rotation is the same, the numbers may differ
-    from those that went in.
+    number is then set to zero and the first states the whole turn: the rotation is the same, but the numbers may differ
+    from the original ones.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Checks of arrays at the door: what came, what was expected, which rows."""
+"""Checks of input arrays; their messages state the received and the expected shape, and the rows."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ def as_rows(name: str, value: ArrayLike, width: int, *, single: bool = False) ->
     Parameters
     ----------
     name : str
-        How messages call the array.
+        The name of the array in messages.
     value : array_like (n, width)
-        Any unit.
+        The array, in any unit.
     width : int
-        Expected number of columns.
+        The expected number of columns.
     single : bool
-        Also accept one row of shape (width,); it is returned with that shape.
+        Whether one row of shape (width,) is accepted as well; it is returned with this shape.
 
     Raises
     ------
     DataError
-        If it is no array of numbers, has another shape, no rows, or NaN or infinite entries (the rows are named).
+        If it is not an array of numbers, has another shape, no rows, or NaN or infinite entries (the message names the
+        rows).
     """
     array = as_floats(name, value)
     if single and array.shape == (width,):
@@ -42,7 +43,7 @@ def as_rows(name: str, value: ArrayLike, width: int, *, single: bool = False) ->
 
 
 def as_floats(name: str, value: ArrayLike) -> FloatArray:
-    """Return `value` as a float array; raise `DataError` when it is none."""
+    """Return `value` as a float array; raise `DataError` if it is not an array of numbers."""
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -50,7 +51,7 @@ def as_floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def check_finite(name: str, array: FloatArray) -> None:
-    """Raise `DataError` naming the rows (first axis) that hold NaN or infinite numbers."""
+    """Raise `DataError` if rows (first axis) have NaN or infinite numbers; the message names them."""
     finite = np.isfinite(array)
     if not finite.all():
         bad = np.flatnonzero(~finite.reshape(len(array), -1).all(axis=1))
@@ -58,7 +59,7 @@ def check_finite(name: str, array: FloatArray) -> None:
 
 
 def name_rows(rows: IntArray, limit: int = 5) -> str:
-    """Name rows, counted from 0, in a message: "row 3", "rows 1, 4, 5, 6, 9 and 12 more".
+    """Return a list of rows, counted from 0, for a message: "row 3", "rows 1, 4, 5, 6, 9 and 12 more".
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Registration of tracker readings to the robot base frame, rigid or with the tool offset fitted together."""
+"""Registration of tracker readings to the robot base frame: rigid, or together with the tool offset."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ from truepose.geometry.station import (
 )
 from truepose.geometry.transforms import apply_transform, check_transforms, invert_transform, make_transform
 
-_ROUNDING: Final = 1e-12  # of coordinates, relative
+_ROUNDING: Final = 1e-12  # relative rounding of coordinates
 _REWEIGHTINGS: Final = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration:
-    """Where the tracker stands, how well that is known, and what is left.
+    """The tracker's station, its uncertainty, and the residuals.
 
     Attributes
     ----------
     tf_base_tracker : (4, 4) array [mm]
-        Maps tracker coordinates to the robot base frame.
+        The transform from tracker coordinates to the robot base frame.
     residuals : (n, 3) array [mm], base frame
-        Measured minus commanded positions after registration: the positional error e of theory.
+        The measured minus the commanded positions after registration: the positional errors e.
     outliers : (n,) bool array
-        Readings that took no part in the fit.
+        Whether each reading was left out of the fit.
     covariance : (6, 6) or (9, 9) array
-        Of translation [mm], rotation vector [rad] and, when fitted, tool offset [mm]. The true transform is
-        (exp(δω) R, t + δt).
+        The covariance of translation [mm], rotation vector [rad] and, when fitted, tool offset [mm]. The true transform
+        is (exp(δω) R, t + δt).
     noise_std : float [mm]
-        Standard deviation of one axis of the residuals without outliers.
+        The standard deviation of one axis of the residuals without outliers.
     p_flange_tool : (3,) array [mm], flange frame, or None
         The fitted tool offset.
     swapped : (k, 2) int array
-        Among the outliers: row of a command, and row of the reading that fits it.
+        The pairs of outliers that match each other: row of a command, row of the reading.
     hint : str
         What to look at when rows seem swapped, many readings are gross, or tool and station are told apart badly; else
         empty.
@@ -85,11 +85,11 @@ class Registration:
 
     @property
     def tf_tracker_base(self) -> FloatArray:
-        """Maps base coordinates to the tracker frame: (4, 4) [mm]."""
+        """The transform from base coordinates to the tracker frame: (4, 4) [mm]."""
         return invert_transform(self.tf_base_tracker)
 
     def apply(self, p_tracker: ArrayLike) -> FloatArray:
-        """Return points (n, 3) [mm] of the tracker frame in the base frame."""
+        """Return points (n, 3) [mm] of the tracker frame in the base frame: (n, 3) [mm]."""
         return apply_transform(self.tf_base_tracker, as_rows("points", p_tracker, 3))
 
     def outlier_rows(self) -> tuple[IntArray, FloatArray]:
@@ -103,32 +103,33 @@ class Registration:
 def register(
     p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True, rng: int | np.random.Generator = 0
 ) -> Registration:
-    """Fit the tracker's station: the rigid transform that takes measured positions to commanded ones.
+    """Fit the tracker's station: the rigid transform from measured to commanded positions.
 
-    Least squares (Kabsch, Umeyama 1991); with `robust`, on the readings that are no outliers: a start from random
-    subsets (least quantile of squares), reweighting with Tukey's biweight, and at last least squares on all readings
+    The fit is least squares (Kabsch 1976, Umeyama 1991). With `robust` it leaves outliers out: it starts from random
+    subsets (least quantile of squares), reweights with Tukey's biweight, and ends with least squares on all readings
     within `OUTLIER_LIMIT` robust standard deviations.
 
     Parameters
     ----------
     p_commanded : (n, 3) array [mm], base frame
-        Commanded positions of the TCP, n >= 3.
+        The commanded positions of the TCP, n >= 3.
     p_measured : (n, 3) array [mm], tracker frame
+        The readings.
     robust : bool
-        Find outliers (up to nearly half of the readings) and leave them out.
+        Whether outliers (up to nearly half of the readings) are found and left out.
     rng : int or Generator
-        Seed, or source, of the random subsets.
+        The seed, or source, of the random subsets.
 
     Returns
     -------
     Registration
-        With a covariance of (6, 6).
+        The station, with a covariance of shape (6, 6).
 
     Raises
     ------
     DataError
-        For wrong shapes, NaN, fewer than 3 points, positions in another unit, a mirrored axis, rows that do not belong
-        together.
+        If shapes are wrong, values are NaN, there are fewer than 3 points, positions are in another unit, an axis is
+        mirrored, or rows do not belong together.
     IdentifiabilityError
         If the points lie on a line.
 
@@ -163,26 +164,27 @@ def register_with_tool(
     Parameters
     ----------
     tf_base_flange : (n, 4, 4) array [mm]
-        Commanded flange poses, n >= 5; the flange must turn about at least two axes among them.
+        The commanded flange poses, n >= 5, with rotations about at least two axes.
     p_measured : (n, 3) array [mm], tracker frame
+        The readings.
     p_flange_tool : (3,) array [mm], flange frame, optional
-        A guess of the tool offset. It adds a start; the result does not depend on it.
+        An estimate of the tool offset. It adds a start; the result does not depend on it.
     robust : bool
-        As in `register`.
+        Whether outliers are found and left out.
     rng : int or Generator
-        Seed, or source, of the random subsets.
+        The seed, or source, of the random subsets.
 
     Returns
     -------
     Registration
-        With the tool in `p_flange_tool` and a covariance of (9, 9).
+        The station and the tool in `p_flange_tool`, with a covariance of shape (9, 9).
 
     Raises
     ------
     DataError
-        As `register`, and for transforms that are none.
+        As for `register`, and if a matrix is not a rigid transform.
     IdentifiabilityError
-        If the poses cannot separate station and tool; the directions are named.
+        If the poses cannot separate station and tool; the message names the directions.
 
     Examples
     --------
@@ -197,7 +199,7 @@ def register_with_tool(
     flange = check_transforms("tf_base_flange", tf_base_flange, single=False)
     measured = as_rows("p_measured", p_measured, 3)
     _check_count(len(flange), len(measured), MINIMAL_LINEAR)
-    check_units(flange[:, :3, 3], measured, ("m",), tolerance=5.0)  # the tool makes the one larger
+    check_units(flange[:, :3, 3], measured, ("m",), tolerance=5.0)  # the tool offset enlarges one of the sets
     guess = None
     if p_flange_tool is not None:
         guess = as_floats("p_flange_tool", p_flange_tool)
@@ -210,15 +212,18 @@ def register_with_tool(
 def register_known(
     tf_base_tracker: ArrayLike, p_commanded: ArrayLike, p_measured: ArrayLike, robust: bool = True
 ) -> Registration:
-    """Take the tracker's station as stated: residuals and outliers only, nothing is fitted.
+    """Return residuals and outliers for a stated station of the tracker; nothing is fitted.
 
     Parameters
     ----------
     tf_base_tracker : (4, 4) array [mm]
-        The station, exact: its covariance is zero.
-    p_commanded, p_measured : (n, 3) arrays [mm], base and tracker frame
+        The station, taken as exact: its covariance is zero.
+    p_commanded : (n, 3) array [mm], base frame
+        The commanded positions of the TCP, n >= 3.
+    p_measured : (n, 3) array [mm], tracker frame
+        The readings.
     robust : bool
-        Find outliers.
+        Whether outliers are marked.
 
     Returns
     -------
@@ -227,7 +232,14 @@ def register_known(
     Raises
     ------
     DataError
-        For wrong shapes, NaN or fewer than 3 points.
+        If shapes are wrong, values are NaN, or there are fewer than 3 points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> p = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100.0]])
+    >>> register_known(np.eye(4), p, p + [0.1, 0, 0]).residuals[0].round(6)
+    array([0.1, 0. , 0. ])
     """
     tf = check_transforms("tf_base_tracker", tf_base_tracker)
     commanded = as_rows("p_commanded", p_commanded, 3)
@@ -261,7 +273,9 @@ def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
     if n_commanded != n_measured:
         raise DataError(f"{n_commanded} commanded and {n_measured} measured positions; expected one reading for each")
     if n_commanded < least:
-        raise DataError(f"{n_commanded} readings are too few to register, expected at least {least}, better 20 or more")
+        raise DataError(
+            f"{n_commanded} readings are too few to register; expected at least {least} (20 or more recommended)"
+        )
 
 
 def _register(

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 from truepose._typing import FloatArray
 
 OUTLIER_LIMIT: Final = 6.0
-"""A residual longer than this many robust standard deviations (of one axis) is gross.
+"""The number of robust standard deviations (of one axis) above which a residual is an outlier.
 
 For normal residuals the squared norm over the variance is chi-square with 3 degrees of freedom: 6 is exceeded with
 probability 4e-8. Ordinary robot errors, which are smooth but not normal, reach 4 to 5.
@@ -18,23 +18,24 @@ probability 4e-8. Ordinary robot errors, which are smooth but not normal, reach 
 
 
 def trusted_count(n: int, minimal: int) -> int:
-    """Return how many of n residuals must be small for a fit to count, the rest may be gross (Rousseeuw 1984)."""
+    """Return the number of n residuals that a fit must explain; the rest may be outliers (Rousseeuw 1984)."""
     return min(n, (n + minimal + 1) // 2)
 
 
 def robust_scale(norms: FloatArray, minimal: int, floor: float) -> float:
-    """Return the standard deviation of one axis [unit of norms] from the norms of 3-vectors, up to half of them gross.
+    """Return the standard deviation of one axis [unit of norms] from the norms of 3-vectors with up to half outliers.
 
-    The quantile of the norms that `trusted_count` names, divided by the same quantile of the chi distribution with 3
-    degrees of freedom, with the small-sample factor of Rousseeuw and Leroy (1987), 1 + 5 / (n - p).
+    It is the quantile of the norms given by `trusted_count`, divided by the same quantile of the chi distribution with
+    3 degrees of freedom, with the small-sample factor of Rousseeuw and Leroy (1987), 1 + 5 / (n - p).
 
     Parameters
     ----------
     norms : (n,) array
+        The norms.
     minimal : int
-        Number of 3-vectors that a fit needs at least.
+        The minimum number of 3-vectors of a fit.
     floor : float
-        Rounding of the data: a smaller scale is not returned.
+        The rounding of the data, which is the smallest result.
     """
     n = len(norms)
     h = trusted_count(n, minimal)

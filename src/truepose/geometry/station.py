@@ -5,7 +5,8 @@ A reading P_i at the flange pose (R_i, p_i) is explained by the station (R, t) a
     residual_i = R P_i + t - (p_i + R_i a)                                                      [mm], base frame
 
 With a known, the best (R, t) is closed form (Kabsch 1976; Umeyama 1991). With a unknown, the residual is linear in the
-nine entries of R, t and a, which gives a start without a guess; Gauss-Newton on the rotation vector, t and a ends it.
+nine entries of R, t and a, which gives a start without an initial guess; Gauss-Newton on the rotation vector, t and a
+completes the fit.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from truepose.geometry.transforms import cross_matrix
 STATION_NAMES: Final = tuple(f"station {kind} {axis}" for kind in ("translation", "rotation") for axis in "xyz")
 TOOL_NAMES: Final = tuple(f"tool {axis}" for axis in "xyz")
 MINIMAL: Final = 3
-"""Readings that determine station, or station and tool, at the least."""
+"""The minimum number of readings that determine the station, or station and tool."""
 MINIMAL_LINEAR: Final = 5
-"""Readings that determine the fifteen unknowns of the linear start at the least."""
+"""The minimum number of readings that determine the fifteen unknowns of the linear start."""
 
 _DEGENERATE: Final = 1e-6  # singular values below this part of the largest count as zero
-_SETTLED: Final = 1e-9  # steps of candidates below this part of the largest coordinate end their search
-_WEAK: Final = 5.0  # mm: a direction known worse is worth a hint
-_SUBSETS: Final = 300  # chance that none of them is clean, with 3 of 10 readings gross and 8 in a subset: 2e-8
-_SCORED: Final = 500  # readings on which the candidates are compared
+_CONVERGED: Final = 1e-9  # size of the last step of a candidate, relative to the largest coordinate
+_WEAK: Final = 5.0  # mm: standard deviation of a direction that causes a hint
+_SUBSETS: Final = 300  # probability that all contain an outlier, with 30 % outliers and subsets of 8: 2e-8
+_SCORED: Final = 500  # readings with which the candidates are compared
 
 
 @dataclass(frozen=True)
@@ -131,9 +132,9 @@ def _moved(station: Station, step: FloatArray, centre: FloatArray) -> Station:
 
 
 def start(poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, rng: np.random.Generator) -> Station:
-    """Return a station (and tool) near the best one, from candidates fitted to all readings and to random subsets.
+    """Return a start for station (and tool), chosen from fits to all readings and to random subsets.
 
-    The candidate whose h-th smallest residual is smallest wins (least quantile of squares, Rousseeuw 1984).
+    The candidate with the smallest h-th residual is chosen (least quantile of squares, Rousseeuw 1984).
     """
     n = len(poses.p_measured)
     groups = [np.arange(n)[None]]
@@ -151,7 +152,7 @@ def start(poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, r
 
 
 def _candidates(poses: StationPoses, p_flange_tool: FloatArray | None) -> list[Station]:
-    """Fit each of k subsets, poses (k, m, …), from several guesses of the rotation."""
+    """Return fits to each of k subsets, poses (k, m, …), from several starts of the rotation."""
     k, m = poses.p_measured.shape[:2]
     guess = np.zeros((k, 3)) if p_flange_tool is None else np.tile(p_flange_tool, (k, 1))
     tcp = Station(np.eye(3), np.zeros(3), guess).tcp(poses)
@@ -163,7 +164,7 @@ def _candidates(poses: StationPoses, p_flange_tool: FloatArray | None) -> list[S
 
 
 def _linear_rotation(poses: StationPoses) -> FloatArray:
-    """Rotation (k, 3, 3) nearest to the best 3×3 matrix: R P + t - R_i a = p is linear in R, t and a."""
+    """Return the rotations (k, 3, 3) nearest to the best matrices: R P + t - R_i a = p is linear in R, t and a."""
     assert poses.rotations is not None
     k, m = poses.p_measured.shape[:2]
     centred = poses.p_measured - poses.p_measured.mean(axis=1, keepdims=True)
@@ -173,7 +174,7 @@ def _linear_rotation(poses: StationPoses) -> FloatArray:
         columns[:, :, row, 3 * row : 3 * row + 3] = centred / size
     columns[..., 9:12] = np.eye(3)
     columns[..., 12:] = -poses.rotations
-    # least norm where few or flat readings leave entries open: the projection on rotations fills them
+    # least norm where few or coplanar readings leave entries undetermined: the projection to rotations completes them
     solution = np.linalg.pinv(columns.reshape(k, 3 * m, 15)) @ poses.p_commanded.reshape(k, 3 * m, 1)
     u, _, vt = np.linalg.svd(solution[:, :9, 0].reshape(k, 3, 3))
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
@@ -181,7 +182,7 @@ def _linear_rotation(poses: StationPoses) -> FloatArray:
 
 
 def _given_rotation(poses: StationPoses, rotation: FloatArray) -> Station:
-    """Best translation and tool for given rotations (k, 3, 3): linear."""
+    """Return the best translation and tool for given rotations (k, 3, 3), a linear problem."""
     assert poses.rotations is not None
     k, m = poses.p_measured.shape[:2]
     columns = np.concatenate([np.broadcast_to(np.eye(3), (k, m, 3, 3)), -poses.rotations], axis=-1).reshape(k, 3 * m, 6)
@@ -191,7 +192,7 @@ def _given_rotation(poses: StationPoses, rotation: FloatArray) -> Station:
 
 
 def _damped_steps(poses: StationPoses, station: Station, steps: int = 15) -> Station:
-    """Few Gauss-Newton steps on k subsets at once; the damping only keeps degenerate subsets solvable."""
+    """Apply a few Gauss-Newton steps to k subsets; the damping only keeps degenerate subsets solvable."""
     for _ in range(steps):
         columns, centre = design(poses, station)
         normal = np.swapaxes(columns, -1, -2) @ columns
@@ -202,7 +203,7 @@ def _damped_steps(poses: StationPoses, station: Station, steps: int = 15) -> Sta
         gradient = np.swapaxes(columns, -1, -2) @ station.residuals(poses).reshape(k, -1, 1)
         step = np.linalg.solve(normal, -gradient)[..., 0]
         station = _moved(station, np.asarray(step, dtype=np.float64), centre)
-        if np.abs(step).max() <= _SETTLED * np.abs(poses.p_commanded).max():  # each to be refined if it wins
+        if np.abs(step).max() <= _CONVERGED * np.abs(poses.p_commanded).max():  # the chosen candidate is refined later
             break
     return station
 
@@ -260,7 +261,9 @@ def open_directions(poses: StationPoses, station: Station, noise_std: float, lim
     """
     columns, _ = design(poses, station)
     length = np.linalg.norm(columns, axis=0)
-    length[3:6] = length[3:6].max() or 1.0  # one length for the three rotations: a line is no smaller than a plane
+    length[3:6] = (
+        length[3:6].max() or 1.0
+    )  # the same length for the three rotations, so that a line is not scaled up to a plane
     _, s, vt = np.linalg.svd(columns / length, full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
     std = noise_std / np.maximum(s, np.finfo(float).tiny) / np.sqrt(len(poses.p_measured))
@@ -271,16 +274,16 @@ def open_directions(poses: StationPoses, station: Station, noise_std: float, lim
 
 
 def check_identifiable(poses: StationPoses, station: Station, noise_std: float = 0.0, limit: float = np.inf) -> None:
-    """Raise `IdentifiabilityError` naming the `open_directions`, with rank, condition number and what to measure."""
+    """Raise `IdentifiabilityError` if there are `open_directions`; the message states rank, condition and remedy."""
     found = open_directions(poses, station, noise_std, limit)
     if not found.names:
         return
     if poses.rotations is None:
-        remedy = "the points lie on a line or in one spot; measure points that span an area"
+        remedy = "the points lie on a line or at one place; measure points that span an area"
     else:
         remedy = (
-            "measure more poses, with the flange turned about at least two axes and the points off one line, "
-            "or give the tool and register without fitting it"
+            "measure more poses, with the flange turned about at least two axes and the points not on one line, "
+            "or state the tool and register without fitting it"
         )
     count = 6 if poses.rotations is None else 9
     raise IdentifiabilityError(
@@ -290,7 +293,7 @@ def check_identifiable(poses: StationPoses, station: Station, noise_std: float =
 
 
 def weak_hint(poses: StationPoses, station: Station, noise_std: float) -> str:
-    """Return which directions are known only to some mm, or an empty text."""
+    """Return a hint at directions with a large uncertainty, or an empty text."""
     found = open_directions(poses, station, noise_std, _WEAK)
     if not found.names:
         return ""
@@ -298,7 +301,7 @@ def weak_hint(poses: StationPoses, station: Station, noise_std: float) -> str:
 
 
 def _echelon(null: FloatArray) -> FloatArray:
-    """Bring the open directions (k, p) to echelon form, so that each names few parameters: tool, then rotation."""
+    """Return the open directions (k, p) in echelon form, so that each has few parameters: tool, then rotation."""
     null = null.copy()
     order = [6, 7, 8, 3, 4, 5, 0, 1, 2] if null.shape[1] == 9 else [3, 4, 5, 0, 1, 2]
     done = 0

@@ -14,18 +14,18 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 
-_ROUNDING = 1e-4  # of rotation entries: poses typed with five digits pass, sheared or scaled ones do not
+_ROUNDING = 1e-4  # of rotation entries: poses with five digits pass, sheared or scaled ones do not
 
 
 def make_transform(rotation: Rotation | ArrayLike | None = None, translation: ArrayLike | None = None) -> FloatArray:
-    """Join a rotation and a translation.
+    """Return the transforms of rotations and translations.
 
     Parameters
     ----------
     rotation : Rotation or (…, 3, 3) array, optional
-        Identity when not given.
+        The rotations; the identity when not given.
     translation : (…, 3) array [mm], optional
-        Zero when not given.
+        The translations; zero when not given.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def make_transform(rotation: Rotation | ArrayLike | None = None, translation: Ar
         matrix = as_floats("rotation", rotation.as_matrix() if isinstance(rotation, Rotation) else rotation)
     p = np.zeros(3) if translation is None else as_floats("translation", translation)
     if matrix.shape[-2:] != (3, 3) or p.shape[-1:] != (3,):
-        raise DataError(f"rotation {matrix.shape} and translation {p.shape}: expected (…, 3, 3) and (…, 3)")
+        raise DataError(f"expected rotation (…, 3, 3) and translation (…, 3), got {matrix.shape} and {p.shape}")
     tf = np.zeros((*np.broadcast_shapes(matrix.shape[:-2], p.shape[:-1]), 4, 4))
     tf[..., :3, :3] = matrix
     tf[..., :3, 3] = p
@@ -131,8 +131,8 @@ def check_transforms(name: str, value: ArrayLike, *, single: bool = True) -> Flo
     Raises
     ------
     DataError
-        If the shape is another, entries are NaN, the lower row is not 0 0 0 1, or the rotation is not one (the rows are
-        named).
+        If the shape is wrong, entries are NaN, the lower row is not 0 0 0 1, or the 3×3 part is not a rotation (the
+        message names the rows).
     """
     tf = as_floats(name, value)
     if tf.shape[-2:] != (4, 4) or tf.ndim not in ((2, 3) if single else (3,)):
@@ -144,10 +144,10 @@ def check_transforms(name: str, value: ArrayLike, *, single: bool = True) -> Flo
     lower = np.abs(rows[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1) > _ROUNDING
     if lower.any():
         raise DataError(
-            f"{name}: the lower row is not 0 0 0 1 in {name_rows(np.flatnonzero(lower))}; was it transposed?"
+            f"{name}: the lower row is not 0 0 0 1 in {name_rows(np.flatnonzero(lower))}; is it transposed?"
         )
     x, y, z = rows[:, :3, 0], rows[:, :3, 1], rows[:, :3, 2]
-    # columns of unit length at right angles, and right-handed: z = x × y says the last two at once
+    # columns of unit length, at right angles and right-handed; z = x × y tests the last two together
     off = np.maximum(np.abs(np.cross(x, y) - z).max(axis=1), np.abs(np.einsum("ni,ni->n", x, x) - 1.0))
     off = np.maximum(off, np.abs(np.einsum("ni,ni->n", x, y))) > 4 * _ROUNDING
     if off.any():
