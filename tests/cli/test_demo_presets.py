@@ -20,4 +20,7 @@ def test_demo_on_the_hard_cell(run, tmp_path):
 
 
 def test_no_such_preset(run, tmp_path):
-    assert "no preset 'soft'; there is: paper, hard, ideal" in run("demo", tmp_path, "--preset", "soft").failed()
+    assert (
+        "unknown preset 'soft'; expected one of paper, hard, ideal"
+        in run("demo", tmp_path, "--preset", "soft").failed()
+    )

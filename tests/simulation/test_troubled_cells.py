@@ -139,5 +139,5 @@ def test_work_with_another_payload(robot):
 
 
 def test_an_unknown_effect_lists_the_troubles():
-    with pytest.raises(DataError, match=r"no effect 'gravity'; there is: geometry.*joint-step"):
+    with pytest.raises(DataError, match=r"unknown effect 'gravity'; expected one of geometry.*joint-step"):
         VirtualCell("hard", effects=["gravity"])

@@ -76,7 +76,7 @@ def test_out_of_reach_is_told(cell):
 
 
 def test_unknown_preset():
-    with pytest.raises(DataError, match="no preset 'papr'; there is: paper, hard, ideal"):
+    with pytest.raises(DataError, match="unknown preset 'papr'; expected one of paper, hard, ideal"):
         VirtualCell("papr")
 
 
@@ -220,13 +220,13 @@ def test_a_reflector_turned_away_is_not_seen():
 def test_what_cannot_be_measured_is_told():
     cell = VirtualCell("hard")
     q = cell.design(4)
-    with pytest.raises(DataError, match="no effect 'gravity'; there is: geometry, compliance"):
+    with pytest.raises(DataError, match="unknown effect 'gravity'; expected one of geometry, compliance"):
         VirtualCell("hard", effects=["gravity"])
-    with pytest.raises(DataError, match="2 reflectors; 1 gives positions, 3 or more give poses"):
+    with pytest.raises(DataError, match="expected 1 reflector for positions, or 3 or more for poses; got 2"):
         cell.measure(q, reflectors=2)
-    with pytest.raises(DataError, match=r"time has shape \(3,\), expected \(4,\)"):
+    with pytest.raises(DataError, match=r"expected time of shape \(4,\), got \(3,\)"):
         cell.measure(q, time=np.zeros(3))
-    with pytest.raises(DataError, match="approach 'random'; expected -1, 0"):
+    with pytest.raises(DataError, match=r"expected approach -1, 0 or .*; got 'random'"):
         cell.measure(q, approach="random")
 
 

@@ -52,7 +52,7 @@ class Registration:
     swapped : (k, 2) int array
         The pairs of outliers that match each other: row of a command, row of the reading.
     hint : str
-        What to look at when rows seem swapped, many readings are gross, or tool and station are told apart badly; else
+        A hint if rows seem swapped, many readings are outliers, or tool and station are poorly separated; otherwise
         empty.
     """
 

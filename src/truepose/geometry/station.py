@@ -216,7 +216,7 @@ def covariance(poses: StationPoses, station: Station, noise_std: float) -> Float
     columns, centre = design(poses, station)
     length = np.linalg.norm(columns, axis=0)
     r_inverse = np.linalg.inv(np.linalg.qr(columns / length, mode="r")) / length[:, None]
-    # rotation about the centre, seen from the base's origin: δt = δt' + δω × (t - centre)
+    # a rotation about the centre, expressed at the base origin: δt = δt' + δω × (t - centre)
     change = np.eye(columns.shape[-1])
     change[:3, 3:6] = -cross_matrix(station.translation - centre)
     root = change @ r_inverse * noise_std

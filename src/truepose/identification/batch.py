@@ -33,7 +33,7 @@ _FLOOR: Final = 1e-6  # mm and rad: smallest misfit
 _DIGITS: Final = 1e-14  # of a system with tolerances, which has full rank by them
 _RANK: Final = 1e-8  # singular values of scaled columns, relative
 _DETERMINED: Final = 0.1  # one over standard deviation, in tolerances
-_FIRST: Final = 100.0  # how much sooner base and tool are taken into a minimal subset
+_FIRST: Final = 100.0  # weight with which base and tool are preferred in a minimal subset
 
 
 @dataclass(frozen=True, eq=False, repr=False)

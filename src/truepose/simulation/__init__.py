@@ -1,4 +1,4 @@
-"""A virtual robot whose truth is known, to test on (docs/virtual-cell.md)."""
+"""Virtual robot cells with known true errors, for tests and studies (docs/virtual-cell.md)."""
 
 from truepose.simulation.presets import EFFECTS, PRESETS, TROUBLES, Preset
 from truepose.simulation.tracker import TrackerNoise

@@ -1,4 +1,4 @@
-"""A preset on another robot: work region, tool and payload by its reach, and the branch that reaches the region."""
+"""Presets on other robots: work region, tool and payload scaled by reach, and a branch that reaches the region."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from truepose.geometry import euler, make_transform
 from truepose.robots import Robot, load_robot, nearest_branch
 from truepose.simulation.presets import Preset
 
-_MASS_EXPONENT: Final = 2.7  # as of `truepose.robots.nongeometric.rough_masses`
+_MASS_EXPONENT: Final = 2.7  # as in `truepose.robots.nongeometric.rough_masses`
 _SHRINK: Final = 0.8
-_NEARER: Final = 0.25  # the region comes nearer to the base as it shrinks
+_NEARER: Final = 0.25  # exponent with which a smaller region moves towards the base
 _TRIES: Final = 8
 
 
 def adapt(preset: Preset, robot: Robot) -> Preset:
-    """Return the preset for another robot than its own.
+    """Return a preset adapted to another robot.
 
-    Lengths scale with the arm's, the payload as arms' masses do. Of the branches that reach the region's centre the one
-    is taken that reaches its corners at all orientations within limits, with most room to them; a region that no branch
-    reaches is made smaller and brought nearer.
+    Lengths scale with the length of the arm, the payload with its mass. Among the branches that reach the centre of the
+    region, the one is chosen that reaches the corners at all orientations with the largest margin to the limits. A
+    region that no branch reaches is made smaller and moved towards the base.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
         )
         if (home := _home(tried, robot)) is not None:
             return replace(tried, home_deg=tuple(np.rad2deg(home).tolist()))
-    raise RobotError(f"{robot.name}: no branch reaches a work region at {centre} mm; state a Preset of your own")
+    raise RobotError(f"{robot.name}: no branch reaches a work region at {centre} mm; pass a Preset made for this robot")
 
 
 def _length(robot: Robot) -> float:
@@ -65,7 +65,7 @@ def _length(robot: Robot) -> float:
 
 
 def _home(preset: Preset, robot: Robot) -> FloatArray | None:
-    """Return joints at the region's centre on the branch that reaches all of it; None if there is none."""
+    """Return the joints at the centre of the region on a branch that reaches all of it; None if there is none."""
     sides = np.stack(np.meshgrid(*[[-0.5, 0.0, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = np.deg2rad(preset.orientation_deg) * 2.0 * sides if preset.orientation_deg else np.zeros((1, 3))
     rotation = euler("kuka", preset.abc_deg)

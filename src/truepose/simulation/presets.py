@@ -1,4 +1,4 @@
-"""The virtual cells that have a name, and the sizes of their errors (docs/virtual-cell.md)."""
+"""The presets of virtual cells, and the sizes of their errors (docs/virtual-cell.md)."""
 
 from __future__ import annotations
 
@@ -24,89 +24,91 @@ EFFECTS: Final = (
     "repeatability",
     "tracker",
 )
-"""What may be wrong in a virtual cell; each is switched on by its name."""
+"""The usual sources of error of a virtual cell, each switched on by its name."""
 
 TROUBLES: Final = ("heavy-tails", "rounding", "joint-step", "pedestal", "creep")
-"""What may be wrong beyond that, switched on by its name, too; off in the presets paper, hard and ideal."""
+"""Further faults, each switched on by its name; off in the presets paper, hard and ideal."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """What a virtual cell is made of. Sizes are drawn from their ranges for each joint, whether switched on or not.
+    """The properties of a virtual cell. Sizes are drawn from their ranges for each joint, whether switched on or not.
 
     Attributes
     ----------
     robot : str
-        Library name.
+        The library name.
     tool_mm, tool_abc_deg : tuple of 3
-        The tool as the cell file states it, flange to the reflector, KUKA angles.
+        The tool as stated in the cell file, flange to reflector, with KUKA angles.
     centre_mm, size_mm : tuple of 3
-        The work region: a box in the base frame.
+        The work region, a box in the base frame.
     abc_deg : tuple of 3
-        Orientation of the tool in the work region, KUKA angles.
+        The orientation of the tool in the work region, as KUKA angles.
     orientation_deg : float
-        By how much a design turns away from it, about each axis of the tool.
+        The largest deviation of a design from this orientation, about each axis of the tool.
     home_deg : tuple of 6
-        A joint vector on the branch that the work is done on.
+        A joint vector on the branch used for work.
     effects : frozenset of str
-        Of `EFFECTS` and `TROUBLES`, those that are on.
+        The names from `EFFECTS` and `TROUBLES` that are switched on.
     length_std : float [mm]
-        Of the errors of every a and d.
+        The standard deviation of the errors of every a and d.
     angle_std : float [rad]
-        Of the errors of every joint offset, alpha and beta.
+        The standard deviation of the errors of every joint offset, alpha and beta.
     repeatability_std : float [mm]
-        Of the TCP, in each direction; RP of ISO 9283 is about 3.6 times that.
+        The standard deviation of the TCP in each direction; RP of ISO 9283 is about 3.6 times as large.
     tracker : TrackerNoise
+        The noise of readings.
     tool_std, tool_angle_std : float [mm], [rad]
-        Of the difference between the stated tool and the real one, in each direction.
+        The standard deviations of the difference between the stated and the real tool, in each direction.
     largest_error : float [mm], optional
-        Parameter errors are scaled so that the largest error over the work region, after rigid registration, is this.
+        The largest error over the work region after rigid registration, to which the parameter errors are scaled.
     compliance : pair of ranges [rad/Nm]
-        Of joints 1–3, and of the others.
+        The compliances of joints 1–3, and of the others.
     payload_kg, payload_mm : float, tuple of 3
-        Mass on the flange and its centre, flange frame, as the cell file states them.
+        The mass on the flange and its centre, flange frame, as stated in the cell file.
     own_weight : range
-        Share of each link's weight that bends the joints; balancers and mastering take the rest.
+        The share of each link's weight that bends the joints; balancers and mastering compensate the rest.
     harmonic : range [rad]
-        Amplitude of the first and of the second harmonic of each joint's angle.
+        The amplitudes of the first and the second harmonic of each joint's angle.
     transmission : range [rad]
-        Standard deviation of each joint's smooth error beside the harmonics.
+        The standard deviation of each joint's smooth error in addition to the harmonics.
     transmission_length : range [rad]
-        Angle over which it stays alike.
+        The correlation length of this error.
     ripple : range [rad]
-        Amplitude of the error that repeats with each turn of a motor.
+        The amplitude of the error that repeats with each turn of a motor.
     gear_ratio : range
-        Turns of the motor for one of the joint.
+        The motor turns for one turn of the joint.
     backlash : range [rad]
-        Lost motion between the two ways of coming.
+        The lost motion between the two directions of approach.
     expansion : range [1/K]
-        Of every length.
+        The coefficient of thermal expansion of every length.
     warm_up_kelvin, warm_up_s : float
-        The arm grows warmer by warm_up_kelvin, with the time constant warm_up_s.
+        The final rise of temperature, and its time constant.
     first_reading_s, seconds_per_reading : float
-        Time of the first reading after the cold start, and from each to the next.
+        The time of the first reading after the cold start, and the time between readings.
     acceptance_deg : float
-        How far from its axis a reflector can be seen; the axis points to the tracker at the centre of the work region.
+        The angle from its axis up to which a reflector is visible; at the centre of the region the axis points to the
+        tracker.
     reflector_radius_mm : float
-        Of the circle about the tool point on which several reflectors sit.
+        The radius of the circle about the tool point on which several reflectors are mounted.
     approach : {"up", "order"}
-        How poses are approached when nothing else is asked for: every joint upwards, or straight from pose to pose.
+        The default approach: every joint upwards, or straight from pose to pose.
     work_payload_kg : float, optional
-        Mass on the flange at work; that of the measurement when not given.
+        The mass on the flange at work; that of the measurement when not given.
     work_s : float, optional
-        Time of work after the cold start; when not given, the times of a measurement.
+        The time of work after the cold start; the times of a measurement when not given.
     degrees_of_freedom : float
-        Of Student's t, which readings follow with ``heavy-tails``.
+        The degrees of freedom of Student's t, the distribution of readings with ``heavy-tails``.
     decimals_mm, decimals_deg : int
-        Decimals of positions [mm] and of angles [deg] in the file of samples, with ``rounding``.
+        The decimals of positions [mm] and angles [deg] in the file of samples, with ``rounding``.
     joint_step : range [rad]
-        Jump of one joint's offset, with ``joint-step``.
+        The jump of one joint's offset, with ``joint-step``.
     joint_step_within_deg : float
-        How far from home, at most, the joint jumps.
+        The largest distance of the jump from the joint's home angle.
     pedestal_tilt : range [rad/m]
-        Tilt of the pedestal per metre by which the arm reaches out, with ``pedestal``.
+        The tilt of the pedestal per metre of the arm's horizontal extension, with ``pedestal``.
     creep_mm : range [mm]
-        Path of the tracker's station during a campaign, with ``creep``.
+        The distance that the tracker's station moves during a campaign, with ``creep``.
     """
 
     robot: str
@@ -181,11 +183,11 @@ _HARD: Final = replace(
 PRESETS: Final[dict[str, Preset]] = {
     # The paper's experiment: positions in a box at one orientation, 1.2912 mm at most before compensation.
     "paper": _PAPER,
-    # Everything that docs/virtual-cell.md names, on the same arm, orientations that vary by 15° about each axis.
+    # All effects of docs/virtual-cell.md on the same arm, with orientations that vary by 15° about each axis.
     "hard": _HARD,
-    # An arm without errors: what is left is noise, and the station to be found.
+    # An arm without errors: only noise, and the unknown station.
     "ideal": replace(_HARD, effects=frozenset({"repeatability", "tracker"})),
-    # The troubled cells: hard, and one thing more that a predictor does not know of.
+    # The troubled cells: hard, with one further fault that no predictor models.
     **{name: replace(_HARD, effects=_HARD.effects | {name}) for name in TROUBLES},
     "cold-start": replace(_HARD, first_reading_s=0.0, work_s=4.0 * _HARD.warm_up_s),
     "backlash": replace(_HARD, backlash=(0.1e-3, 1e-3), approach="order"),

@@ -1,4 +1,4 @@
-"""A laser tracker's noise, and reflectors on a tool: what is read of a pose, and which way they can be seen."""
+"""The noise of a laser tracker, and the reflectors on a tool."""
 
 from __future__ import annotations
 
@@ -13,20 +13,28 @@ from truepose.geometry.transforms import cross_matrix
 
 @dataclass(frozen=True)
 class TrackerNoise:
-    """Standard deviations of a laser tracker's reading.
+    """The standard deviations of a laser tracker's reading.
 
     Attributes
     ----------
     range_std : float [mm]
+        The constant part along the beam.
     range_std_per_mm : float
-        Along the beam: range_std + range_std_per_mm · distance.
+        The part along the beam per distance.
     cross_std : float [mm]
+        The constant part in each direction across the beam.
     cross_std_per_mm : float
-        In each direction across it.
+        The part across the beam per distance.
 
     Notes
     -----
-    The defaults are a tracker of 5 µm + 0.5 µm/m along the beam and (15 µm + 6 µm/m)/2 across it.
+    The defaults describe a tracker with 5 µm + 0.5 µm/m along the beam and (15 µm + 6 µm/m)/2 across it.
+
+    Examples
+    --------
+    >>> covariance = TrackerNoise().covariance(np.array([[2000.0, 0.0, 0.0]]))[0]
+    >>> np.sqrt(np.diag(covariance)).round(4)
+    array([0.006 , 0.0135, 0.0135])
     """
 
     range_std: float = 0.005
@@ -35,7 +43,7 @@ class TrackerNoise:
     cross_std_per_mm: float = 3e-6
 
     def covariance(self, p_tracker: FloatArray) -> FloatArray:
-        """Return the covariance of readings at (n, 3) positions [mm] in the tracker frame, (n, 3, 3) [mm²]."""
+        """Return the covariances of readings at positions (n, 3) [mm] in the tracker frame, (n, 3, 3) [mm²]."""
         distance = np.linalg.norm(p_tracker, axis=1)
         beam = p_tracker / distance[:, None]
         along = (self.range_std + self.range_std_per_mm * distance) ** 2
@@ -57,9 +65,11 @@ def pose_covariance(p_body: FloatArray, rotation: Rotation, covariance: FloatArr
     Parameters
     ----------
     p_body : (m, 3) array [mm]
+        The positions of the reflectors on the tool.
     rotation : Rotation of length n
+        The orientations of the tool.
     covariance : (n, m, 3, 3) array [mm²]
-        Of each reading; readings do not correlate.
+        The covariances of the readings, which are independent of each other.
     """
     arm = rotation.as_matrix() @ p_body.T  # (n, 3, m): from the origin to each point
     jacobian = np.zeros((len(arm), len(p_body), 3, 6))

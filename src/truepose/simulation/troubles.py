@@ -1,4 +1,4 @@
-"""What goes wrong in a cell beyond the usual: a damaged joint, a pedestal that tilts, a station that creeps."""
+"""Faults of a cell in addition to the usual errors: a damaged joint, a tilting pedestal, a creeping station."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from truepose.simulation.presets import Preset
 
 @dataclass(frozen=True, eq=False)
 class Troubles:
-    """Faults of a virtual cell; each is zero when it is switched off.
+    """The faults of a virtual cell; each is zero when it is switched off.
 
     Attributes
     ----------
     step : (dof,) array [rad]
-        By how much the offset of each joint jumps; zero for all joints but one.
+        The jump of each joint's offset; zero for all joints but one.
     step_at : (dof,) array [rad]
-        Angle of each joint above which its offset has jumped.
+        The angle of each joint at which its offset jumps.
     tilt_per_mm : (2,) array [rad/mm]
-        Tilt of the pedestal along x and y of the base frame, per length by which the arm reaches out along x and y.
+        The tilt of the pedestal along x and y of the base frame, per extension of the arm along x and y.
     creep : (3,) array [mm]
-        Path of the tracker's station during a campaign, tracker frame.
+        The displacement of the tracker's station during a campaign, tracker frame.
     """
 
     step: FloatArray
@@ -38,7 +38,7 @@ class Troubles:
         return np.where(q > self.step_at, self.step, 0.0)
 
     def tilted(self, tf: FloatArray) -> FloatArray:
-        """Return poses (n, 4, 4) [mm] of an arm whose pedestal tilts about the base origin towards where it reaches."""
+        """Return the poses (n, 4, 4) [mm] of an arm whose pedestal tilts about the base origin towards the tool."""
         if not self.tilt_per_mm.any():
             return tf
         tilt_x, tilt_y = (self.tilt_per_mm * tf[:, :2, 3]).T
@@ -48,16 +48,16 @@ class Troubles:
         return tilted
 
     def drift(self, time: FloatArray) -> FloatArray:
-        """Return by how much readings at (n,) [s] are off since the station creeps, (n, 3) [mm], tracker frame.
+        """Return the errors of readings at times (n,) [s] due to creep of the station, (n, 3) [mm], tracker frame.
 
-        The creep is linear in time, and zero in the middle between the first reading and the last.
+        The creep is linear in time, and zero halfway between the first and the last reading.
         """
         share = (time - time.min(initial=np.inf)) / max(np.ptp(time), np.finfo(float).tiny)
         return np.asarray((share[:, None] - 0.5) * self.creep)
 
 
 def draw_troubles(preset: Preset, dof: int, effects: Collection[str], rng: np.random.Generator) -> Troubles:
-    """Draw the faults of a cell; what is switched off is drawn as well, and is zero then."""
+    """Draw the faults of a cell; those switched off are drawn as well, and set to zero."""
 
     def on(name: str) -> float:
         return float(name in effects)

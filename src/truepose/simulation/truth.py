@@ -1,4 +1,4 @@
-"""What a virtual robot does: the arm as it is, moved by what each joint really turns (theory, kinematics and §7)."""
+"""The true motion of a virtual robot: the real arm at the real angles of its joints (theory, kinematics and §7)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from truepose.simulation.troubles import Troubles
 _ORDERS: Final = 48
 _PAYLOAD_CENTRE_STD: Final = 5.0  # mm
 COLD: Final = 20.0
-"""Temperature [°C] at which the lengths are those of the true robot."""
+"""The temperature [°C] at which the lengths are those of the true robot."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointCurves:
-    """Errors of each joint's angle as functions of that angle: f_j(q) = Σ_k a_jk sin(m_jk q) + b_jk cos(m_jk q).
+    """The errors of each joint's angle as functions of this angle: f_j(q) = Σ_k a_jk sin(m_jk q) + b_jk cos(m_jk q).
 
     Attributes
     ----------
     order : (dof, k) array
-        The m: 1, 2, … for what turns with the joint, the gear ratio for what turns with the motor.
+        The orders m: 1, 2, … for errors that repeat with the joint, the gear ratio for those of the motor.
     sine, cosine : (dof, k) array [rad]
+        The coefficients a and b.
     """
 
     order: FloatArray
@@ -69,17 +70,18 @@ class JointCurves:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """Under which poses are measured, beside the joints.
+    """The conditions of a measurement in addition to the joints.
 
     Attributes
     ----------
     approach : (n, dof) array of -1, 0, +1
-        Sign of each joint's last motion.
+        The sign of each joint's last motion.
     payload_kg : (n,) array
+        The mass on the flange.
     time : (n,) array [s]
-        After a cold start.
+        The time after a cold start.
     warm_up_kelvin, warm_up_s : float
-        See `Preset`.
+        The final rise of temperature, and its time constant.
     """
 
     approach: FloatArray
@@ -90,38 +92,38 @@ class Conditions:
 
     @property
     def temperature(self) -> FloatArray:
-        """Of the arm, (n,) [°C]."""
+        """The temperature of the arm, (n,) [°C]."""
         return np.asarray(COLD + self.warm_up_kelvin * -np.expm1(-self.time / self.warm_up_s))
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a virtual cell knows and a user does not.
+    """The true properties of a virtual cell, which its user does not know.
 
     Attributes
     ----------
     robot : Robot
-        The arm as it is when cold, without load.
+        The real arm, cold and without load.
     tf_flange_tool : (4, 4) array [mm]
-        The tool as it is.
+        The real tool.
     tf_base_tracker : (4, 4) array [mm]
         The tracker's station.
     joint_error : JointCurves
-        A function of joint vectors: harmonics and transmission, (n, dof) [rad].
+        The errors of the joint angles from harmonics and transmission, a function of joint vectors.
     ripple : JointCurves
-        The same for what repeats with each turn of the motors: too fast to be learnt from some hundred poses.
+        The errors that repeat with each turn of the motors: too fast to be learned from some hundred poses.
     compliance : (dof,) array [rad/Nm]
-        Turn of each joint by gravity's torque.
+        The rotation of each joint per torque of gravity.
     link_kg, p_flange_payload : (dof,) array, (3,) array [mm]
-        Masses that bend the arm, and where the payload's centre is.
+        The masses of the links, and the centre of mass of the payload.
     backlash : (dof,) array [rad]
-        Lost motion; a joint stays half of it behind the way that it comes.
+        The lost motion; a joint lags by half of it in its direction of approach.
     expansion : (dof,) array [1/K]
-        Of the lengths a and d of each link.
+        The thermal expansion of the lengths a and d of each link.
     troubles : Troubles
-        Faults beyond the usual; none of them in the presets paper, hard and ideal.
+        The further faults; none in the presets paper, hard and ideal.
     seed : int
-        From which all this was drawn.
+        The seed of all random values.
     """
 
     robot: Robot
@@ -138,7 +140,7 @@ class Truth:
     seed: int
 
     def joints(self, q: FloatArray, conditions: Conditions) -> FloatArray:
-        """Return where the joints really are when (n, dof) [rad] are commanded."""
+        """Return the real joint angles (n, dof) [rad] at commanded joints (n, dof) [rad]."""
         loads, which = np.unique(conditions.payload_kg, return_inverse=True)
         torque = np.empty_like(q)
         for k, kg in enumerate(loads):
@@ -151,7 +153,7 @@ class Truth:
     def forward(self, q: FloatArray, conditions: Conditions) -> FloatArray:
         """Return the true poses of the tool without noise, (n, 4, 4) [mm], base frame.
 
-        Positions are linear in the lengths, so their growth by one kelvin, times the kelvins, is exact.
+        Positions are linear in the lengths, so the growth per kelvin times the temperature difference is exact.
         """
         joints = self.joints(q, conditions)
         tf = self.robot.forward(joints, tool=self.tf_flange_tool)
@@ -164,7 +166,7 @@ class Truth:
 
 
 def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.random.Generator) -> dict[str, Any]:
-    """Draw what `Truth` says about joints and lengths; what is switched off is drawn as well, and is zero then."""
+    """Draw the errors of joints and lengths of `Truth`; those switched off are drawn as well, and set to zero."""
     dof = robot.dof
     on = {name: float(name in effects) for name in EFFECTS}
     stiff, soft = preset.compliance

@@ -1,4 +1,4 @@
-"""A virtual cell: a robot with errors, a tracker somewhere, a tool not quite as stated (docs/virtual-cell.md)."""
+"""A virtual cell: a robot with errors, a tracker at an unknown station, an inexact tool (docs/virtual-cell.md)."""
 
 from __future__ import annotations
 
@@ -29,32 +29,33 @@ _REFERENCE_POSES: Final = 512
 
 
 class VirtualCell:
-    """A robot cell that can be measured, and whose truth is known.
+    """A simulated robot cell with known true errors.
 
     Parameters
     ----------
     preset : str or Preset
-        ``"paper"``: the paper's experiment, one orientation, at most about 1.3 mm before compensation. ``"hard"``:
-        every effect of docs/virtual-cell.md, orientations within ±15°. ``"ideal"``: noise alone, and the station to be
-        found.
-        The others of `PRESETS` are ``"hard"`` with one trouble more.
+        The preset. ``"paper"`` is the paper's experiment: one orientation, errors up to about 1.3 mm before
+        compensation. ``"hard"`` has every effect of docs/virtual-cell.md and orientations within ±15°. ``"ideal"`` has
+        only noise and the unknown station. The others of `PRESETS` are ``"hard"`` with one further fault.
     robot : str, optional
-        Library name of another robot; work region, tool and payload are then scaled with it (`adapt`).
+        The library name of another robot; work region, tool and payload are scaled with it.
     seed : int
-        Decides the truth, and the noise of all measurements in their order.
+        The seed of the truth, and of the noise of all measurements in their order.
     effects : collection of str, optional
-        Those of `EFFECTS` and `TROUBLES` that are on, instead of the preset's; what is drawn for one does not depend
-        on the others.
+        The names from `EFFECTS` and `TROUBLES` that are switched on, instead of the preset's. The random values of one
+        do not depend on the others.
 
     Attributes
     ----------
     truth : Truth
+        The true properties of the cell.
     effects : frozenset of str
+        The effects that are switched on.
 
     Raises
     ------
     DataError
-        If there is no such preset or effect.
+        If a preset or an effect is unknown.
 
     Examples
     --------
@@ -72,14 +73,14 @@ class VirtualCell:
         effects: Collection[str] | None = None,
     ) -> None:
         if isinstance(preset, str) and preset not in PRESETS:
-            raise DataError(f"no preset {preset!r}; there is: {', '.join(PRESETS)}")
+            raise DataError(f"unknown preset {preset!r}; expected one of {', '.join(PRESETS)}")
         self.preset = PRESETS[preset] if isinstance(preset, str) else preset
         self.robot = load_robot(robot or self.preset.robot)
         if robot is not None and self.robot.name != self.preset.robot:
             self.preset = adapt(self.preset, self.robot)
         self.effects = frozenset(self.preset.effects if effects is None else effects)
         if unknown := self.effects - {*EFFECTS, *TROUBLES}:
-            raise DataError(f"no effect {min(unknown)!r}; there is: {', '.join((*EFFECTS, *TROUBLES))}")
+            raise DataError(f"unknown effect {min(unknown)!r}; expected one of {', '.join((*EFFECTS, *TROUBLES))}")
         self.seed = seed
         self.tf_flange_tool = make_transform(euler("kuka", self.preset.tool_abc_deg), self.preset.tool_mm)
         truth_seed, noise_seed, joint_seed, trouble_seed = np.random.SeedSequence(seed).spawn(4)
@@ -92,7 +93,7 @@ class VirtualCell:
 
     @property
     def cell(self) -> Cell:
-        """The cell as its user would describe it."""
+        """The cell as its user describes it."""
         preset, lengths = self.preset, ("x_mm", "y_mm", "z_mm")
         controller = Cell.model_validate({"robot": {"model": self.robot.name}}).controller
 
@@ -100,7 +101,7 @@ class VirtualCell:
             angles = abc if controller is None else np.round(euler(controller, euler("kuka", abc)), 9).tolist()
             return dict(zip((*lengths, *ANGLE_KEYS[controller or "kuka"]), (*p, *angles), strict=True))
 
-        # as a maker would state it: RP to the micrometre
+        # RP to the micrometre, as a maker states it
         stated = {"repeatability_mm": round(RP_PER_STD * self._repeatability, 3)} if self._repeatability else {}
         return Cell.model_validate(
             {
@@ -119,9 +120,9 @@ class VirtualCell:
 
     @property
     def noise_floor(self) -> float:
-        """Mean length of repeatability and reading noise, centre of the work region [mm]: no predictor does better.
+        """The mean length of repeatability and reading noise at the centre of the region [mm], a bound for predictors.
 
-        Heavy tails and rounding are not in it.
+        Heavy tails and rounding are not included.
         """
         p_tracker = apply_transform(invert_transform(self.truth.tf_base_tracker), np.array([self.preset.centre_mm]))
         covariance = float("tracker" in self.effects) * self.preset.tracker.covariance(p_tracker)
@@ -133,10 +134,11 @@ class VirtualCell:
         Parameters
         ----------
         n : int
+            The number of configurations.
         seed : int, optional
-            The cell's own when not given.
+            The seed of the scrambling; that of the cell when not given.
         orientation_deg : float, optional
-            By how much to turn about each axis of the tool, instead of the preset's; 0 is one orientation.
+            The largest rotation about each axis of the tool, instead of the preset's; 0 is one orientation.
 
         Raises
         ------
@@ -152,9 +154,9 @@ class VirtualCell:
         return self.reach(np.asarray(self.preset.centre_mm) + unit[:, :3] * self.preset.size_mm, rotation)
 
     def reach(self, p_target: FloatArray, rotation: Rotation | None = None) -> FloatArray:
-        """Return the joints by which the controller goes to positions (n, 3) [mm] in the base frame, (n, dof) [rad].
+        """Return the joints of the controller at positions (n, 3) [mm] in the base frame, (n, dof) [rad].
 
-        The orientation is the preset's unless given; the branch is the one nearest to the preset's home.
+        The orientation is that of the preset unless given; the branch is the one nearest to the preset's home.
         """
         rotation = euler("kuka", self.preset.abc_deg) if rotation is None else rotation
         poses = make_transform(rotation, p_target)
@@ -174,18 +176,18 @@ class VirtualCell:
         payload_kg: ArrayLike | None = None,
         time: ArrayLike | None = None,
     ) -> FloatArray:
-        """Return where the tool point goes without any noise, (n, 3) [mm], base frame; arguments as of `measure`."""
+        """Return the true positions of the tool without noise, (n, 3) [mm], base frame; arguments as of `measure`."""
         return self.truth.forward(q, self._conditions(q, approach, payload_kg, time))[:, :3, 3]
 
     def at_work(self, q: FloatArray) -> FloatArray:
-        """Return where the tool point goes at work, without any noise, (n, 3) [mm], base frame.
+        """Return the true positions of the tool at work without noise, (n, 3) [mm], base frame.
 
-        As `true_position`, but with the preset's payload and time of work.
+        They are those of `true_position` with the preset's payload and time of work.
         """
         return self.true_position(q, payload_kg=self.preset.work_payload_kg, time=self.preset.work_s)
 
     def visible(self, q: FloatArray) -> BoolArray:
-        """Return whether the tracker sees the reflector's front at configurations (n, dof) [rad]: (n,)."""
+        """Return whether the reflector is visible to the tracker at configurations (n, dof) [rad]: (n,)."""
         tf = self.robot.forward(q, tool=self.tf_flange_tool)
         beam = self.truth.tf_base_tracker[:3, 3] - tf[:, :3, 3]
         beam /= np.linalg.norm(beam, axis=1, keepdims=True)
@@ -205,37 +207,37 @@ class VirtualCell:
         reflectors: int = 1,
         line_of_sight: bool = False,
     ) -> Samples:
-        """Command configurations (n, dof) [rad] and read the tracker.
+        """Move to configurations and read the tracker.
 
         Parameters
         ----------
         q : (n, dof) array [rad]
+            The commanded configurations.
         seed : int, optional
-            Of this measurement's noise: the same again gives the same readings. Without it each call has its own.
+            The seed of this measurement's noise; equal seeds give equal readings. Without it each call has new noise.
         approach : array of -1, 0, +1 that broadcasts to (n, dof), or "order", optional
-            Sign of each joint's last motion. When not given it is as the preset says: usually every pose is approached
-            with +1, as good measuring programs do; ``"order"`` goes from each pose straight to the next, to the first
-            from home.
+            The sign of each joint's last motion; that of the preset when not given, usually +1 for every pose as in
+            good measuring programs. ``"order"`` moves from each pose straight to the next, and from home to the first.
         payload_kg : float or (n,) array, optional
-            On the flange, instead of the preset's.
+            The mass on the flange, instead of the preset's.
         time : (n,) array [s], optional
-            Of each reading, after a cold start. When not given the arm has usually run for an hour before the first.
+            The time of each reading after a cold start; that of the preset when not given, usually one hour on.
         reflectors : int
-            1: positions. 3 or more, on a circle about the tool point: positions and orientations.
+            The number of reflectors: 1 gives positions; 3 or more, on a circle about the tool point, give poses.
         line_of_sight : bool
-            Leave out poses that turn the reflector away from the tracker (`visible`); otherwise somebody turns it.
+            Whether poses that turn the reflector away from the tracker are left out (`visible`).
 
         Returns
         -------
         Samples
-            With joints, commanded poses (of the tool as stated), measured positions in the tracker frame and their
-            standard deviation as a tracker reports it (its own noise, without the robot's repeatability). Approach,
-            load, time and temperature are there when given, or when the cell has an effect that depends on them.
+            The samples with joints, commanded poses of the stated tool, measured positions in the tracker frame and
+            their standard deviations as a tracker reports them (without the robot's repeatability). Approach, load,
+            time and temperature are included if they are given, or if an effect of the cell depends on them.
 
         Raises
         ------
         DataError
-            If there are 2 reflectors or none, or a condition has the wrong shape.
+            If the number of reflectors is 2 or less than 1, or a condition has the wrong shape.
         """
         conditions = self._conditions(q, approach, payload_kg, time)
         p, covariance = self._read(q, conditions, reflectors, seed)
@@ -260,16 +262,16 @@ class VirtualCell:
         return samples[self.visible(q)] if line_of_sight else samples
 
     def read_reflectors(self, q: FloatArray, reflectors: int = 3, *, seed: int | None = None) -> FloatArray:
-        """Return what the tracker reads of each reflector in turn, (n, reflectors, 3) [mm], tracker frame.
+        """Return the readings of each reflector in turn, (n, reflectors, 3) [mm], tracker frame.
 
-        Where the reflectors sit on the tool is `reflector_positions`.
+        `reflector_positions` returns their positions on the tool.
         """
         return self._read(q, self._conditions(q), reflectors, seed)[0]
 
     def reflector_positions(self, reflectors: int) -> FloatArray:
-        """Return where reflectors sit, (reflectors, 3) [mm], tool frame: one at the tool point, more around it."""
+        """Return the positions of reflectors, (reflectors, 3) [mm], tool frame: one at the tool point, or a ring."""
         if reflectors < 1 or reflectors == 2:
-            raise DataError(f"{reflectors} reflectors; 1 gives positions, 3 or more give poses")
+            raise DataError(f"expected 1 reflector for positions, or 3 or more for poses; got {reflectors}")
         radius = self.preset.reflector_radius_mm if reflectors > 1 else 0.0
         return reflector_ring(reflectors, radius)
 
@@ -285,7 +287,7 @@ class VirtualCell:
             approach = "order"
         if isinstance(approach, str):
             if approach != "order":
-                raise DataError(f'approach {approach!r}; expected -1, 0, +1 for each joint, or "order"')
+                raise DataError(f'expected approach -1, 0 or +1 for each joint, or "order"; got {approach!r}')
             approach = np.sign(np.diff(q, axis=0, prepend=[self._home]))
         return Conditions(
             approach=_broadcast("approach", 1.0 if approach is None else approach, q.shape),
@@ -319,13 +321,13 @@ class VirtualCell:
         return p_tracker.reshape(p_base.shape), on * covariance.reshape(*p_base.shape, 3)
 
     def _as_in_file(self, values: FloatArray, *, angles: bool = False) -> FloatArray:
-        """Return values [mm or deg] with the decimals of the file of samples."""
+        """Return values [mm or deg] rounded to the decimals of the file of samples."""
         if "rounding" not in self.effects:
             return values
         return np.asarray(np.round(values, self.preset.decimals_deg if angles else self.preset.decimals_mm))
 
     def _pose(self, p: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-        """Return what `Samples` holds of readings: a position, or with several reflectors a pose."""
+        """Return the fields of `Samples` for readings: positions, or with several reflectors poses."""
         noisy = "tracker" in self.effects
         if p.shape[1] == 1:
             std = np.sqrt(np.einsum("nii->ni", covariance[:, 0]))
@@ -352,7 +354,7 @@ class VirtualCell:
             **{name: rng.normal(scale=preset.length_std, size=dof) for name in ("a", "d")},
             **{name: rng.normal(scale=preset.angle_std, size=dof) for name in ("alpha", "offset", "beta")},
         }
-        if self.robot.convention == "dh":  # has no beta
+        if self.robot.convention == "dh":  # without beta
             error["beta"] = np.zeros(dof)
         tool_error = rng.normal(scale=preset.tool_std, size=3)
         station = np.array([preset.centre_mm[0] + 3500.0, -1500.0, 300.0]) + rng.uniform(-500.0, 500.0, size=3)
@@ -394,4 +396,4 @@ def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArra
     try:
         return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
     except ValueError:
-        raise DataError(f"{name} has shape {np.shape(value)}, expected {shape}") from None
+        raise DataError(f"expected {name} of shape {shape}, got {np.shape(value)}") from None
