@@ -19,15 +19,20 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from benchmarks import plain
 from benchmarks.harness import REPEATS, Call, Job, Memory, Slow
 from truepose.predictors import LocalKriging, OrdinaryKriging, Predictor, VecchiaKriging
+from truepose.predictors.kriging.system import System
 from truepose.similarity import VariogramModel
 
 TITLE = "Benchmarks: Kriging"
 PACKAGES = ("truepose", "numpy", "scipy", "numba", "scikit-learn", "PyKrige", "gpboost")
 MODEL = VariogramModel("matern32", nugget=0.05, sill=1.0, range=0.4)
 COMPONENTS = 3
+OFTEN = 100
+"""Repeats of a job that takes less than a millisecond."""
 FIRST_CALL = (
     "import numpy as np; from truepose import LocalKriging, OrdinaryKriging, VariogramModel as V;"
     "x = np.random.default_rng(0).random((50, 3)); v = V('matern32', nugget=.1, sill=1, range=.5);"
@@ -81,6 +86,8 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
         memory=_memory(LocalKriging(32, MODEL), many, m, True),
         target=">= 40; >= 200",
     )
+    yield from _small_jobs()
+    yield from _kernel_jobs(quick)
     yield Job(
         f"leave-one-out, n = {n:,}, fit included (refitting: {left_out} of them)",
         {
@@ -97,6 +104,77 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
             "first call ever: kernels compiled": Slow(lambda count: _compiled(), (1,), repeats=1),
         },
     )
+
+
+def _small_jobs() -> Iterator[Job]:
+    """Yield jobs of 100 samples and 500 targets, which truepose must not do slower than a few lines of numpy."""
+    x, e, targets = _problem(100, 500)
+    ours, numpys = OrdinaryKriging(MODEL).fit(x, e), plain.Kriging(MODEL.nugget, 0.4).fit(x, e)
+    yield Job(
+        "100 samples, 500 targets: mean and variance by a fitted model",
+        {
+            "truepose": _often(lambda: ours.predict(targets, return_std=True)),
+            "numpy in 15 lines": _often(lambda: numpys.predict(targets)),
+        },
+        items=500 * OFTEN,
+        target=">= 1",
+    )
+    yield Job(
+        "the same, fit with a given variogram included",
+        {
+            "truepose": _often(lambda: OrdinaryKriging(MODEL).fit(x, e).predict(targets, return_std=True)),
+            "numpy in 15 lines": _often(lambda: plain.Kriging(MODEL.nugget, 0.4).fit(x, e).predict(targets)),
+        },
+        items=500 * OFTEN,
+        target=">= 1",
+    )
+
+
+def _kernel_jobs(quick: bool) -> Iterator[Job]:
+    """Yield jobs of single kernels beside their plain versions."""
+    from truepose.numerics.kernels import MATERN32, cross_correlation, pack
+    from truepose.numerics.small_systems import eliminate, pair_distances
+    from truepose.similarity.covariance import correlation
+
+    n, m = (500, 500) if quick else (2_000, 2_000)
+    x, e, targets = _problem(n, m)
+    out, packed = np.empty((m, n)), pack(x)
+    yield Job(
+        f"kernel: {m:,} x {n:,} correlations (Matérn 3/2)",
+        {
+            "truepose": lambda: cross_correlation(MATERN32, 0.0, targets, packed, out),
+            "numba with the C library's exponential, one thread": lambda: plain.matern32_by_loops(targets, x),
+            "numpy": lambda: plain.matern32(targets, x),
+        },
+        items=m * n,
+        target=">= 1.5",
+    )
+    near = np.asarray(KDTree(x).query(targets, k=32)[1], dtype=np.int64)
+    rho = correlation(MATERN32, pair_distances(x, targets, near))
+    small = (rho, near, 0.95, np.full(n, 1.0), np.zeros(m), np.hstack([np.ones((n, 1)), e]))
+    yield Job(
+        f"kernel: {m:,} systems of 32 equations, eight at a time",
+        {"truepose": lambda: eliminate(*small), "numpy, stacked matrices": lambda: plain.eliminate(*small)},
+        items=m,
+        target=">= 1.5",
+    )
+    half = n // 8
+    K = plain.matern32(x[:half], x[:half]) + 0.05 * np.eye(half)
+    factor, cross = np.linalg.cholesky(K), plain.matern32(targets, x[:half])
+    system = System.factorise(K.copy(), np.ones((half, 1)), x[:half])
+    yield Job(
+        f"kernel: {m:,} targets times the inverse factor of {half} samples",
+        {
+            "truepose": lambda: system.reduce(cross.copy(), np.ones((m, 1))),
+            "scipy, solve_triangular": lambda: plain.reduce(factor, cross),
+        },
+        items=m,
+        target=">= 1.5",
+    )
+
+
+def _often(call: Callable[[], object]) -> Call:
+    return lambda: [call() for _ in range(OFTEN)]
 
 
 def _peer(make: Callable[..., Callable[[int], object]], arguments: tuple[Any, ...], *sizes: int) -> Slow | str:
