@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gamma, kv
 
 from truepose.errors import DataError, KrigingError
-from truepose.numerics.compiled import pack
+from truepose.numerics.kernels import pack
 from truepose.similarity import FAMILIES, VariogramModel
 from truepose.similarity.covariance import correlation, slope_over_distance, weighted_gradient, weighted_sum
 

@@ -10,13 +10,14 @@ entry in both switches, and an entry in `truepose.similarity.families.FAMILIES`.
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar, cast
 
+import numba
 import numpy as np
 from numba import prange
 
 from truepose._typing import FloatArray
-from truepose.numerics.compiled import BLOCK, REORDER, compiled
 
 SPHERICAL: Final = 0
 EXPONENTIAL: Final = 1
@@ -53,6 +54,40 @@ POLYNOMIAL: Final = (
 )
 """(exp(f) − 1 − f)/f² for |f| <= ln(2)/2 from f^9 down: Chebyshev's fit, which leaves 1.3e-17 of exp(f)."""
 TARGETS: Final = 16
+
+
+# --- how kernels are compiled ----------------------------------------------------------------------------------------
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+REORDER: Final = {"reassoc", "contract", "nsz"}
+"""Fast-math flags that let a sum be vectorised; NaN and infinity keep their meaning."""
+
+BLOCK: Final = 256
+"""Largest number of points in one block of `pack`: a distance buffer of 2 kB fits into the first-level cache."""
+
+
+def compiled(**options: Any) -> Callable[[F], F]:
+    """Return numba's `njit` with this project's options, typed."""
+    return cast("Callable[[F], F]", numba.njit(cache=True, error_model="numpy", **options))
+
+
+def pack(columns: FloatArray) -> FloatArray:
+    """Return the rows of an (n, c) array in blocks (b, c, width) padded with zeros: inner loops run over points.
+
+    The width is `BLOCK`, or less where all rows fit into one block.
+
+    Examples
+    --------
+    >>> pack(np.ones((300, 3))).shape, pack(np.ones((100, 3))).shape
+    ((2, 3, 256), (1, 3, 112))
+    """
+    n, c = columns.shape
+    width = min(BLOCK, -(-max(n, 1) // 16) * 16)
+    blocks = -(-n // width)
+    padded = np.zeros((blocks * width, c))
+    padded[:n] = columns
+    return np.ascontiguousarray(padded.reshape(blocks, width, c).transpose(0, 2, 1))
 
 
 # --- exp(-t) as vector instructions ---------------------------------------------------------------------------------
@@ -287,7 +322,7 @@ def slope(family: int, shape: float, q: FloatArray) -> None:
 
 @compiled(fastmath=REORDER)
 def squared_distances(x: FloatArray, block: FloatArray, out: FloatArray) -> None:
-    """Set out (BLOCK,) to the squared distances of x (d,) and one block of packed points; three coordinates at once."""
+    """Set out (width,) to the squared distances of x (d,) and one block of packed points; three coordinates at once."""
     if x.size == 3:
         x0, x1, x2 = x[0], x[1], x[2]
         row0, row1, row2 = block[0], block[1], block[2]
@@ -322,14 +357,14 @@ def _dot_offset(weight: FloatArray, slope: FloatArray, x: float, row: FloatArray
 @compiled(parallel=True)
 def cross_correlation(family: int, shape: float, u: FloatArray, samples: FloatArray, out: FloatArray) -> None:
     """Set out (m, n) to rho of targets and points."""
-    n = out.shape[1]
+    n, width = out.shape[1], samples.shape[2]
     for i in prange(u.shape[0]):
-        r = np.empty(BLOCK)
+        r = np.empty(width)
         for b in range(samples.shape[0]):
             squared_distances(u[i], samples[b], r)
             correlate(family, shape, r)
-            stop = min(BLOCK, n - b * BLOCK)
-            out[i, b * BLOCK : b * BLOCK + stop] = r[:stop]
+            stop = min(width, n - b * width)
+            out[i, b * width : b * width + stop] = r[:stop]
 
 
 @compiled(parallel=True)
@@ -338,7 +373,7 @@ def weighted_sum(family: int, shape: float, u: FloatArray, samples: FloatArray, 
     m, columns = u.shape[0], weights.shape[1]
     out = np.zeros((m, columns))
     for tile in prange((m + TARGETS - 1) // TARGETS):
-        r = np.empty(BLOCK)
+        r = np.empty(samples.shape[2])
         for b in range(samples.shape[0]):
             for i in range(tile * TARGETS, min(m, (tile + 1) * TARGETS)):
                 squared_distances(u[i], samples[b], r)
@@ -354,7 +389,7 @@ def weighted_gradient(family: int, shape: float, u: FloatArray, samples: FloatAr
     m, d, columns = u.shape[0], u.shape[1], weights.shape[1]
     out = np.zeros((m, columns, d))
     for i in prange(m):
-        r = np.empty(BLOCK)
+        r = np.empty(samples.shape[2])
         for b in range(samples.shape[0]):
             squared_distances(u[i], samples[b], r)
             slope(family, shape, r)
@@ -386,17 +421,17 @@ def slope_moments(
     family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray, full: bool
 ) -> FloatArray:
     """Return Σ_(j>i) W_ij (−rho'/r) Δu Δuᵀ for each i, (n, d, d): its lower triangle if `full`, else its diagonal."""
-    n, d = u.shape
+    (n, d), width = u.shape, samples.shape[2]
     out = np.zeros((n, d, d))
     for i in prange(n):
-        r = np.empty(BLOCK)
-        for b in range(i // BLOCK, samples.shape[0]):
-            start, stop = max(i + 1 - b * BLOCK, 0), min(BLOCK, n - b * BLOCK)
+        r = np.empty(width)
+        for b in range(i // width, samples.shape[0]):
+            start, stop = max(i + 1 - b * width, 0), min(width, n - b * width)
             squared_distances(u[i], samples[b], r)
             slope(family, shape, r)
             for a in range(d):
                 for c in range(0 if full else a, a + 1):
                     out[i, a, c] += _dot_product(
-                        weights[i], r, u[i, a], samples[b, a], u[i, c], samples[b, c], (b * BLOCK, start, stop)
+                        weights[i], r, u[i, a], samples[b, a], u[i, c], samples[b, c], (b * width, start, stop)
                     )
     return out

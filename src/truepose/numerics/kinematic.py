@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
-from truepose.numerics.compiled import compiled
+from truepose.numerics.kernels import compiled
 
 
 @compiled(nogil=True)

@@ -14,8 +14,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from truepose._typing import FloatArray, IntArray
-from truepose.numerics.compiled import BLOCK, REORDER, compiled, pack
-from truepose.numerics.kernels import squared_distances
+from truepose.numerics.kernels import REORDER, compiled, pack, squared_distances
 
 CellArray = NDArray[np.int32]
 
@@ -63,8 +62,9 @@ def pair_sums(
     """
     n, c = e.shape
     groups = -(-(c + 1) // LANES)
-    blocks = -(-n // BLOCK)
-    values = np.zeros((blocks * BLOCK, groups * LANES))
+    points = pack(x)
+    blocks, _, block = points.shape
+    values = np.zeros((blocks * block, groups * LANES))
     values[:n, :c] = e
     values[:, c] = 1.0  # the lane in which pairs are counted: nothing is taken off it
     home = values.copy()
@@ -74,9 +74,9 @@ def pair_sums(
     cells = np.arange(CELLS + 2) * width
     first = np.searchsorted(upper, cells[:-1] * (1 - 1e-12), side="left").astype(np.int32)
     steps = int((np.searchsorted(upper[:-1], cells[1:] * (1 + 1e-12), side="left") - first).max())
-    shape = (blocks, BLOCK, groups * LANES)
+    shape = (blocks, block, groups * LANES)
     distance, sums = _pair_sums(
-        pack(x),
+        points,
         home.reshape(shape),
         values.reshape(shape),
         n,

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from truepose._typing import FloatArray, IntArray
-from truepose.numerics.compiled import compiled
+from truepose.numerics.kernels import compiled
 
 LANES: Final = 8
 

@@ -1,4 +1,4 @@
-"""Threads of linear algebra and of compiled kernels: never more than this process may use, one where work is small."""
+"""Threads of linear algebra and of compiled kernels: at most those of this process, one where the work is small."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing import parent_process
 from typing import Any, Final
@@ -14,6 +14,7 @@ from typing import Any, Final
 from threadpoolctl import ThreadpoolController
 
 LARGE: Final = 512
+"""Rows of a matrix from which several threads are faster than one."""
 
 _is_worker = False
 
@@ -31,16 +32,22 @@ def threads() -> int:
     return 1 if _is_worker else cores()
 
 
-def blas_threads(n: int, large: float = LARGE) -> AbstractContextManager[Any]:
-    """Return a context in which BLAS works on n-row matrices: in one thread where they are small.
+@contextmanager
+def blas_threads(n: int, large: float = LARGE) -> Iterator[None]:
+    """Let BLAS work on n-row matrices in one thread where n is small; in all usable threads otherwise.
 
-    A limit that holds already is never raised: that of a context around this one, of the caller's own threadpoolctl,
-    or of a variable such as OPENBLAS_NUM_THREADS.
+    A limit that holds already is never raised: that of an outer context, of the caller's own threadpoolctl, or of a
+    variable such as OPENBLAS_NUM_THREADS.
     """
-    blas = _blas()
-    most = min(threads(), *(library.num_threads for library in blas.lib_controllers))
-    limit: AbstractContextManager[Any] = blas.limit(limits=most if n >= large else 1)
-    return limit
+    most = threads() if n >= large else 1
+    raised = [(library, before) for library in _blas() if (before := library.num_threads) > most]
+    for library, _ in raised:  # threadpoolctl's own context takes longer than a small prediction
+        library.set_num_threads(most)
+    try:
+        yield
+    finally:
+        for library, before in raised:
+            library.set_num_threads(before)
 
 
 @contextmanager
@@ -76,8 +83,8 @@ def _end_with_parent() -> None:
 
 
 @cache
-def _blas() -> ThreadpoolController:
-    """Return the controller of numpy's and of scipy's BLAS."""
-    import scipy.linalg  # noqa: F401  its BLAS must be there to be found
+def _blas() -> list[Any]:
+    """Return the BLAS libraries of numpy and scipy, each with its number of threads."""
+    import scipy.linalg  # noqa: F401  its BLAS has to be loaded to be found
 
-    return ThreadpoolController().select(user_api="blas")
+    return list(ThreadpoolController().select(user_api="blas").lib_controllers)

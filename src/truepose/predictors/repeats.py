@@ -43,8 +43,7 @@ class Points:
     @classmethod
     def of(cls, x: FloatArray) -> Self:
         """Find the distinct rows of x (n, d)."""
-        tree, reach = KDTree(x), _reach(x)
-        if tree.count_neighbors(tree, reach) == len(x):  # each point with itself
+        if _apart(x, _reach(x)):
             return cls(x, np.arange(len(x)), np.ones(len(x), np.int64))
         points, inverse = np.unique(x, axis=0, return_inverse=True)
         first, group = _alike(points)
@@ -97,6 +96,14 @@ class Points:
 def _reach(x: FloatArray) -> float:
     """Return the distance up to which points are one point."""
     return SAME * float(np.linalg.norm(np.ptp(x, axis=0)))
+
+
+def _apart(x: FloatArray, reach: float) -> bool:
+    """Whether no two points are within a distance: seen from one coordinate if possible, otherwise from a tree."""
+    if len(x) < 2 or np.diff(np.sort(x[:, 0])).min() > reach:
+        return True
+    tree = KDTree(x)
+    return bool(tree.count_neighbors(tree, reach) == len(x))  # each point with itself
 
 
 def _alike(points: FloatArray) -> tuple[IntArray, IntArray]:

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray
 from truepose.numerics import kernels
-from truepose.numerics.compiled import pack
-from truepose.numerics.kernels import DISTANCE, MATERN
+from truepose.numerics.kernels import DISTANCE, MATERN, pack
 
 ROWS: Final = 2**20
 """Bessel functions in memory at once: 8 MB."""

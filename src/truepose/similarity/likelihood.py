@@ -330,7 +330,7 @@ def _part(size: int, *arrays: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _correlations(code: int, u: FloatArray, shape: float) -> FloatArray:
-    from truepose.numerics.compiled import pack
+    from truepose.numerics.kernels import pack
     from truepose.similarity.covariance import cross_correlation
 
     return cross_correlation(code, u, pack(u), len(u), shape)

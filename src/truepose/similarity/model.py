@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -137,7 +138,11 @@ class VariogramModel(SingleStructure):
             return self.plus
         if not (self.nugget or self.plus or self.fit):
             return (self,)
-        return (replace(self, nugget=0.0, plus=(), fit=None), *self.plus)
+        return (self._first, *self.plus)
+
+    @cached_property
+    def _first(self) -> VariogramModel:
+        return replace(self, nugget=0.0, plus=(), fit=None)
 
     @property
     def bounded(self) -> bool:
@@ -242,7 +247,7 @@ class VariogramModel(SingleStructure):
 
     def covariance_between(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the covariance of the field without its nugget [mm²], (m, n), of points x (m, d) and y (n, d)."""
-        from truepose.numerics.compiled import pack
+        from truepose.numerics.kernels import pack
         from truepose.similarity.covariance import cross_correlation
 
         self._require_sill()

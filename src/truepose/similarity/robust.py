@@ -23,7 +23,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-from truepose.numerics.compiled import compiled
+from truepose.numerics.kernels import compiled
 from truepose.numerics.pairs import pair_sums
 
 ESTIMATORS: Final = ("matheron", "cressie", "dowd", "genton")

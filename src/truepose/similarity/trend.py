@@ -153,12 +153,18 @@ class DriftBasis:
         half = np.ptp(x, axis=0) / 2
         return cls(x.min(axis=0) + half, _half_extent(x), _monomials(degree, x.shape[1]), np.empty(0, np.int64))
 
+    @property
+    def _is_constant(self) -> bool:
+        return len(self.monomials) == 1 and not self.columns.size and self.function is None
+
     def coordinates(self, x: FloatArray) -> FloatArray:
         """Return the columns of X that are coordinates."""
         return np.ascontiguousarray(np.delete(x, self.columns, axis=1)) if self.columns.size else x
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Return the columns of the drift at x (m, d), (m, p)."""
+        if self._is_constant:
+            return np.ones((len(x), 1))
         z = (x - self.centre) / self.spread
         parts = [_product(z, c) for c in self.monomials] + [z[:, [c]] for c in self.columns]
         return np.hstack(parts if self.function is None else [*parts, self._called(x)])

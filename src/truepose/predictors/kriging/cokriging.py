@@ -56,7 +56,7 @@ class Cokriging:
         noise: FloatArray,
         exact: bool,
     ) -> None:
-        from truepose.numerics.compiled import pack
+        from truepose.numerics.kernels import pack
 
         n, k = e.shape
         self._x, self._drift, self._shared, self._k = x, drift, shared, k

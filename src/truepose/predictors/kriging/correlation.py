@@ -71,7 +71,7 @@ class Correlation:
 
     def at(self, points: FloatArray) -> Sums:
         """Return the sums over points (n, d) that predictions need."""
-        from truepose.numerics.compiled import pack
+        from truepose.numerics.kernels import pack
 
         return Sums(self, len(points), tuple(pack(s.scaled(points)) for s in self.structures))
 

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
-from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
@@ -80,7 +79,7 @@ class NeighbourKriging(Kriging):
 
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X while the neighbours stay the same, (m, k, d) or (m, d)."""
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         slope = np.empty((len(x), len(self._total), x.shape[1]))
         for part, near, _ in self._parts(x, self.neighbours):

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import KDTree
-from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import KrigingError
@@ -57,7 +56,7 @@ class GlobalKriging(Kriging):
         At a sample, where a model with a cusp (spherical, exponential, linear) has none, that sample counts as flat.
         The nugget of exact Kriging has no derivative either.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         inner = self._sums.gradient(self._coordinates(x), self._weights)
         slope = np.zeros((len(x), inner.shape[1], x.shape[1]))
@@ -95,7 +94,7 @@ class GlobalKriging(Kriging):
         KrigingError
             If size or nodes cannot be, or the drift has columns of its own, which are not known inside the box.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         if not self._is_coordinate(x.shape[1]).all():
             raise KrigingError("columns of X that are drift are not known inside a box; predict points instead")
@@ -111,7 +110,7 @@ class GlobalKriging(Kriging):
 
         Its diagonal is the square of `predict`'s standard deviation.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         covariance = self._covariance(self._validate(X)[0], include_nugget)
         return covariance[0] if self._flat else covariance
 
@@ -136,7 +135,7 @@ class GlobalKriging(Kriging):
         -------
         (size, m, k) or (size, m) array [mm]
         """
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         fields = self._predict(x, False)[0] + draw(self._covariance(x, include_nugget), size, rng)
         return fields[:, :, 0] if self._flat else fields
@@ -174,7 +173,7 @@ class GlobalKriging(Kriging):
             raise KrigingError(f"simple Kriging needs a sill, and {model.family} has none; use OrdinaryKriging")
 
     def _solve(self, x: FloatArray, signal: FloatArray, micro: FloatArray) -> None:
-        from truepose.numerics.compiled import pack
+        from truepose.numerics.kernels import pack
 
         self._sums = self._correlation.at(x)
         groups, noise = self._alike(signal, micro)
@@ -183,7 +182,7 @@ class GlobalKriging(Kriging):
         self._alpha, weights, self._own_scale = np.empty((u, k)), np.empty((u, k)), np.empty(k)
         self.beta_ = np.empty((self._groups[0].system.q.shape[1], k))
         for group in self._groups:
-            c = group.components
+            c = slice(None) if len(self._groups) == 1 else group.components
             self.beta_[:, c], self._alpha[:, c], s2 = group.system.solve(self._mean_e[:, c] - self._offset[c])
             self._own_scale[c] = s2.diagonal()
             weights[:, c] = group.signal * self._alpha[:, c]
@@ -211,7 +210,7 @@ class GlobalKriging(Kriging):
             e, variance = self._moments(X, targets, points, POINT)
         else:
             e = self._mean(X, POINT)
-        for group in self._groups:
+        for group in self._groups if targets.size else ():
             c = np.array(group.components)
             if variance is None:
                 e[np.ix_(targets, c)] += group.micro * self._alpha[np.ix_(points, c)]
@@ -236,7 +235,7 @@ class GlobalKriging(Kriging):
             inside = (targets >= part.start) & (targets < part.stop)
             drift = support.average(lambda shift, X=X[part]: self._basis(X + shift))  # type: ignore[misc]
             for group in self._groups:
-                c = group.components
+                c = slice(None) if len(self._groups) == 1 else group.components
                 cross = self._cross(group, X[part], targets[inside] - part.start, points[inside], support)
                 e[part, c] = self._offset[c] + cross @ self._alpha[:, c] + drift @ self.beta_[:, c]
                 prior = group.signal * support.within + group.micro * (support is POINT)

@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Final, Self
 
 import numpy as np
-from scipy.linalg import blas, lapack, solve_triangular
+from scipy.linalg import blas, lapack
 from scipy.spatial import KDTree
 
 from truepose._typing import FloatArray, IntArray
@@ -49,7 +49,7 @@ class System:
     def __init__(self, factor: FloatArray, q: FloatArray, r: FloatArray, condition: float) -> None:
         self.q, self.r, self.condition = q, r, condition
         self._factor = factor  # L until `inverse` replaces it in place
-        self._inverted = False
+        self._inverted = self._cleared = False
 
     @classmethod
     def factorise(cls, covariance: FloatArray, drift: FloatArray, x: FloatArray) -> Self:
@@ -92,7 +92,7 @@ class System:
             )
         if not drift.shape[1]:
             return cls(factor, drift, np.zeros((0, 0)), 1 / reciprocal)
-        q, r = np.linalg.qr(solve_triangular(factor, drift, lower=True, check_finite=False))
+        q, r = _orthonormal(_solved(factor, drift, lower=True))
         if len(drift) < drift.shape[1] or dependent(r):
             raise KrigingError(
                 f"the {drift.shape[1]} columns of the drift cannot be told apart at {len(drift)} points; "
@@ -107,7 +107,7 @@ class System:
         """
         half = self.whiten(e)
         n, p = self.q.shape
-        beta = solve_triangular(self.r, self.q.T @ half, check_finite=False) if p else np.zeros((0, e.shape[1]))
+        beta = _solved(self.r, self.q.T @ half) if p else np.zeros((0, e.shape[1]))
         half -= self.q @ (self.q.T @ half)
         return beta, self.whiten(half, transposed=True), half.T @ half / max(n - p, 1)
 
@@ -123,10 +123,10 @@ class System:
             Covariance c of targets and points; overwritten.
         drift : (m, p) array
         """
-        half = blas.dtrmm(1.0, self.inverse, cross.T, lower=1, overwrite_b=1)
+        half = blas.dtrmm(1.0, self._invert(), cross.T, lower=1, overwrite_b=1)
         if not drift.shape[1]:
             return half, np.zeros((0, half.shape[1]))
-        return half, solve_triangular(self.r, drift.T, trans="T", check_finite=False) - self.q.T @ half
+        return half, _solved(self.r, drift.T, transposed=True) - self.q.T @ half
 
     def variance(self, cross: FloatArray, drift: FloatArray, prior: float | FloatArray) -> FloatArray:
         """Return the unit variance of the best linear unbiased prediction at m targets, (m,).
@@ -144,14 +144,22 @@ class System:
 
     @property
     def inverse(self) -> FloatArray:
-        """W = L⁻¹ (n, n), lower, Fortran order; the first call computes it in the place of L."""
+        """W = L⁻¹ (n, n), Fortran order, zero above the diagonal."""
+        factor = self._invert()
+        with _INVERTING:
+            if not self._cleared:
+                for start in range(0, len(factor), PANEL):
+                    stop = start + PANEL
+                    factor[:start, start:stop] = 0.0
+                    factor[start:stop, start:stop] = np.tril(factor[start:stop, start:stop])
+                self._cleared = True
+        return factor
+
+    def _invert(self) -> FloatArray:
+        """Return W in the lower triangle; the first call computes it in the place of L."""
         with _INVERTING:
             if not self._inverted:
                 self._factor, _ = lapack.dtrtri(self._factor, lower=1, overwrite_c=1)
-                for start in range(0, len(self._factor), PANEL):
-                    stop = start + PANEL
-                    self._factor[:start, start:stop] = 0.0
-                    self._factor[start:stop, start:stop] = np.tril(self._factor[start:stop, start:stop])
                 self._inverted = True
         return self._factor
 
@@ -171,11 +179,8 @@ class System:
     def whiten(self, b: FloatArray, transposed: bool = False) -> FloatArray:
         """Return W b, or Wᵀ b."""
         if self._inverted:
-            return self._factor.T @ b if transposed else self._factor @ b
-        whitened: FloatArray = solve_triangular(
-            self._factor, b, lower=True, trans="T" if transposed else "N", check_finite=False
-        )
-        return whitened
+            return np.asarray(blas.dtrmm(1.0, self._factor, b, lower=1, trans_a=transposed))
+        return _solved(self._factor, b, lower=True, transposed=transposed)
 
     @property
     def log_determinant(self) -> float:
@@ -188,10 +193,26 @@ class System:
             return self.__dict__.copy()
 
 
+def _solved(triangle: FloatArray, b: FloatArray, *, lower: bool = False, transposed: bool = False) -> FloatArray:
+    """Return the solution of a triangular system, without the checks of `scipy.linalg.solve_triangular`."""
+    return np.asarray(lapack.dtrtrs(triangle, b, lower=lower, trans=transposed)[0])
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Q and R of columns = Q R."""
+    if columns.shape[1] > 1 or not columns.any():
+        q, r = np.linalg.qr(columns)
+        return q, r
+    length = float(np.linalg.norm(columns))
+    return columns / length, np.array([[length]])
+
+
 def dependent(r: FloatArray) -> bool:
     """Whether columns of a triangular factor (p, p) cannot be told apart, whatever their sizes."""
     size = np.linalg.norm(r, axis=0)
-    return bool(size.min() == 0 or np.linalg.cond(r / size) > 1 / WORST_DRIFT)
+    if len(size) == 1 or size.min() == 0:
+        return bool(size.min() == 0)
+    return bool(np.linalg.cond(r / size) > 1 / WORST_DRIFT)
 
 
 def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:

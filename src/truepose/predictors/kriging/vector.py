@@ -8,7 +8,6 @@ from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
@@ -119,12 +118,12 @@ class VectorKriging(Predictor):
 
         Its diagonal is the square of `predict`'s standard deviation.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         return self._covariance(self._validate(X)[0], include_nugget)
 
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X, (m, k, d) or (m, d)."""
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         if self._full is not None:
             slope = self._full.gradient(x)
@@ -134,7 +133,7 @@ class VectorKriging(Predictor):
 
     def simulate(self, X: ArrayLike, size: int = 1, *, rng: np.random.Generator | int = 0) -> FloatArray:
         """Draw fields that could be, given the samples: (size, m, k) or (size, m) [mm]; as for `OrdinaryKriging`."""
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         if self._full is not None:
             if size < 1:
