@@ -146,7 +146,7 @@ def test_campaign(samples, targets):
     assert spread[0] > spread[1] > spread[2]
     whole = KinematicCalibration(ROBOT, TOOL, method="ekf", misfit_std=NOISE).fit(q, e)
     np.testing.assert_allclose(model.predict(targets), whole.predict(targets), atol=1e-6)
-    with pytest.raises(DataError, match=r'partial_fit needs method="ekf" or "ukf"; this is "lm"'):
+    with pytest.raises(DataError, match=r'partial_fit needs method="ekf" or "ukf", got "lm"'):
         KinematicCalibration(ROBOT, TOOL).partial_fit(q, e)
     with pytest.raises(DataError, match="partial_fit needs noise_std, or misfit_std"):
         KinematicCalibration(ROBOT, TOOL, method="ekf").partial_fit(q, e)
@@ -201,10 +201,10 @@ def test_few_and_similar_poses(samples, rng):
     ("options", "message"),
     [
         ({"robot": None}, "calibration needs the nominal robot"),
-        ({"method": "newton"}, 'method "newton" is not known; there are ls, lm, ekf, ukf'),
-        ({"prior": "none"}, 'prior "none" is not known'),
+        ({"method": "newton"}, 'method is "newton"; expected one of ls, lm, ekf, ukf'),
+        ({"prior": "none"}, 'prior is "none"; expected one of tolerance, subset'),
         ({"method": "ls", "loss": "huber"}, 'loss "huber" needs method="lm"'),
-        ({"method": "ekf", "prior": "subset"}, "a Kalman filter starts from tolerances"),
+        ({"method": "ekf", "prior": "subset"}, "a Kalman filter needs tolerances"),
         ({"misfit_std": -1.0}, "misfit_std is -1.0"),
         ({"payload": (5.0,)}, r"payload is \(5.0,\); expected mass"),
         ({"identified": (1.0,)}, "identified has 1 numbers, expected 39"),

@@ -1,4 +1,4 @@
-"""Calibration as an error model: the arm with identified parameters predicts its errors everywhere, theory (11)."""
+"""Calibration as an error model (theory (11)): the arm with identified parameters predicts its errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose._typing import FloatArray, IntArray
+from truepose._typing import FloatArray
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.identification import (
     Identification,
@@ -27,6 +27,7 @@ from truepose.identification import (
 )
 from truepose.identification.batch import LOSSES, Loss
 from truepose.predictors.base import LeaveOneOut
+from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.orientation import PosePredictor, at_offset
 from truepose.robots import ErrorModel, Load, Robot
 
@@ -35,56 +36,59 @@ Prior = Literal["tolerance", "subset"]
 METHODS: Final = ("ls", "lm", "ekf", "ukf")
 PRIORS: Final = ("tolerance", "subset")
 
-_PROBES: Final = 60  # random configurations that show what ordinary poses can tell
+_PROBES: Final = 60  # random configurations that show the parameters identifiable from ordinary poses
 
 
 class KinematicCalibration(PosePredictor):
-    """Identify an arm's parameters from positional errors, and predict by the identified arm.
+    """Identify an arm's parameters from positional errors, and predict with the identified arm.
 
-    X are joints (n, dof) [rad], or joints and approach signs (n, 2 dof); y are errors (n, 3) [mm] in the base frame,
-    after a registration with the nominal links: what that registration took away or added is found again, as small
-    corrections of base and tool are among the parameters.
+    X are joints (n, dof) [rad], or joints and approach signs (n, 2 dof); y are errors (n, 3) [mm] in the base frame
+    after a registration with the nominal links. Small corrections of base and tool are among the parameters, so they
+    compensate for the part of the errors that the registration removed or added.
 
     Parameters
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     tf_flange_tool : (4, 4) array or (3,) array [mm], optional
         The measured point.
     convention : str
-        See `truepose.robots.CONVENTIONS`.
+        The kinematic convention, see `truepose.robots.CONVENTIONS`.
     method : {"lm", "ls", "ekf", "ukf"}
-        Levenberg–Marquardt, iterated least squares, extended or unscented Kalman filter.
+        The solver: Levenberg–Marquardt, iterated least squares, extended or unscented Kalman filter.
     parameters : sequence of str, optional
-        Geometric parameters, by name or group ("theta", "base" …); all when not given.
+        The geometric parameters, by name or group ("theta", "base" …); default: all.
     terms : sequence of str
-        Deviations of the joints, see `truepose.robots.joint_terms`: "sin1", "cos1", "compliance", "backlash q2" ….
+        The joint deviations, see `truepose.robots.joint_terms`: "sin1", "cos1", "compliance", "backlash q2" ….
     prior : {"tolerance", "subset"}
-        What decides where the data cannot: tolerances of the parameters (`truepose.identification.tolerance`), or a
-        minimal subset, the others kept at their nominal values. The table `parameters_` says which are concerned.
+        The treatment of parameters that the data do not determine: tolerances as priors
+        (`truepose.identification.tolerance`), or a minimal subset with the others at their nominal values. The table
+        `parameters_` names them.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
-        Robust against gross readings with other than "linear"; with method "lm".
+        The loss function of method "lm"; all but "linear" are robust against gross readings.
     payload : (4,) sequence, optional
-        Mass [kg] and its centre in the flange frame [mm], for compliance.
+        The mass [kg] and its centre in the flange frame [mm], for compliance.
     link_kg : (dof,) sequence, optional
-        Masses of the links, for compliance; a rough guess when not given.
+        The masses of the links [kg], for compliance; default: a rough estimate.
     gear_ratio : (dof,) sequence, optional
-        For "gearsin1" ….
+        The gear ratios, for "gearsin1" ….
     misfit_std : float [mm], optional
-        What the model cannot explain, with repeatability; estimated when not given.
+        The standard deviation of unmodelled errors and repeatability; default: estimated.
     identified : (p,) sequence, optional
-        Changes of the parameters, found before: nothing is estimated then.
+        The parameter changes of a previous fit; nothing is estimated then.
 
     Attributes
     ----------
     parameters_ : list of dict
-        One row for each parameter, see `truepose.identification.parameter_table`.
+        One row per parameter, see `truepose.identification.parameter_table`.
     solution_ : Identification
+        The solution of the identification.
     observability_ : Observability
-        Rank, condition number, indices, and what cannot be told apart.
+        The rank, condition number, observability indices, and inseparable parameters.
     misfit_std_ : float [mm]
+        The standard deviation of unmodelled errors and repeatability.
     hint_ : str
-        What the poses cannot tell, and which to add; empty when they tell all that positions can.
+        The missing rank and poses that would add it; empty if the poses suffice.
 
     Examples
     --------
@@ -132,38 +136,41 @@ class KinematicCalibration(PosePredictor):
 
     @property
     def calibrated_(self) -> Robot:
-        """The arm with its identified links, as far as geometry goes; base, tool and terms are left out of it."""
+        """The arm with its identified geometry; base, tool and joint terms are not included."""
         arm, x = self._arm, self.solution_.x.copy()
         around = np.array([p.group in ("base", "tool") for p in arm.parameters])
         return arm.model.to_robot(arm.values(np.where(around, 0.0, x)))
 
     @property
     def error_model_(self) -> ErrorModel[Robot]:
-        """The nominal error model, whose `converted` takes identified values to other conventions."""
+        """The nominal error model; its `converted` converts identified values to other conventions."""
         return self._arm.model
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
-        """Take further samples, one after the other, as a campaign goes on; with method "ekf" or "ukf".
+        """Add samples one after the other during a campaign, with method "ekf" or "ukf".
 
         Parameters
         ----------
         X, y, noise_std
-            As `fit`. The readings' noise with `misfit_std` is all that the filter takes for chance: one of them must
-            be given.
+            The samples, as for `fit`. Either `noise_std` or `misfit_std` of the model is required.
+
+        Returns
+        -------
+        self
 
         Raises
         ------
         DataError
-            If the method is none of the filters, or no noise is known.
+            If the method is not a filter, or no noise is known.
         """
         if self.method not in ("ekf", "ukf"):
-            raise DataError(f'partial_fit needs method="ekf" or "ukf"; this is "{self.method}"')
+            raise DataError(f'partial_fit needs method="ekf" or "ukf", got "{self.method}"')
         if noise_std is None and self.misfit_std is None:
-            raise DataError("partial_fit needs noise_std, or misfit_std of the model: what a reading is worth")
+            raise DataError("partial_fit needs noise_std, or misfit_std of the model")
         first = not hasattr(self, "_filter")
         checked, e = self._validate(X, y) if first else (self._validate(X)[0], np.asarray(y, float))
         if e.shape != (len(checked), 3):
-            raise DataError(f"y has shape {e.shape}, expected ({len(checked)}, 3): errors in the base frame")
+            raise DataError(f"y has shape {e.shape}, expected ({len(checked)}, 3): errors [mm] in the base frame")
         self._check_options()
         std = np.zeros(e.shape) if noise_std is None else np.broadcast_to(np.asarray(noise_std, float), e.shape)
         data = self._observations(checked, e, std)
@@ -191,7 +198,7 @@ class KinematicCalibration(PosePredictor):
         if self.identified is not None:
             p = len(self._arm.parameters)
             if len(self.identified) != p or misfit is None:
-                raise DataError(f"identified has {len(self.identified)} numbers, expected {p}, and misfit_std with it")
+                raise DataError(f"identified has {len(self.identified)} numbers, expected {p}, and misfit_std as well")
             x = np.asarray(self.identified, float)
         else:
             self._check_poses(data)
@@ -216,10 +223,11 @@ class KinematicCalibration(PosePredictor):
         return found.x, found.misfit
 
     def _keep(self, data: Positions, x: FloatArray, misfit: FloatArray) -> None:
-        """Derive all that is asked for later from the samples and the identified changes."""
+        """Set the fitted attributes from the samples and the identified changes."""
         arm = self._arm
         tolerance = arm.tolerance if self.prior == "tolerance" else None
-        free = np.ones(len(x), np.bool_) if tolerance is not None else x != 0.0  # those kept have not moved at all
+        # parameters outside a subset are exactly 0
+        free = np.ones(len(x), np.bool_) if tolerance is not None else x != 0.0
         self.solution_ = finish(arm, data, x, misfit, tolerance, free=free, loss=self.loss)
         self.misfit_std_ = float(misfit[0])
         self.observability_ = observability(self.solution_.jacobian, arm.names, arm.tolerance)
@@ -274,7 +282,7 @@ class KinematicCalibration(PosePredictor):
         scaled = np.einsum("nij,nj->ni", found.whitener, found.residual)
         left, spread = np.empty((n, 3)), np.empty((n, 3, 3))
         p = white.shape[2]
-        for rows in _groups(labels):  # all blocks of one size at once: (g, m)
+        for rows in blocks_by_size(labels):  # all blocks of one size at once: (g, m)
             g, m = rows.shape
             a = white[rows].reshape(g, 3 * m, p)
             if 3 * m <= p:
@@ -298,16 +306,16 @@ class KinematicCalibration(PosePredictor):
 
     def _check_options(self) -> None:
         if self.robot is None:
-            raise DataError("calibration needs the nominal robot: KinematicCalibration(robot, tf_flange_tool, …)")
+            raise DataError("calibration needs the nominal robot; pass KinematicCalibration(robot, tf_flange_tool, …)")
         for name, known in (("method", METHODS), ("prior", PRIORS), ("loss", LOSSES)):
             if getattr(self, name) not in known:
-                raise DataError(f'{name} "{getattr(self, name)}" is not known; there are {", ".join(known)}')
+                raise DataError(f'{name} is "{getattr(self, name)}"; expected one of {", ".join(known)}')
         if self.loss != "linear" and self.method != "lm":
-            raise DataError(f'loss "{self.loss}" needs method="lm"; this is "{self.method}"')
+            raise DataError(f'loss "{self.loss}" needs method="lm", got "{self.method}"')
         if self.prior == "subset" and self.method in ("ekf", "ukf"):
-            raise DataError('a Kalman filter starts from tolerances: prior="subset" needs method "ls" or "lm"')
+            raise DataError('prior="subset" needs method "ls" or "lm"; a Kalman filter needs tolerances')
         if self.misfit_std is not None and not (np.isfinite(self.misfit_std) and self.misfit_std >= 0):
-            raise DataError(f"misfit_std is {self.misfit_std}, expected a length >= 0 mm")
+            raise DataError(f"misfit_std is {self.misfit_std}, expected a number >= 0 [mm]")
         load = None
         if self.payload is not None or self.link_kg is not None:
             kg, *centre = self.payload if self.payload is not None else (0.0, 0.0, 0.0, 0.0)
@@ -340,15 +348,15 @@ class KinematicCalibration(PosePredictor):
         return Positions(q, nominal + e, std[:, :, None] ** 2 * np.eye(3), approach)
 
     def _check_poses(self, data: Positions) -> None:
-        """Refuse what is too few, or one pose again and again."""
+        """Refuse too few or too similar samples."""
         arm = self._arm
         seen = observability(data.jacobian(arm, np.zeros(len(arm.parameters))), arm.names)
         possible = self._possible_rank()
         if 2 * seen.rank < possible or 3 * len(data) < possible:
             why = "too few" if 3 * len(data) < possible else "too similar"
             raise IdentifiabilityError(
-                f"calibration: {len(data)} samples are {why}: rank {seen.rank} of the {possible} that positions can "
-                f"tell; {self._add(data)}"
+                f"calibration: {len(data)} samples are {why}: rank {seen.rank} of the {possible} that positions "
+                f"support; {self._add(data)}"
             )
 
     def _hint(self, data: Positions) -> str:
@@ -356,8 +364,8 @@ class KinematicCalibration(PosePredictor):
         if self.observability_.rank >= possible:
             return ""
         return (
-            f"the poses tell {self.observability_.rank} of the {possible} combinations of parameters that positions "
-            f"can tell; {self._add(data)}"
+            f"the poses determine {self.observability_.rank} of the {possible} combinations of parameters that "
+            f"positions support; {self._add(data)}"
         )
 
     def _possible_rank(self) -> int:
@@ -373,12 +381,4 @@ class KinematicCalibration(PosePredictor):
             "(" + ", ".join(f"{angle:.0f}" for angle in row) + ")"
             for row in np.rad2deg(poses_to_add(self._arm, data.q))
         )
-        return f"add poses that turn all joints, such as q = {listed} deg, where they are free"
-
-
-def _groups(labels: NDArray[Any]) -> list[IntArray]:
-    """Return the readings of one label together: for each group size m, rows (g, m)."""
-    count = np.unique_counts(labels).counts
-    order = np.argsort(labels, kind="stable")
-    start = np.cumsum(count) - count
-    return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
+        return f"add poses that turn all joints, such as q = {listed} deg, if they are collision-free"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -188,6 +188,20 @@ def split_samples(
     if unknown or not splits:
         raise DataError(f"splits are {list(splits)}; expected one or more of {', '.join(SPLITS)}")
     return {name: known[name]() for name in splits}
+
+
+def blocks_by_size(labels: NDArray[Any]) -> list[IntArray]:
+    """Return the rows of each block, with all blocks of one size m in one array (g, m).
+
+    Parameters
+    ----------
+    labels : (n,) array
+        The block of each row.
+    """
+    count = np.unique_counts(labels).counts
+    order = np.argsort(labels, kind="stable")
+    start = np.cumsum(count) - count
+    return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
 
 
 def _scaled(x: ArrayLike) -> FloatArray:

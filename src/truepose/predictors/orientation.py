@@ -1,4 +1,4 @@
-"""Errors of the pose from positions measured: what is left unknown, and how they are seen at another tool point."""
+"""Predict errors of the pose from measured positions, with their uncertainty and at other tool points."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sklearn.utils.validation import check_is_fitted
 from truepose._typing import FloatArray
 from truepose.predictors.base import Predictor
 
-_UNSEEN = 0.05  # of the largest lever: joints with a shorter one are not what moves the tool point
+_UNSEEN = 0.05  # of the largest lever; joints with a shorter lever do not move the tool point
 
 
 def rotation_per_mm(lever: FloatArray) -> FloatArray:
-    """Return what an unexplained error of 1 mm in each direction turns the tool by in each direction, (m,) [rad/mm].
+    """Return the rotation of the tool per unexplained positional error, (m,) [rad/mm], for each direction.
 
-    It is taken to come from all joints in equal parts: joint j turns by its part of the error over its lever, so that
-    the variance is the mean of 1/|∂P/∂q_j|² over the joints that move the tool point.
+    All joints are assumed to contribute equally: joint j turns by its part of the error divided by its lever, so the
+    variance is the mean of 1/|∂P/∂q_j|² over the joints that move the tool point.
 
     Parameters
     ----------
     lever : (m, r, dof) array [mm/rad]
-        ∂P/∂q_j in the first three rows.
+        The levers ∂P/∂q_j, in the first three rows.
 
     Examples
     --------
@@ -38,21 +38,22 @@ def rotation_per_mm(lever: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(inverse.sum(axis=1) / moves.sum(axis=1)))
 
 
-def turns(std: FloatArray) -> FloatArray:
-    """Return columns of unknown turns about each axis with standard deviations (m,) [rad]: (m, 6, 3)."""
+def unknown_rotations(std: FloatArray) -> FloatArray:
+    """Return columns of unknown rotations about each axis with standard deviations (m,) [rad]: (m, 6, 3)."""
     columns = np.zeros((len(std), 6, 3))
     columns[:, 3:] = std[:, None, None] * np.eye(3)
     return columns
 
 
 def at_offset(columns: FloatArray, offset: FloatArray | None) -> FloatArray:
-    """Return columns of a pose's error for another point of the tool: e + w × r; as they are without an offset.
+    """Return the columns of a pose's error at another point of the tool, e + w × r.
 
     Parameters
     ----------
-    columns : (m, 6, p) array [mm, rad] over any unit
-    offset : (m, 3) array [mm], base frame
-        r, from the point that the columns are for.
+    columns : (m, 6, p) array
+        The columns [mm, rad], per any unit.
+    offset : (m, 3) array [mm], base frame, optional
+        The vector r from the point of the columns to the other point; None returns the columns unchanged.
     """
     if offset is None:
         return columns
@@ -62,13 +63,13 @@ def at_offset(columns: FloatArray, offset: FloatArray | None) -> FloatArray:
 
 
 class PosePredictor(Predictor):
-    """An error model that knows how the tool turns, though positions alone were measured."""
+    """An error model that predicts orientation errors from measured positions."""
 
     @abstractmethod
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
     ) -> tuple[FloatArray, FloatArray | None]:
-        """Predict at checked joints; None in place of std where it is not asked for."""
+        """Predict at checked joints; std is None unless requested."""
 
     @abstractmethod
     def _lever(self, X: FloatArray) -> FloatArray:
@@ -97,33 +98,33 @@ class PosePredictor(Predictor):
         offset: FloatArray | None = None,
         unexplained: FloatArray | None = None,
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Predict errors of position and orientation, both from positions measured.
+        """Predict errors of position and orientation, both from measured positions.
 
-        What the model does not explain is turned into an uncertainty of orientation by `rotation_per_mm`. The tool's
-        orientation on the flange is taken as stated.
+        `rotation_per_mm` converts the unexplained part into an uncertainty of orientation. The tool's orientation on
+        the flange is assumed to be exact.
 
         Parameters
         ----------
         X : (m, dof) or (m, 2 dof) array_like [rad]
-            As `predict`.
+            The joints, as for `predict`.
         return_std : bool
+            Whether to return the standard deviations.
         offset : (m, 3) array [mm], base frame, optional
-            From the measured point to the point of the tool that is asked for, on the nominal arm.
+            The vector from the measured point to the wanted point of the tool, on the nominal arm.
         unexplained : (3,) array [mm²], optional
-            Variance of what the arm does beyond the field, in each direction: a part of `nugget_`. The standard
-            deviation is that of the field alone when not given.
+            The variance of the arm's errors beyond the field in each direction, a part of `nugget_`; default: none.
 
         Returns
         -------
         error : (m, 6) array [mm, rad], base frame
-            e, and the rotation vector w of R_meas R_cmdᵀ.
+            The errors e, and the rotation vectors w of R_meas R_cmdᵀ.
         std : (m, 6) array [mm, rad]
-            Only with `return_std`.
+            Their standard deviations; only with `return_std`.
 
         Raises
         ------
         DataError
-            As `predict`.
+            If X is not valid, see `predict`.
         """
         check_is_fitted(self)
         x = self._validate(X)[0]
@@ -132,7 +133,7 @@ class PosePredictor(Predictor):
             return error
         if unexplained is None:
             return error, std
-        turned = turns(np.sqrt(np.mean(unexplained)) * rotation_per_mm(self._lever(x)))
-        variance = std**2 + np.sum(at_offset(turned, offset) ** 2, axis=2)
+        rotations = unknown_rotations(np.sqrt(np.mean(unexplained)) * rotation_per_mm(self._lever(x)))
+        variance = std**2 + np.sum(at_offset(rotations, offset) ** 2, axis=2)
         variance[:, :3] += unexplained
         return error, np.sqrt(variance)

@@ -322,7 +322,7 @@ def test_a_far_branch_is_known_to_be_unknown(fitted):
         ({"robot": None}, KrigingError, "needs the nominal robot"),
         ({"solver": "magic"}, DataError, 'expected "auto", "covariance" or "basis"'),
         ({"residual": "polar"}, DataError, "residual is 'polar'"),
-        ({"weight": [1.0]}, DataError, "1 weights came for 60 samples"),
+        ({"weight": [1.0]}, DataError, "expected 60 weights, one for each sample, got 1"),
     ],
 )
 def test_wrong_options(options, error, message):
@@ -376,7 +376,7 @@ def test_update_says_what_does_not_fit(fitted):
     q, e, model = fitted
     with pytest.raises(DataError, match=r"new samples \(2, 5\), \(2, 3\): expected \(m, 6\) joints"):
         model.update(q[:2, :5], e[:2])
-    with pytest.raises(DataError, match="noise_std must come with new samples just if"):
+    with pytest.raises(DataError, match="pass noise_std to update if and only if"):
         model.update(q[:2], e[:2], noise_std=0.1)
 
 

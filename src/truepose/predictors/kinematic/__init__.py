@@ -1,4 +1,4 @@
-"""Kinematic Kriging: the error model as drift and prior, similarity where it arises, in each joint's own angle (10)."""
+"""Kinematic Kriging (10): geometry as a drift with priors, similarity in each joint's own angle."""
 
 from truepose.predictors.kinematic.kriging import EXACT_UP_TO, JointCurve, KinematicKriging
 

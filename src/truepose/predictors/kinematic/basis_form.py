@@ -1,9 +1,10 @@
-"""Theory (10) in a basis: linear in the number of samples, for some hundred to a hundred thousand of them.
+"""Solve theory (10) in a basis: linear in the number of samples, for hundreds to a hundred thousand of them.
 
-Each f_j stands on knots over the angles of its joint, Z on a subset of samples (Nyström). Everything is then a drift of
-p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the likelihood, its gradient and the
-prediction cost O(p³) and O(p²) whatever n is. What the columns cannot hold is noise of each sample and of each
-prediction (FITC, Snelson and Ghahramani 2006): without it the basis would be too sure between knots and anchors.
+Each f_j is represented by knots over the angles of its joint, Z by a subset of samples (Nyström). The model is then a
+drift of p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the likelihood, its gradient
+and the prediction cost O(p³) and O(p²) for any n. The variance that the columns do not represent is added to the noise
+of each sample and prediction (FITC, Snelson and Ghahramani 2006); without it, predicted standard deviations would be
+too small between knots and anchors.
 """
 
 from __future__ import annotations
@@ -19,34 +20,37 @@ from scipy.spatial.distance import cdist
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
-from truepose.predictors.kinematic.covariance_form import same_size, tolerances
+from truepose.predictors.folds import blocks_by_size
+from truepose.predictors.kinematic.covariance_form import tolerances
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
 
-_KNOTS: Final = 8.0  # on a joint's length l: what they leave out of a joint error is below 0.1 % of its variance
+_KNOTS: Final = 8.0  # per length l of a joint; they miss less than 0.1 % of the variance of f_j
 _MOST_KNOTS: Final = 150
 _NEGLIGIBLE: Final = 1e-4
 _TINY: Final = 1e-9
-_CHUNK: Final = 2048  # configurations whose columns are in memory at once
+_CHUNK: Final = 2048  # configurations per block of columns in memory
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Which columns stand for (10), at given lengths and ranges.
+    """The columns that represent (10) at given lengths and ranges.
 
     Attributes
     ----------
     joints : (k,) array of int
+        The joints with an error of their own.
     joint_length : (k,) array [rad]
+        The lengths l_j.
     knots : tuple of k arrays [rad]
-        Of each f_j.
+        The knots of each f_j.
     knot_maps : tuple of k arrays
-        From correlations with the knots to the columns of f_j.
+        The maps from correlations with the knots to the columns of f_j.
     anchor : Design, optional
-        Configurations that carry Z.
+        The configurations that represent Z.
     anchor_map : (a, r) array
-        From correlations with the anchors to the columns of Z.
+        The map from correlations with the anchors to the columns of Z.
     """
 
     terms: Terms
@@ -76,15 +80,15 @@ class Basis:
         Parameters
         ----------
         terms, joints, hyper
-            Of the model.
+            The terms, joints and hyperparameters of the model.
         anchor : Design, optional
-            Configurations that carry Z.
+            The configurations that represent Z.
         angles : (n, dof) array [rad], optional
-            That the joints' errors are to be known over; those of the anchors, or a full turn, when not given.
+            The angles that the knots span; default: those of the anchors, or a full turn.
         knots, most : float, int
-            A joint error has so many knots on its length l, at most `most` in all.
+            The number of knots per length l, and the largest number of knots of a joint.
         negligible : float
-            Eigenvalues of the anchors' correlation below this share of the largest are left to the noise.
+            The share of the largest eigenvalue of the anchors' correlation below which eigenvalues count as noise.
         """
         spans = np.array([[-np.pi], [np.pi]]) if angles is None and anchor is None else angles
         spans = anchor.q if spans is None and anchor is not None else spans
@@ -125,7 +129,7 @@ class Basis:
         return self._columns(design)[0]
 
     def _columns(self, design: Design, hyper: Hyperparameters | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return Φ, and with hyperparameters the prior covariance that it does not hold, (m, r, r) [mm², rad²]."""
+        """Return Φ, and with hyperparameters the prior covariance missing in it, (m, r, r) [mm², rad²]."""
         m, rows = len(design.q), design.rows
         counts = [count for _, count in self.groups]
         edges = np.cumsum([0, *counts])
@@ -150,9 +154,9 @@ class Basis:
         return phi.reshape(rows * m, -1), missing
 
     def left_out_covariance(self, design: Design, hyper: Hyperparameters) -> FloatArray:
-        """Return the prior covariance that the columns do not hold at m configurations, (m, r, r) [mm², rad²].
+        """Return the prior covariance missing in the columns at m configurations, (m, r, r) [mm², rad²].
 
-        Z away from the anchors, and joint errors beyond the sampled angles and between the knots.
+        It belongs to Z away from the anchors, and to joint errors between the knots and beyond the sampled angles.
         """
         return self._columns(design, hyper)[1]
 
@@ -166,9 +170,9 @@ class Basis:
     def whitened(
         self, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return L⁻¹Φ (3m, p) and L⁻¹e (3m,) with L Lᵀ the noise (m, 3, 3) of each sample, which is third.
+        """Return L⁻¹Φ (3m, p), L⁻¹e (3m,) and the noise covariance L Lᵀ (m, 3, 3) of each sample.
 
-        The noise is that of the readings, of variances (m, 3) [mm²], and what the columns leave out.
+        The noise covariance sums the variances (m, 3) [mm²] of the readings and the covariance missing in the columns.
         """
         phi, noise = self._columns(design, hyper)
         noise[:, np.arange(3), np.arange(3)] += noise_variance
@@ -178,7 +182,7 @@ class Basis:
 
 
 def _root(correlation: FloatArray, negligible: float) -> FloatArray:
-    """Return V λ^(−½) of the eigenvalues that count: correlations times it are columns of unit prior variance."""
+    """Return V λ^(−½) of the larger eigenvalues: correlations times it are columns of unit prior variance."""
     value, vector = np.linalg.eigh(correlation)
     kept = value > negligible * value.max()
     return np.asarray(vector[:, kept] / np.sqrt(value[kept]))
@@ -186,7 +190,7 @@ def _root(correlation: FloatArray, negligible: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What of n samples enters the likelihood: ΦᵀWΦ, ΦᵀWe, eᵀWe with W = R⁻¹ at noise scale 1, and log|R|."""
+    """The sums over n samples in the likelihood: ΦᵀWΦ, ΦᵀWe, eᵀWe with W = R⁻¹ at noise scale 1, and log|R|."""
 
     phi_phi: FloatArray
     phi_e: FloatArray
@@ -196,7 +200,7 @@ class Sums:
 
     @property
     def constant(self) -> float:
-        """What `negative_log_likelihood` leaves out: ½ log|R| + ½ 3n log 2π."""
+        """The constant that `negative_log_likelihood` omits: ½ log|R| + ½ 3n log 2π."""
         return 0.5 * self.log_determinant + 1.5 * self.n * math.log(2 * math.pi)
 
     @classmethod
@@ -220,17 +224,18 @@ class Sums:
 def negative_log_likelihood(
     basis: Basis, sums: Sums, hyper: Hyperparameters, scale: float
 ) -> tuple[float, FloatArray, float]:
-    """Return the value, its gradient by the logarithms of the weights' prior variances, and by log of the noise scale.
-
-    Without `Sums.constant`.
+    """Return the value without `Sums.constant`, and its derivatives by log prior variances and log noise scale.
 
     Parameters
     ----------
     basis : Basis
+        The columns.
     sums : Sums
+        The sums over the samples.
     hyper : Hyperparameters
+        The hyperparameters.
     scale : float
-        Factor c of the noise variances in `sums`.
+        The factor of the noise variances in `sums`.
     """
     root = np.sqrt(basis.prior(hyper))
     matrix = sums.phi_phi * (root[:, None] * root / scale)
@@ -263,16 +268,16 @@ def gradient_by_hyper(basis: Basis, hyper: Hyperparameters, by_variance: FloatAr
 
 @dataclass(frozen=True, eq=False)
 class BasisForm:
-    """The posterior of the weights, and what follows from it; the face is that of `CovarianceForm`.
+    """The posterior of the weights, with the methods of `CovarianceForm`.
 
     Attributes
     ----------
     weight : (p,) array
-        Posterior mean.
+        The posterior mean.
     root : (p, p) array
-        Λ½ L⁻ᵀ, upper triangular: the posterior covariance is root rootᵀ.
+        The upper triangular Λ½ L⁻ᵀ; the posterior covariance is root rootᵀ.
     noise : (n, 3, 3) array [mm²]
-        Of each sample: its reading, and what the columns leave out.
+        The noise covariance of each sample: its reading, and the part that the columns do not represent.
     """
 
     basis: Basis
@@ -301,7 +306,7 @@ class BasisForm:
         try:
             factor = np.tril(cho_factor(matrix, lower=True, overwrite_a=True)[0])
         except np.linalg.LinAlgError:
-            raise KrigingError("the system of kinematic Kriging is singular; state a larger noise_std") from None
+            raise KrigingError("the system of kinematic Kriging is singular; pass a larger noise_std") from None
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, overwrite_b=True)
         root = np.asfortranarray(prior_root[:, None] * inverse.T)
         noise = np.concatenate([basis.left_out_covariance(part, hyper) for part in parts(design, _CHUNK)])
@@ -370,10 +375,10 @@ class BasisForm:
         return own @ self.weight[part], half @ half.T + self.hyper.joint_std[i] ** 2 * left
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (n, 3) and covariances (n, 3, 3) when the samples of each block are left out together."""
+        """Return residuals (n, 3) and covariances (n, 3, 3) with the samples of each block left out together."""
         n = len(block)
         residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
-        for rows in same_size(block):  # all blocks of one size at once, some at a time: (g, m)
+        for rows in blocks_by_size(block):  # all blocks of one size at once, some at a time: (g, m)
             for some in np.array_split(rows, -(-rows.size // _CHUNK)):
                 g, m = some.shape
                 phi = self.basis.columns(take(self.design, some.reshape(-1)))

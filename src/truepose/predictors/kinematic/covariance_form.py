@@ -1,4 +1,4 @@
-"""Theory (10) by the covariance of all readings: exact, for some hundred samples.
+"""Solve theory (10) with the covariance of all readings: exact, for up to some hundred samples.
 
 Cov(e(q), e(q')) = J Σ0 J'ᵀ + Σ_j s_j² ρ(q_j, q'_j) (∂P/∂q_j)(∂P'/∂q_j)ᵀ + b² ρ_Z I + δ R, factorised once.
 """
@@ -16,19 +16,12 @@ from scipy.spatial.distance import cdist
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.kinematic import add_joints_and_rest, slopes
+from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
 
-_CHUNK: Final = 256  # configurations whose covariances with all samples are in memory at once
-
-
-def same_size(block: IntArray) -> list[IntArray]:
-    """Return the rows of blocks, those of one size together: (g, m) for each size m."""
-    _, label, count = np.unique(block, return_inverse=True, return_counts=True)
-    order = np.argsort(label.reshape(-1), kind="stable")
-    start = np.cumsum(count) - count
-    return [order[start[count == m][:, None] + np.arange(m)] for m in np.unique(count)]
+_CHUNK: Final = 256  # configurations per block of cross-covariances in memory
 
 
 def tolerances(terms: Terms, hyper: Hyperparameters) -> FloatArray:
@@ -37,23 +30,25 @@ def tolerances(terms: Terms, hyper: Hyperparameters) -> FloatArray:
 
 
 class Likelihood:
-    """Negative log marginal likelihood of (10), the drift integrated out, with its gradient: REML under priors.
+    """The negative log marginal likelihood of (10) with its gradient; the drift is integrated out.
 
-    With wide priors of base and tool the marginal likelihood is the restricted likelihood, up to a constant that the
-    samples do not change. The term ½ 3n log 2π of the normal density is `constant`.
+    With wide priors of base and tool it equals the restricted likelihood up to a constant that does not depend on the
+    samples. The term ½ 3n log 2π of the normal density is in `constant`.
 
     Parameters
     ----------
     terms : Terms
+        The terms of the model.
     design : Design
-        Of the n samples.
+        The columns at the n samples.
     joints : (k,) array of int
-        Joints with an error f_j of their own.
+        The joints with an error f_j of their own.
     e : (n, 3) array [mm]
+        The positional errors.
     noise_std : (n, 3) array [mm]
-        Of the readings, beside the fitted noise.
+        The standard deviations of the readings, in addition to the fitted noise.
     weight : (n,) array
-        Of each sample; its noise variance is divided by it.
+        The weights of the samples, which divide their noise variances.
     """
 
     def __init__(
@@ -101,14 +96,14 @@ class Likelihood:
 
 @dataclass(frozen=True, eq=False)
 class CovarianceForm:
-    """The factorised covariance of all readings, and what follows from it.
+    """The posterior from the factorised covariance K of all readings.
 
     Attributes
     ----------
     factor : (3n, 3n) array
-        Cholesky factor, lower.
+        The lower Cholesky factor of K.
     alpha : (3n,) array
-        K⁻¹ e.
+        The vector K⁻¹ e.
     """
 
     terms: Terms
@@ -141,7 +136,7 @@ class CovarianceForm:
         factor, failed = lapack.dpotrf(covariance.T, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise KrigingError(
-                "the covariance of kinematic Kriging is singular: poses repeat without noise; state a noise_std"
+                "the covariance of kinematic Kriging is singular: poses repeat without noise; pass noise_std"
             )
         alpha = lapack.dpotrs(factor, e.reshape(-1), lower=1)[0]
         return cls(terms, design, joints, hyper, factor, alpha)
@@ -172,7 +167,7 @@ class CovarianceForm:
         return np.asarray(replace(self, design=design)._covariance_with(design) - half.T @ half)
 
     def prior_covariance(self, design: Design) -> FloatArray:
-        """Return what is expected at m configurations before any reading, (m, r, r) [mm², rad²]."""
+        """Return the prior covariance at m configurations, (m, r, r) [mm², rad²]."""
         drift = design.drift * tolerances(self.terms, self.hyper)
         lever = design.lever[:, :, self.joints] * self.hyper.joint_std
         rest = self.hyper.rest_std**2 * np.diag(np.arange(design.rows) < 3)  # Z knows no orientation
@@ -198,14 +193,14 @@ class CovarianceForm:
         return cross @ self.alpha, std**2 * matern32(joint_chord(angle, angle), length)[0] - half.T @ half
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals and covariances when the samples of each block are left out together.
+        """Return residuals and covariances with the samples of each block left out together.
 
         With the inverse K⁻¹ in blocks: residual (K⁻¹_bb)⁻¹ (K⁻¹ e)_b of covariance (K⁻¹_bb)⁻¹, noise included.
 
         Parameters
         ----------
         block : (n,) array of int
-            Label of each sample; all different: leave-one-out.
+            The label of each sample; leave-one-out if all are different.
 
         Returns
         -------
@@ -215,7 +210,7 @@ class CovarianceForm:
         inverse = lapack.dpotri(self.factor, lower=1)[0]
         n = len(block)
         residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
-        for rows in same_size(block):
+        for rows in blocks_by_size(block):
             g, m = rows.shape
             index = (3 * rows[:, :, None] + np.arange(3)).reshape(g, 3 * m)
             left, right = index[:, :, None], index[:, None, :]
@@ -272,5 +267,5 @@ def _turns_and_levers(design: Design, joints: IntArray) -> tuple[FloatArray, Flo
 
 
 def _over_ranges(place: FloatArray, range_of: IntArray, hyper: Hyperparameters) -> FloatArray:
-    """Return coordinates of Z (m, d) over their ranges; none where there is no Z."""
+    """Return the coordinates of Z (m, d) divided by their ranges; no columns without Z."""
     return place / hyper.rest_range[range_of] if len(hyper.rest_range) else np.empty((len(place), 0))

@@ -1,4 +1,4 @@
-"""The search for hyperparameters of (10): restricted likelihood, weak priors, analytic gradients, several starts."""
+"""Search for the hyperparameters of (10): restricted likelihood with weak priors, gradients, several starts."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ from truepose.predictors.kinematic.covariance_form import Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 
 _STARTS: Final = (1.0, 0.3)  # factors of the joint lengths that a search starts from
-_SHORT: Final = 25  # iterations after which the better start goes on alone
+_SHORT: Final = 25  # iterations after which only the best start continues
 _LONG: Final = 120
-_SETTLED: Final = 1e-6  # relative change of the log likelihood: some 0.002, no reason to go on
+_SETTLED: Final = 1e-6  # relative change of the log likelihood, about 0.002, that ends a search
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Where a search ended.
+    """The result of a search.
 
     Attributes
     ----------
     hyper : Hyperparameters
+        The best hyperparameters.
     log_likelihood : float
-        Marginal, at `hyper`: the logarithm of the normal density of all 3n errors [mm], with its full constant, the
-        drift integrated out under its normal priors; without the priors of the hyperparameters.
+        The marginal log likelihood at `hyper`: the logarithm of the normal density of all 3n errors [mm] with its
+        constant, the drift integrated out under its normal priors; without the priors of the hyperparameters.
     bounds_hit : list of str
-        Hyperparameters at a bound.
+        The hyperparameters at a bound.
     evaluations : int
+        The number of evaluations of the likelihood.
     """
 
     hyper: Hyperparameters
@@ -48,9 +50,11 @@ def search(likelihood: Likelihood, starts: list[Hyperparameters], *, iterations:
     Parameters
     ----------
     likelihood : Likelihood
+        The likelihood of the samples.
     starts : list of Hyperparameters
+        The starting points.
     iterations : int
-        At most.
+        The largest number of iterations.
 
     Raises
     ------
@@ -61,14 +65,16 @@ def search(likelihood: Likelihood, starts: list[Hyperparameters], *, iterations:
 
 
 def refine(basis: Basis, sums: Sums, start: Hyperparameters) -> Search:
-    """Go on from hyperparameters of a subset with all samples, in basis form; its lengths and ranges stay as they are.
+    """Refine hyperparameters from a subset with all samples, in basis form; lengths and ranges stay fixed.
 
     Parameters
     ----------
     basis : Basis
+        The columns.
     sums : Sums
-        With the noise variances of `start`.
+        The sums over all samples, with the noise variances of `start`.
     start : Hyperparameters
+        The hyperparameters of the subset.
     """
 
     def likelihood(hyper: Hyperparameters) -> tuple[float, FloatArray]:
@@ -87,7 +93,7 @@ def refine(basis: Basis, sums: Sums, start: Hyperparameters) -> Search:
 
 
 def spread_starts(start: Hyperparameters) -> list[Hyperparameters]:
-    """Return a start with several joint lengths: the likelihood may have an optimum at each."""
+    """Return starts with several joint lengths, because the likelihood may have several optima."""
     vector, k = start.to_vector(), len(start.joint_std)
     out = []
     for factor in _STARTS:
@@ -104,9 +110,9 @@ def _minimise(
     iterations: int,
     held: FloatArray | None = None,
 ) -> Search:
-    """Minimise; parameters that are held (1 of 0 and 1) stay where the first start has them.
+    """Minimise from all starts; parameters with `held` = 1 keep their value in the first start.
 
-    `constant` is what the negative log likelihood leaves out; `iterations` are those of the last search.
+    `constant` is omitted by `likelihood`; `iterations` limits the last search.
     """
     shape = starts[0]
     centre, std = shape.prior()

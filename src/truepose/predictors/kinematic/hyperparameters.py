@@ -1,4 +1,4 @@
-"""The hyperparameters of (10), their starting values, bounds and weak priors, as one vector of logarithms."""
+"""Hyperparameters of (10) with their starting values, bounds and weak priors, as one vector of logarithms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NOISE: Final = (0.03, 1.5)  # mm
 _REST_STD: Final = (0.1, 2.0)  # mm
 _REST_RANGE: Final = (1.5, 1.0)  # rad (chord), or m
 _BOUND: Final = 4.0  # prior standard deviations
-_SHORTEST: Final = 0.02  # rad: no joint length is looked for below it
+_SHORTEST: Final = 0.02  # rad: the smallest joint length
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +27,15 @@ class Hyperparameters:
     Attributes
     ----------
     joint_std, joint_length : (k,) arrays [rad]
-        s_j and l_j of the joints seen; the length is a chord.
+        The standard deviations s_j and lengths l_j of the visible joints; lengths are chords.
     tolerance : (2,) array
-        Scales of the prior standard deviations of geometry and compliance.
+        The scales of the prior standard deviations of geometry and compliance.
     noise : float [mm]
-        Standard deviation of repeatability and reading per direction, where no reading noise is given.
+        The standard deviation of repeatability and unknown reading noise in each direction.
     rest_std : float [mm]
-        Of Z in each direction; 0 without Z.
+        The standard deviation of Z in each direction; 0 without Z.
     rest_range : (g,) array
-        Of Z: chord of each joint's angle, metres for the position.
+        The ranges of Z: chords of the joint angles [rad], and metres for the position.
     """
 
     joint_std: FloatArray
@@ -47,7 +47,7 @@ class Hyperparameters:
 
     @classmethod
     def start(cls, joints: int, ranges: int, noise: float = 0.05) -> Self:
-        """Return where a search starts."""
+        """Return the starting point of a search."""
         return cls(
             joint_std=np.full(joints, _JOINT_STD[0]),
             joint_length=np.full(joints, _JOINT_LENGTH[0]),
@@ -58,7 +58,7 @@ class Hyperparameters:
         )
 
     def to_vector(self) -> FloatArray:
-        """Return the logarithms, those of Z last and only where there is Z."""
+        """Return the logarithms; those of Z come last, and only if there is Z."""
         rest = np.r_[self.rest_std, self.rest_range] if len(self.rest_range) else np.empty(0)
         return np.asarray(np.log(np.r_[self.joint_std, self.joint_length, self.tolerance, self.noise, rest]))
 
@@ -76,7 +76,7 @@ class Hyperparameters:
         )
 
     def prior(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and standard deviation of the priors of the logarithms."""
+        """Return the means and standard deviations of the priors of the logarithms."""
         k = len(self.joint_std)
         kinds = [_JOINT_STD] * k + [_JOINT_LENGTH] * k + [_TOLERANCE] * 2 + [_NOISE]
         if len(self.rest_range):

@@ -1,7 +1,7 @@
-"""By how much a fit is too sure: its samples predicted by fits of their own, which have not seen them.
+"""Find the factor by which the predicted variances of a fit are too small.
 
-Hyperparameters that are found from the samples suit these better than new ones, and leave-one-out with the same
-hyperparameters does not show it. So they are found again without each fifth of the samples.
+Hyperparameters suit the samples from which they were estimated better than new ones, and leave-one-out with the same
+hyperparameters does not show this. Therefore they are estimated again without each fifth of the samples.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from truepose.predictors.kinematic.terms import Design, Terms, take
 
 FOLDS: Final = 5
 MOST: Final = 250
-"""Samples that tell enough of it: fewer are all taken."""
-_ITERATIONS: Final = 15  # from the hyperparameters of all samples: nearly where the search ends
+"""The largest number of samples used."""
+_ITERATIONS: Final = 15  # from the hyperparameters of all samples, which are nearly optimal
 
 
 def held_out(
@@ -33,26 +33,27 @@ def held_out(
     weight: FloatArray,
     random_state: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what is left of each sample by a fit without its fold, and the variance predicted for it.
+    """Return the residual of each sample from a fit without its fold, and its predicted variance.
 
     Parameters
     ----------
     terms, design, joints
-        Of the model, at n samples.
+        The terms, columns and joints of the model at n samples.
     hyper : Hyperparameters
-        Where each search starts.
+        The starting point of each search.
     e, reading : (n, 3) arrays [mm]
-        Errors, and the known noise of their readings.
+        The errors, and the known standard deviations of their readings.
     weight : (n,) array
-        Of the samples in the fits.
+        The weights of the samples.
     random_state : int
-        Of the folds.
+        The seed of the folds.
 
     Returns
     -------
     residual : (n, 3) array [mm]
+        The residuals.
     variance : (n, 3) array [mm²]
-        Of field and nugget, without the known noise of the readings.
+        The variances of field and nugget, without the known noise of the readings.
     """
     fold = random_folds(len(e), FOLDS, rng=random_state)
     residual, variance = np.empty_like(e), np.empty_like(e)
@@ -70,18 +71,18 @@ def held_out(
 
 
 def factor(residual: FloatArray, variance: FloatArray, reading: FloatArray) -> float:
-    """Return the factor of predicted variances that makes residuals standard in the mean.
+    """Return the factor of the predicted variances that makes the residuals standard in the mean.
 
-    The known noise of the readings is not at fault: what residuals have too much is put down to the rest of the
-    predicted variance.
+    The factor applies to the predicted variances only, not to the known noise of the readings.
 
     Parameters
     ----------
     residual : (n, 3) array [mm]
+        The residuals.
     variance : (n, 3) array [mm²]
-        Predicted, without the noise of the readings.
+        The predicted variances, without the noise of the readings.
     reading : (n, 3) array [mm]
-        Standard deviation of the readings.
+        The standard deviations of the readings.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Correlations of (10), with their derivatives by the logarithm of the range.
+"""Compute the correlations of (10) and their derivatives by the logarithm of the range.
 
 Joint errors: Matérn 3/2 of the chord between two angles, r = 2 |sin((q − q')/2)| / l, positive definite on the circle.
 The rest Z: Matérn 5/2 of r² = Σ_g d_g² / l_g², one range per joint (chord) or for the position.

@@ -1,4 +1,4 @@
-"""Kinematic Kriging (10): registration, calibration and similarity in one best linear unbiased prediction."""
+"""Kinematic Kriging (10): registration, calibration and similarity in one model."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, held_out
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
-from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, turns
+from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, unknown_rotations
 from truepose.robots import Robot
 
 EXACT_UP_TO: Final = 500
-"""Samples up to which ``solver="auto"`` takes the covariance form."""
+"""The largest number of samples for which ``solver="auto"`` uses the covariance form."""
 
-_FIRST: Final = 150  # samples that the starts of the search are compared on
-_SUBSET: Final = 350  # samples that hyperparameters are searched on where there are more
-_ANCHORS: Final = 250  # samples that carry Z in a basis
+_FIRST: Final = 150  # samples for the comparison of starting points
+_SUBSET: Final = 350  # samples for the search for hyperparameters
+_ANCHORS: Final = 250  # samples that represent Z in a basis
 _FEWEST: Final = 6
-_SURPRISE: Final = 11.34  # squared standardised length beyond which a reading is weighed down: 1 % of good ones
+_SURPRISE: Final = 11.34  # squared standardised length above which a reading is weighed down; 1 % of good readings
 _ROUNDS: Final = 4
 _GROSS: Final = 0.1  # weight below which a reading is called gross
 _SETTLED: Final = 0.1
@@ -38,16 +38,17 @@ _SETTLED: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class JointCurve:
-    """The error of one joint over its own angle: its gear's signature.
+    """The error of one joint as a function of its own angle.
 
     Attributes
     ----------
     joint : int
-        Counted from 0.
+        The joint, counted from 0.
     angle : (m,) array [rad]
+        The angles.
     error, std : (m,) arrays [rad]
-        f_j and its standard deviation, without its constant and first harmonic over these angles: an offset and an
-        eccentricity of the joint are geometry as well, and no data can tell them apart.
+        The error f_j and its standard deviation, without its constant and first harmonic over these angles, because
+        offset and eccentricity of the joint cannot be separated from geometry.
     """
 
     joint: int
@@ -59,58 +60,73 @@ class JointCurve:
 class KinematicKriging(PosePredictor):
     """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
 
-    e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal priors, geometry
-    those of tolerances; f_j are random functions of each joint's own angle; Z is what is left; readings farther off
-    than chance are weighed down when `robust`. Hyperparameters by restricted likelihood under weak priors.
+    The model is e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal
+    priors, geometry has priors from tolerances, f_j are random functions of each joint's own angle, and Z is the
+    remaining field. Hyperparameters maximise the restricted likelihood under weak priors.
 
     Parameters
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     tf_flange_tool : (4, 4) array_like [mm], optional
-        Of the measured point; the flange when not given.
+        The measured point; default: the flange.
     convention : str
-        Of the geometry: one of `truepose.robots.error_model`'s.
+        The convention of the geometry, see `truepose.robots.error_model`.
     geometry, compliance, joint_errors : bool
-        Terms besides the registration.
+        Whether the model has these terms in addition to registration.
     residual : {"joint", "cartesian", "both", "none"}
-        Coordinates of Z.
+        The coordinates of Z.
     robust : bool
-        Weigh readings down that the others contradict; `gross_` names them.
+        Whether readings that the others contradict get a smaller weight; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
-        The covariance of all readings (exact, cubic in n) or a basis (linear in n); auto takes the first up to
-        `EXACT_UP_TO` samples. `solver_` says which. Above 350 samples hyperparameters are searched on 350 drawn at
-        random; a basis then refines them with all.
+        The form of the solution: the covariance of all readings (exact, cubic in n) or a basis (linear in n). "auto"
+        uses the covariance up to `EXACT_UP_TO` samples. Above 350 samples, hyperparameters are searched with 350 random
+        samples; a basis then refines them with all samples.
     hyper : dict, optional
-        Hyperparameters as `Hyperparameters.to_dict` gives them, instead of a search.
+        The hyperparameters, as from `Hyperparameters.to_dict`; default: searched.
     weight : sequence of float, optional
-        Weights of the samples, instead of the robust ones.
+        The weights of the samples; default: robust weights.
     joints : sequence of int, optional
-        Joints with an error of their own, counted from 0, with `hyper`; otherwise those that are seen.
+        The joints with an error of their own, counted from 0, together with `hyper`; default: the visible joints.
     inflation : float, optional
-        Factor of predicted variances, with `hyper`; otherwise found from fits without parts of the samples.
+        The factor of predicted variances, together with `hyper`; default: estimated by cross-validation.
     random_state : int
-        For the subset that large sets are searched on.
+        The seed of random subsets.
 
     Attributes
     ----------
     hyper_ : Hyperparameters
+        The hyperparameters.
     parameters_ : list of dict
-        Every drift column: name, group, estimate ± std in its unit.
+        One row per drift column: name, group, estimate and standard deviation in its unit.
     joints_ : (k,) array of int
-        Joints with an error of their own, counted from 0.
+        The joints with an error of their own, counted from 0.
     unseen_ : list of int
-        Joints that never move or that the tool point cannot see: left out.
+        The joints without one: they do not move, or the tool point does not move with them.
+    solver_ : str
+        The solver that was used.
     weight_ : (n,) array
+        The weights of the samples.
     gross_ : (g,) array of int
-        Rows of readings that the others contradict.
+        The rows of readings that the others contradict.
     inflation_ : float
-        Factor of the predicted variances, at least 1, by which readings that no fit has seen are standard: from fits
-        without parts of the samples, one standard error on the safe side.
+        The factor of the predicted variances, at least 1, that makes unseen readings standard, from fits without parts
+        of the samples plus one standard error.
     log_likelihood_ : float
-        Logarithm of the marginal density of the errors that the hyperparameters were searched on, with its full
-        constant: see `truepose.predictors.kinematic.fitting.Search`. NaN where hyperparameters were given.
+        The log marginal likelihood of the errors used in the search, see
+        `truepose.predictors.kinematic.fitting.Search`. NaN if hyperparameters were given.
     bounds_hit_ : list of str
+        The hyperparameters at a bound.
+
+    Examples
+    --------
+    >>> from truepose.robots import load_robot
+    >>> robot = load_robot("kuka-kr150-2")
+    >>> q = np.random.default_rng(0).uniform(-1, 1, (30, 6))
+    >>> e = 0.3 * robot.error_jacobian(q, parameters=["a3"])[:, :, 0]
+    >>> model = KinematicKriging(robot, joint_errors=False, residual="none", robust=False).fit(q, e)
+    >>> bool(np.abs(model.predict(q) - e).max() < 0.01)
+    True
     """
 
     arm_parameters = ("robot", "tf_flange_tool")
@@ -169,7 +185,7 @@ class KinematicKriging(PosePredictor):
         self.parameters_ = self._parameters()
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
-        """Take samples, the columns at the nominal arm, and choose the solver."""
+        """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
         tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
         self._terms = Terms(
@@ -185,22 +201,27 @@ class KinematicKriging(PosePredictor):
         self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
 
     def update(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
-        """Let new samples join, with the hyperparameters as they are: the posterior of all samples.
+        """Add samples and compute the posterior of all samples with unchanged hyperparameters.
 
-        New readings that the others contradict are weighed down, as in `fit`; the weights of the old ones stay.
+        New readings that the others contradict get a smaller weight, as in `fit`; the old weights stay.
 
         Parameters
         ----------
         X : (m, dof) array_like [rad]
+            The joints of the new samples.
         y : (m, 3) array_like [mm], base frame
-            Errors after the same registration as those of `fit`.
-        noise_std
-            As `fit`; must be given if it was given there.
+            The errors, after the same registration as those of `fit`.
+        noise_std : float, (m,) or (m, 3) array_like [mm], optional
+            The standard deviations of the readings; required if and only if they were passed to `fit`.
+
+        Returns
+        -------
+        self
 
         Raises
         ------
         DataError
-            If shapes disagree with the samples that are there, or a number is not finite.
+            If shapes disagree with those of `fit`, or a number is not finite.
         """
         check_is_fitted(self)
         old_x, old_e, old_noise = self._given
@@ -209,7 +230,7 @@ class KinematicKriging(PosePredictor):
         if x.shape[1] != old_x.shape[1] or e.shape[1:] != (3,):
             raise DataError(f"new samples {x.shape}, {e.shape}: expected (m, {old_x.shape[1]}) joints, (m, 3) errors")
         if (noise_std is None) != (old_noise is None):
-            raise DataError("noise_std must come with new samples just if it came with the old: say it for both")
+            raise DataError("pass noise_std to update if and only if it was passed to fit")
         reading = None if noise_std is None else checked_noise(noise_std, e.shape)
         noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
         self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
@@ -231,7 +252,7 @@ class KinematicKriging(PosePredictor):
 
     def _check(self, X: FloatArray, e: FloatArray) -> None:
         if self.robot is None:
-            raise KrigingError("kinematic Kriging needs the nominal robot: KinematicKriging(robot, …)")
+            raise KrigingError("kinematic Kriging needs the nominal robot; pass KinematicKriging(robot, …)")
         if self.solver not in ("auto", "covariance", "basis"):
             raise DataError(f'solver is {self.solver!r}; expected "auto", "covariance" or "basis"')
         if self.residual not in ("joint", "cartesian", "both", "none"):
@@ -245,10 +266,10 @@ class KinematicKriging(PosePredictor):
                 f"{len(e)} samples are too few for kinematic Kriging; measure {_FEWEST} or more, better 60"
             )
         if self.weight is not None and len(self.weight) != len(e):
-            raise DataError(f"{len(self.weight)} weights came for {len(e)} samples")
+            raise DataError(f"expected {len(e)} weights, one for each sample, got {len(self.weight)}")
 
     def _estimate(self, design: Design) -> None:
-        """Search hyperparameters and robust weights in turn until the weights settle."""
+        """Search hyperparameters and robust weights alternately until the weights settle."""
         n = len(self._e)
         order = np.random.default_rng(self.random_state).permutation(n)
         start = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
@@ -277,7 +298,7 @@ class KinematicKriging(PosePredictor):
         )
 
     def _first_weights(self, design: Design) -> FloatArray:
-        """Return 0.0001 for readings far from what drift alone explains, 1 for the others: a start for the search."""
+        """Return the weights for the first search: 0.0001 for readings that the drift does not explain, else 1."""
         phi = design.drift.reshape(len(self._e) * 3, -1)
         weight = np.ones(len(self._e))
         for _ in range(10):
@@ -305,7 +326,7 @@ class KinematicKriging(PosePredictor):
         return np.asarray((self.hyper_.noise**2 + self._reading**2) / self.weight_[:, None])
 
     def _solved(self, design: Design, refining: bool = False) -> CovarianceForm | BasisForm:
-        """Return the posterior at the current hyperparameters; in a basis all samples may refine these first."""
+        """Return the posterior; in a basis, all samples may refine the hyperparameters first."""
         if self.solver_ == "covariance":
             return CovarianceForm.of(
                 self._terms, design, self.joints_, self.hyper_, self._target(design), self._noise_variance()
@@ -319,7 +340,7 @@ class KinematicKriging(PosePredictor):
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
 
     def _solve(self, X: FloatArray) -> None:
-        """Solve, and once more where the first solution moved registration and geometry to (Gauss–Newton)."""
+        """Solve, and solve again at the estimated registration and geometry (Gauss–Newton)."""
         design = self._terms.at(X)
         self._form = self._solved(design)
         estimate, _ = self._form.drift_estimate()
@@ -327,7 +348,7 @@ class KinematicKriging(PosePredictor):
         self._form = self._solved(self._terms.at(X))
 
     def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
-        """Return the errors of some samples less what the linear columns miss at the current linearisation."""
+        """Return the errors of some samples minus the nonlinear part at the current linearisation."""
         return self._e[rows] - self._terms.curvature(design)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
@@ -353,10 +374,10 @@ class KinematicKriging(PosePredictor):
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
     ) -> tuple[FloatArray, FloatArray | None]:
-        """Registration, geometry, compliance and joints' errors are seen in the rows of orientation; Z is zero there.
+        """Predict with all terms but Z in the rows of orientation.
 
-        Its standard deviation is that of `rotation_per_mm`. Joints that positions cannot show are taken to err as much
-        as the others.
+        The standard deviation due to Z is that of `rotation_per_mm`. Joints whose error is not visible in positions are
+        assumed to have the same error as the others.
         """
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X), "pose")
@@ -374,8 +395,8 @@ class KinematicKriging(PosePredictor):
         return self._terms.at(self.robot.check_joints(X)).lever
 
     def _unknown_turns(self, design: Design) -> FloatArray:
-        """Return columns of what Z, and joints that are not seen, may turn the tool by, (m, 6, k)."""
-        columns = [turns(self.hyper_.rest_std * rotation_per_mm(design.lever))]
+        """Return columns of the unknown rotations due to Z and to joints without a visible error, (m, 6, k)."""
+        columns = [unknown_rotations(self.hyper_.rest_std * rotation_per_mm(design.lever))]
         if self.unseen_:
             axis = np.zeros((len(design.q), 6, len(self.unseen_)))
             axis[:, 3:] = design.lever[:, 3:, self.unseen_]
@@ -391,9 +412,18 @@ class KinematicKriging(PosePredictor):
         return e, self.inflation_ * self._form.covariance_together(design)
 
     def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
-        """Return what each term adds to the prediction at joints (m, dof) [rad], (m, 3) [mm] each.
+        """Return the contribution of each term to the prediction, (m, 3) [mm] each.
 
-        The parts sum to the prediction: ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``.
+        Parameters
+        ----------
+        X : (m, dof) array_like [rad]
+            The joints.
+
+        Returns
+        -------
+        dict of str to (m, 3) array [mm]
+            The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``; their sum is the
+            prediction.
         """
         check_is_fitted(self)
         assert self.robot is not None
@@ -403,7 +433,7 @@ class KinematicKriging(PosePredictor):
         return part
 
     def joint_curves(self, points: int = 181) -> list[JointCurve]:
-        """Return the error curve of each joint seen, over the angles that the samples span."""
+        """Return the error curve of each visible joint over the sampled angles."""
         check_is_fitted(self)
         curves = []
         for i, j in enumerate(self.joints_):
@@ -422,12 +452,12 @@ class KinematicKriging(PosePredictor):
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self) -> float:
-        """Return the factor of predicted variances by which readings that no fit has seen are standard.
+        """Return the factor of predicted variances that makes unseen readings standard.
 
-        The larger of two estimates: from fits without a fifth of the samples each, with hyperparameters of their own;
-        and the mean squared standardised leave-one-out residual, at least 1, times 3n/(3n − k) for k hyperparameters.
-        The standard error of a mean of 3n squares comes on top, as too small a deviation does more harm than too large
-        a one. Readings called gross count in neither.
+        It is the larger of two estimates: from fits without a fifth of the samples each, with their own
+        hyperparameters; and the mean squared standardised leave-one-out residual, at least 1, times 3n/(3n − k) for k
+        hyperparameters. The standard error of a mean of 3n squares is added, because too small a standard deviation
+        does more harm than too large a one. Gross readings do not count.
         """
         residual, covariance = self._left_out_alone()
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)

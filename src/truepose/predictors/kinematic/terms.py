@@ -1,7 +1,7 @@
-"""The columns of theory (10) at given configurations: what each kind of error does to the tool point.
+"""Compute the columns of theory (10) at given configurations: the effect of each kind of error on the tool point.
 
-Drift: registration (base and tool), geometry (in any convention), joint compliance under gravity. Levers:
-∂P/∂q_j, by which the error of joint j's own angle is seen. Coordinates of the rest Z.
+Drift: registration (base and tool), geometry (in any convention), joint compliance under gravity. Levers: ∂P/∂q_j, the
+effect of an error of joint j's own angle. Place: coordinates of the rest Z.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ Residual = Literal["joint", "cartesian", "both", "none"]
 
 REGISTRATION, GEOMETRY, COMPLIANCE = 0, 1, 2
 GROUPS: Final = ("registration", "geometry", "compliance")
-"""Kinds of drift columns; all columns of one kind share a tolerance scale (registration: none, it is wide)."""
+"""The kinds of drift columns; geometry and compliance have a tolerance scale each, registration has wide priors."""
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
 _STATION_STD: Final = {"mm": 30.0, "rad": 0.03}
 _TOOL_STD: Final = 30.0  # mm
-_COMPLIANCE_STD: Final = 3e-4  # rad for the moment of one link mass at 1 m
+_COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
-_UNSEEN: Final = 0.02  # of the largest lever: about what is seen of a joint whose axis goes through the tool point
+_UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,15 @@ class Design:
     Attributes
     ----------
     q : (n, dof) array [rad]
+        The joints.
     p : (n, 3) array [mm], base frame
-        Nominal positions of the tool point.
+        The nominal positions of the tool point.
     drift : (n, r, p) array
-        In units of each column's prior standard deviation: mm (and rad) for one standard deviation. r is 3, or 6 with
-        the rows of orientation.
+        The drift columns [mm, rad] per prior standard deviation of each parameter; r is 3, or 6 with orientation.
     lever : (n, r, dof) array [mm/rad], [rad/rad], base frame
-        ∂P/∂q_j, and the joint's axis in the rows of orientation.
+        The levers ∂P/∂q_j, and the joint axes in the rows of orientation.
     place : (n, d) array
-        Coordinates of the rest Z: cosine and sine of each joint, metres for positions.
+        The coordinates of the rest Z: cosine and sine of each joint angle, and metres for positions.
     """
 
     q: FloatArray
@@ -56,7 +56,7 @@ class Design:
 
     @property
     def rows(self) -> int:
-        """3 for positions, 6 for poses."""
+        """The number of rows: 3 for positions, 6 for poses."""
         return int(self.lever.shape[1])
 
 
@@ -66,37 +66,38 @@ def take(design: Design, rows: slice | IntArray) -> Design:
 
 
 def parts(design: Design, size: int) -> list[Design]:
-    """Return a design in parts of some configurations."""
+    """Return the design in parts of at most `size` configurations."""
     return [take(design, slice(start, start + size)) for start in range(0, len(design.q), size)]
 
 
 class Terms:
-    """Which terms of (10) are in a model, with their names and prior standard deviations.
+    """The terms of (10) in a model, with their names and prior standard deviations.
 
     Parameters
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     tf_flange_tool : (4, 4) array [mm]
+        The measured point.
     convention : str
-        Of the geometry, see `truepose.robots.error_model`.
+        The convention of the geometry, see `truepose.robots.error_model`.
     geometry, compliance : bool
-        Drift columns besides the registration, which is always there.
+        Whether these drift columns are included; registration always is.
     residual : {"joint", "cartesian", "both", "none"}
-        Coordinates of Z.
+        The coordinates of Z.
     shift : (p,) array [mm, rad], optional
-        What registration and geometry are changed by where the columns are taken; nothing when not given.
+        The change of registration and geometry at which the columns are computed; default: none.
 
     Attributes
     ----------
     names, units : list of str
-        Of the drift columns.
+        The names and units of the drift columns.
     group : (p,) array of int
-        Index into `GROUPS`.
+        The group of each column, an index into `GROUPS`.
     prior_std : (p,) array
-        In the column's unit.
+        The prior standard deviations in the units of the columns.
     range_of : (d,) array of int
-        Which range each coordinate of Z has: one per joint, one for the position.
+        The range of each coordinate of Z: one per joint, one for the position.
     """
 
     def __init__(
@@ -139,7 +140,7 @@ class Terms:
         self.range_names = [f"joint {j + 1}" for j in np.unique(joints)] + (["position"] if len(position) else [])
 
     def shifted(self, shift: FloatArray) -> Terms:
-        """Return the same terms with columns taken where registration and geometry are changed by `shift` (p,)."""
+        """Return the same terms with registration and geometry changed by `shift` (p,)."""
         return Terms(
             self.robot,
             self.tf_flange_tool,
@@ -151,7 +152,7 @@ class Terms:
         )
 
     def curvature(self, design: Design) -> FloatArray:
-        """Return what the columns miss of the shift, F(ψ + shift) − F(ψ) − J shift at the shift, (n, r) [mm, rad]."""
+        """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
         nominal = self.robot.forward(design.q, tool=self.tf_flange_tool)
         moved: FloatArray = design.p - nominal[:, :3, 3]
         if design.rows == 6:
@@ -169,13 +170,13 @@ class Terms:
         return Design(q, p, drift * self.prior_std, lever, self._place(q, p))
 
     def seen(self, design: Design) -> IntArray:
-        """Return the joints whose own error the samples can show: they move, and the tool point moves with them."""
+        """Return the joints whose own error is visible: they move, and the tool point moves with them."""
         size = np.sqrt(np.mean(np.sum(design.lever[:, :3] ** 2, axis=1), axis=0))
         moves = np.ptp(design.q, axis=0) > 1e-3
         return np.flatnonzero(moves & (size > _UNSEEN * size.max()))
 
     def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray) -> FloatArray:
-        """Joint j gives way under the moment of a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs)."""
+        """Return the compliance of joint j under a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs)."""
         frames = self.robot.frames(q)
         joint = frames[:, :-1] @ self.robot.link_before
         mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
