@@ -56,8 +56,6 @@ napoleon_use_rtype = False
 sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples"),
     "gallery_dirs": "gallery",
-    "backreferences_dir": "gallery/backreferences",
-    "doc_module": ("truepose",),
     "filename_pattern": r"/",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,

@@ -133,6 +133,17 @@ def test_the_production_cell(practice: Path, tmp_path: Path) -> None:
     assert (folder / "production.html").stat().st_size > 10_000
 
 
+def test_verifying_at_the_machine(practice: Path, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        patch.setattr(sys, "argv", ["run_program.py", str(practice)])
+        runpy.run_path(str(FILES / "later" / "run_program.py"))
+    before, after = (
+        float(line.split()[2]) for line in script("verify.py", practice, tmp_path / "after.txt").splitlines()
+    )
+    assert after < 0.2 * before
+
+
 def test_comparing(practice: Path) -> None:
     lines = script("compare.py", practice / "cell.toml", practice / "fit_samples.csv").splitlines()
     assert {line.split()[0] for line in lines[:4]} == {"registration", "idw", "ordinary-kriging", "calibration"}

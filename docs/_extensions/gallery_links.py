@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from sphinx.application import Sphinx
 
 import truepose
 
-_EXAMPLE = re.compile(r":ref:`(sphx_glr_gallery_plot_\w+\.py)`")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -19,12 +20,18 @@ def setup(app: Sphinx) -> dict[str, Any]:
     return {"parallel_read_safe": True}
 
 
+@cache
+def _uses() -> dict[str, list[str]]:
+    """Return the names of the examples that use ``tp.name``, by name."""
+    uses: dict[str, list[str]] = {}
+    for path in sorted(EXAMPLES.glob("plot_*.py")):
+        for name in sorted(set(re.findall(r"\btp\.(\w+)", path.read_text("utf-8")))):
+            uses.setdefault(name, []).append(path.stem)
+    return uses
+
+
 def _link(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     short = name.rpartition(".")[2]
-    if short not in truepose.__all__ or getattr(truepose, short) is not obj:
-        return
-    folder = Path(app.srcdir) / app.config.sphinx_gallery_conf["backreferences_dir"]
-    path = folder / f"truepose.{short}.examples"
-    found = dict.fromkeys(_EXAMPLE.findall(path.read_text("utf-8") if path.exists() else ""))
-    if found:
-        lines += ["", f"*In the gallery:* {', '.join(f':ref:`{label}`' for label in found)}", ""]
+    if short in truepose.__all__ and getattr(truepose, short) is obj and short in _uses():
+        links = ", ".join(f":doc:`/gallery/{stem}`" for stem in _uses()[short])
+        lines += ["", f"*In the gallery:* {links}", ""]
