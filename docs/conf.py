@@ -22,7 +22,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     "sphinx_gallery.gen_gallery",
-    "gallery_links",
+    "public_names",
     "rooms",
     "shown_commands",
     "theory_links",

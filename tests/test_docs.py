@@ -54,11 +54,8 @@ def test_enough_messages_are_explained() -> None:
 
 
 def test_the_api_index_has_every_public_name() -> None:
-    listed = dict(re.findall(r"\{py:obj\}`(\w+) <(truepose[\w.]+)>`", (DOCS / "api" / "index.md").read_text("utf-8")))
-    assert set(truepose.__all__) - {"__version__"} == set(listed)
-    for name, place in listed.items():
-        module, _, last = place.rpartition(".")
-        assert getattr(importlib.import_module(module), last) is getattr(truepose, name), place
+    listed = re.findall(r"\{tp\}`(\w+)`", (DOCS / "api" / "index.md").read_text("utf-8"))
+    assert set(listed) == set(truepose.__all__) - {"__version__"}
 
 
 @pytest.mark.parametrize("path", sorted((DOCS / "decisions").glob("[0-9]*.md")), ids=lambda path: path.stem)

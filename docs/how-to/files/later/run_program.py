@@ -4,9 +4,8 @@ import sys
 from pathlib import Path
 
 import truepose as tp
-from truepose.programs import FrameTable
 
 folder = Path(sys.argv[1])
 virtual, cell = tp.VirtualCell("paper", seed=7), tp.load_cell(folder / "cell.toml")
-program = tp.read_program(folder / "corrected" / "panel.src", FrameTable.from_cell(cell))
+program = tp.read_program(folder / "corrected" / "panel.src", tp.FrameTable.from_cell(cell))
 tp.write_readings("after.txt", virtual.measure(virtual.reach(program.positions_base()), seed=9), "spatial-analyzer")

@@ -4,12 +4,11 @@ import sys
 from pathlib import Path
 
 import truepose as tp
-from truepose.programs import FrameTable
 
 folder, readings = Path(sys.argv[1]), Path(sys.argv[2])
 cell, error_map = tp.load_cell(folder / "cell.toml"), tp.load_map(folder / "map.truepose")
 
-original = tp.read_program(folder / "program" / "panel.src", FrameTable.from_cell(cell))
+original = tp.read_program(folder / "program" / "panel.src", tp.FrameTable.from_cell(cell))
 p_target = original.positions_base()  # (n, 3) mm: where the tool should be
 p_meas = tp.read_readings(readings).p  # (n, 3) mm, tracker frame; one reading for each target, in order
 

@@ -1,4 +1,4 @@
-"""Add to the docstring of each public name the examples of the gallery that use it."""
+"""Names that ``truepose`` exports: the role ``tp`` links to one, and its docstring links to examples of the gallery."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import Element
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.roles import XRefRole
 
 import truepose
 
@@ -15,9 +18,21 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect with autodoc."""
+    """Register the role, and connect with autodoc."""
+    app.add_role("tp", PublicName(warn_dangling=True))
     app.connect("autodoc-process-docstring", _link)
     return {"parallel_read_safe": True}
+
+
+class PublicName(XRefRole):
+    """A link to an exported name, wherever its documentation is."""
+
+    def process_link(
+        self, env: BuildEnvironment, refnode: Element, has_explicit_title: bool, title: str, target: str
+    ) -> tuple[str, str]:
+        """Return the title, and the full name."""
+        refnode["refdomain"], refnode["reftype"] = "py", "obj"
+        return title, f"truepose.{truepose._HOME[target]}.{target}"
 
 
 @cache
