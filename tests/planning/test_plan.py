@@ -128,6 +128,7 @@ def test_every_method_plans(method):
     p = found.poses.p_cmd
     assert (np.abs(p - [1700, 0, 900]) <= np.array([450, 800, 450]) + 1e-6).all()
     np.testing.assert_array_equal(plan(cell, 12, method, rng=3).q, found.q)
+    assert repr(found).startswith(f"<Plan of 12 poses for {cell.robot.model}: {method}, expected error ")
     assert [row["n"] for row in found.expected] == [3, 6, 9, 12, 18, 24]
     means = [row["mean_mm"] for row in found.expected if row["n"] != 12]
     assert means == sorted(means, reverse=True)
@@ -191,7 +192,7 @@ def test_a_box_is_kept_clear_of():
     assert (around.touched(found.q) == "").all()
     for row, (q, box) in enumerate(zip(found.q, found.way, strict=True)):
         start = found.space.home if row == 0 or box else found.q[row - 1]
-        assert around.way_touches(start[None], found.space.before(q[None])) == [""]
+        assert around.way_touches(start[None], found.space.approach_start(q[None])) == [""]
 
 
 def test_a_box_in_the_way_is_gone_around_by_home():
@@ -295,7 +296,7 @@ def test_measuring_programs(robot, tmp_path):
     assert len(re.findall(r"WAIT SEC 1\.5|WaitTime \\InPos, 1\.5|WAIT +1\.50\(sec\)|sleep\(1\.5\)", text)) == 9
     assert len(re.findall(r"PULSE\(|PulseDO|DO\[4\]=PULSE|_out\(4, True", text)) == 9
     np.testing.assert_allclose(joints_of(text, robot)[2:-1:2], found.q, atol=1.1e-5)
-    np.testing.assert_allclose(joints_of(text, robot)[1:-1:2], found.space.before(found.q), atol=1.1e-5)
+    np.testing.assert_allclose(joints_of(text, robot)[1:-1:2], found.space.approach_start(found.q), atol=1.1e-5)
     poses = read_poses(table)
     np.testing.assert_allclose(poses.q, found.q, atol=1e-9)
     assert set(poses.approach.ravel()) <= {-1.0, 1.0}

@@ -84,7 +84,7 @@ class MeasurementSpace(ABC):
         """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1."""
         return np.where(q - self.approach < self.collision.robot.limits[:, 0], -1.0, 1.0)
 
-    def before(self, q: FloatArray) -> FloatArray:
+    def approach_start(self, q: FloatArray) -> FloatArray:
         """Return the joints at the start of the last motion to joints (n, dof) [rad]."""
         return np.asarray(q - self.approach * self.approach_signs(q))
 
@@ -110,13 +110,13 @@ class MeasurementSpace(ABC):
         return _first_reason(
             q,
             lambda q: _named("in the box {}", self.collision.touched(q)),
-            lambda q: self._way("behind the box {} on the way from home", self.home, self.before(q)),
-            lambda q: self._way("behind the box {} on the last way", self.before(q), q),
+            lambda q: self._way("behind the box {} on the way from home", self.home, self.approach_start(q)),
+            lambda q: self._way("behind the box {} on the last way", self.approach_start(q), q),
             lambda q: self._way("behind the box {} on the way home", q, self.home),
         )
 
     @staticmethod
-    def _some(found: Reach) -> Reach:
+    def _checked(found: Reach) -> Reach:
         if not len(found.q):
             raise RobotError(
                 f"{found.describe()}; check [region] (centre, orientation and home_deg), the tool, the boxes of "
@@ -129,14 +129,14 @@ class MeasurementSpace(ABC):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Listed(MeasurementSpace):
+class ConfigurationList(MeasurementSpace):
     """Configurations to choose from, (n, dof) [rad], such as those of an existing program."""
 
     q: FloatArray
 
     def spread(self, count: int, rng: int) -> Reach:
         """Return the configurations of the list that can be measured."""
-        return self._some(self.measurable(self.q))
+        return self._checked(self.measurable(self.q))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,7 +183,7 @@ class WorkRegion(MeasurementSpace):
     def spread(self, count: int, rng: int) -> Reach:
         """Return about `count` configurations, or more, spread evenly over the region (scrambled Sobol points)."""
         sobol = qmc.Sobol(self.dimensions, rng=np.random.default_rng(rng))
-        return self._some(self.reach(sobol.random_base2(int(np.ceil(np.log2(count))))))
+        return self._checked(self.reach(sobol.random_base2(int(np.ceil(np.log2(count))))))
 
 
 def _first_reason(q: FloatArray, *checks: Callable[[FloatArray], NDArray[Any]]) -> NDArray[np.object_]:
@@ -222,7 +222,7 @@ def work_region(cell: Cell) -> WorkRegion:
     )
 
 
-def listed(cell: Cell, candidates: FloatArray) -> Listed:
+def configuration_list(cell: Cell, candidates: FloatArray) -> ConfigurationList:
     """Return configurations to choose from, with obstacles and tracker; home is the region's, or the first of them.
 
     Raises
@@ -231,7 +231,9 @@ def listed(cell: Cell, candidates: FloatArray) -> Listed:
         If they are not joint vectors of the robot.
     """
     q = cell.load_robot().check_joints(candidates)
-    return Listed(**_space_arguments(cell), home=q[0] if cell.region is None else np.deg2rad(cell.region.home_deg), q=q)
+    return ConfigurationList(
+        **_space_arguments(cell), home=q[0] if cell.region is None else np.deg2rad(cell.region.home_deg), q=q
+    )
 
 
 def _space_arguments(cell: Cell) -> dict[str, Any]:

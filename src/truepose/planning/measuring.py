@@ -18,7 +18,7 @@ from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
-from truepose.planning.measurement_space import MeasurementSpace, listed
+from truepose.planning.measurement_space import MeasurementSpace, configuration_list
 from truepose.samples import Poses, samples_text
 
 
@@ -203,7 +203,7 @@ def measuring_program(
     ]
     if poses.q is None:
         raise poses.error("a measuring program needs joints (q1_deg …), and there are none")
-    space = space or listed(cell, poses.q)
+    space = space or configuration_list(cell, poses.q)
     reason = space.in_the_way(poses.q)
     if (rows := np.flatnonzero(reason != "")).size:
         raise poses.error(f"a pose is {reason[rows[0]]}; leave it out, or move home or the box", reason != "")
@@ -225,7 +225,7 @@ def _stops(poses: Poses, space: MeasurementSpace) -> Iterator[Stop]:
     assert q is not None
     previous = np.concatenate([space.home[None], q[:-1]])
     names = [f"P{number}" for number in range(1, len(q) + 1)] if poses.name is None else poses.name
-    before = space.before(q)
+    before = space.approach_start(q)
     way = space.collision.way_touches(previous, before)
     yield home
     for joints, start, box, name in zip(q, before, way, names, strict=True):

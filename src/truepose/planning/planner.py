@@ -18,7 +18,7 @@ from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
 from truepose.planning.designs import METHODS, DesignProblem
 from truepose.planning.greedy import Progress, lowest_mean
-from truepose.planning.measurement_space import MeasurementSpace, Reach, listed, work_region
+from truepose.planning.measurement_space import MeasurementSpace, Reach, configuration_list, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
 from truepose.predictors import KinematicKriging
@@ -168,7 +168,7 @@ def plan(
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}")
     if n < 1:
         raise DataError(f"n must be at least 1 (60 or more recommended), got {n}")
-    space = work_region(cell) if candidates is None else listed(cell, candidates)
+    space = work_region(cell) if candidates is None else configuration_list(cell, candidates)
     reach = space.spread(_TARGETS, rng + 1)
     targets = reach.q
     prior = _prior(cell, space, targets, rng, after)
@@ -183,7 +183,7 @@ def plan(
         method=method,
         space=space,
         q=q,
-        way=space.collision.way_touches(previous, space.before(q)).tolist(),
+        way=space.collision.way_touches(previous, space.approach_start(q)).tolist(),
         reach=reach,
         expected=_expected(prior, q, targets, space, rng),
         observability=observability(columns, names.tolist(), np.ones(len(names))),
