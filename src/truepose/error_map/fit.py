@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import check_campaign
@@ -15,7 +14,7 @@ from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import CellSamples
 from truepose.errors import DataError
 from truepose.geometry import Registration
-from truepose.predictors import rank_predictors
+from truepose.predictors import Choice, rank_predictors
 from truepose.predictors.abilities import OutlierWeighing
 from truepose.samples import Samples
 
@@ -81,30 +80,25 @@ def fit_cell(
     campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
     if not accept_campaign:
         campaign.refuse(samples.source)
-    ranking: list[dict[str, Any]] = []
-    expected: dict[str, Any] = {}
     if predictor == "auto":
         choice = rank_predictors(
             candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
         )
-        ranking, expected, predictor = choice.ranking, choice.expected, choice.predictor_name
-        model, gross = choice.predictor, choice.gross
     else:
         progress(f"Fitting {predictor}")
-        model, gross = measured.errors(registration, tf_flange_tool).fit(predictor)
-    kept = np.flatnonzero(gross == 0)
-    weighed_down = kept[model.gross_] if isinstance(model, OutlierWeighing) else kept[:0]
+        errors = measured.errors(registration, tf_flange_tool)
+        choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,
-        samples=samples[gross == 0],
+        samples=samples[choice.gross == 0],
         registration=registration,
         tf_flange_tool=tf_flange_tool,
-        predictor_name=predictor,
-        predictor=model,
-        ranking=ranking,
-        expected=expected,
-        excluded=_excluded(samples, registration, gross, weighed_down),
+        predictor_name=choice.predictor_name,
+        predictor=choice.predictor,
+        ranking=choice.ranking,
+        expected=choice.expected,
+        excluded=_excluded(samples, registration, choice),
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )
@@ -112,19 +106,15 @@ def fit_cell(
     return error_map.changed(known_worth=error_map.worth)
 
 
-def _excluded(
-    samples: Samples, registration: Registration, gross: FloatArray, weighed_down: IntArray
-) -> list[dict[str, Any]]:
-    """Name the samples left out, and those that a robust predictor keeps with next to no weight."""
+def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:
+    """Name the samples left out, and those to which a robust predictor gives almost no weight."""
     assert samples.row is not None
+    kept, model = np.flatnonzero(choice.gross == 0), choice.predictor
+    reasons = {
+        i: f"{choice.gross[i]:.1f} standard deviations from the prediction by the others"
+        for i in np.flatnonzero(choice.gross)
+    }
+    if isinstance(model, OutlierWeighing):
+        reasons |= dict.fromkeys(kept[model.gross_], "contradicted by the others")
     size = np.linalg.norm(registration.residuals, axis=1)
-    return [
-        {
-            "row": int(samples.row[i]),
-            "reason": f"error of {size[i]:.3f} mm, {gross[i]:.1f} standard deviations from what the others predict",
-        }
-        for i in np.flatnonzero(gross)
-    ] + [
-        {"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, contradicted by the others"}
-        for i in weighed_down
-    ]
+    return [{"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, {why}"} for i, why in reasons.items()]
