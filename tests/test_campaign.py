@@ -298,4 +298,5 @@ def test_the_limit_is_the_stated_one(virtual: VirtualCell, sound: Samples):
 def test_few_samples_are_untested(virtual: VirtualCell, sound: Samples):
     found = checked(virtual.cell, sound[:10])
     assert (found.tested, found.words) == (0, [])
+    assert repr(found) == "<CampaignCheck of 0 samples: no faults>"
     assert checked(virtual.cell, sound).tested == 60

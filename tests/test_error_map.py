@@ -338,6 +338,7 @@ def test_the_representation_of_a_map_fits_a_screen(error_map):
     assert "100" in lines[3]
     assert "mm at the samples (median)" in lines[4]
     assert "better than none" in lines[5]
+    assert error_map._repr_html_().count("<tr>") == len(lines) - 1
 
 
 def test_a_changed_map_is_not_the_map_of_the_file(error_map, tmp_path):

@@ -39,7 +39,9 @@ def mean_miss(error_map, samples):
 
 
 def test_the_map_holds_for_what_it_was_made_for(virtual, error_map):
-    found = [tp.recheck(error_map, new_readings(virtual, 10, seed)).holding for seed in range(30, 45)]
+    rechecks = [tp.recheck(error_map, new_readings(virtual, 10, seed)) for seed in range(30, 45)]
+    assert repr(rechecks[0]).startswith("<Recheck: The map ")
+    found = [recheck.holding for recheck in rechecks]
     assert sum(one.verdict == "holds" for one in found) >= 13
     assert np.mean([one.ratio for one in found]) == pytest.approx(1.0, abs=0.2)
 

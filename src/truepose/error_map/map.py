@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -49,18 +50,25 @@ class ErrorMap(PredictingMap):
     """
 
     def __repr__(self) -> str:
+        return "\n".join(["ErrorMap", *(f"  {name:10} {text}" for name, text in self._summary.items())])
+
+    def _repr_html_(self) -> str:
+        rows = (f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in self._summary.items())
+        return f"<table><caption>ErrorMap</caption>{''.join(rows)}</table>"
+
+    @property
+    def _summary(self) -> dict[str, str]:
         tool = "" if self.cell.tool.fit == "none" else f", tool {self.cell.tool.fit} fitted"
         left_out = f", {len(self.excluded)} left out" if self.excluded else ""
         std = np.linalg.norm(self.predict_errors(self.samples)[1], axis=1)
         checked = "checked" if self.arm_check.checked else "not checked"
-        lines = {
+        return {
             "cell": f"{self.robot.name}{tool}; arm and tool {checked}",
             "predictor": f"{self.predictor_name} ({'joint' if self.space == 'joint' else 'Cartesian'} space)",
             "samples": f"{len(self.samples)}{left_out}",
             "std": f"{np.median(std):.3f} mm at the samples (median), {std.max():.3f} mm (max)",
             "worth": self.worth.brief,
         }
-        return "\n".join(["ErrorMap", *(f"  {name:10} {text}" for name, text in lines.items())])
 
     @cached_property
     def hash(self) -> str:
