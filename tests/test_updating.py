@@ -176,7 +176,7 @@ def test_another_tool_needs_a_few_readings(virtual, error_map, refit, tmp_path):
 
 
 def test_wrong_words(virtual, error_map):
-    with pytest.raises(DataError, match=r'refit is .base.; expected "station", "tool" or "both"'):
+    with pytest.raises(DataError, match=r'refit is .base.; expected "station", "tool", "both", or None'):
         tp.update_map(error_map, new_readings(virtual, 8), refit="base")
     bare = Samples(new_readings(virtual, 8).p_meas, p_cmd=np.zeros((8, 3)), source="bare")
     with pytest.raises(DataError, match="bare"):
