@@ -1,14 +1,16 @@
-"""Error maps of cells: registration, tool and predictor in one, from samples to corrections."""
+"""Error maps of cells, from samples to corrections: registration, tool and predictor."""
 
 from truepose.error_map.arm_check import ArmCheck, check_point
 from truepose.error_map.fit import fit_cell
 from truepose.error_map.map import ErrorMap, load_map
+from truepose.error_map.prediction import Prediction
 from truepose.error_map.selection import choose
 from truepose.error_map.update import Recheck, recheck, update_map
 
 __all__ = [
     "ArmCheck",
     "ErrorMap",
+    "Prediction",
     "Recheck",
     "check_point",
     "choose",
