@@ -30,6 +30,7 @@ _DIALECTS: Final = {
     **dict.fromkeys((".apt", ".cls"), "apt"),
     **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
 }
+_READERS: Final = {"krl": "krl.reader", "rapid": "rapid.reader"}
 _TASK: Final = re.compile(r"TASK\d+", re.I)
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
@@ -104,7 +105,7 @@ def _read_file(
         if why := _REFUSED.get(path.suffix.lower()):
             raise FileError(path, why)
         raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
-    module = importlib.import_module(f"truepose.programs.{dialect}")
+    module = importlib.import_module(f"truepose.programs.{_READERS.get(dialect, dialect)}")
     if dialect == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
         raise FileError(path, "is empty; name a program")
     options = options or ReadOptions()

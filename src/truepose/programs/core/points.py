@@ -1,7 +1,7 @@
 """What readers share: points with their numbers, what a program does with them, and the verdict that follows.
 
 A dialect's reader makes a `Point` for each target that it finds, and `Judge` gives the verdicts of the catalogue
-(docs/programs.md) when the whole program is read. KRL, which knows more ways to a frame, has its own judge.
+(docs/programs.md) when the whole program is read.
 """
 
 from __future__ import annotations
@@ -130,6 +130,12 @@ class Point:
         That lies in the numbers themselves.
     configuration : str
         As the program says it.
+    status, turn : int, optional
+        The configuration as KUKA names it.
+    shared : Problem, optional
+        The reason why programs that are not at hand may use it.
+    objection : Problem, optional
+        The reason that counts where nothing else is against a correction.
     uses : list of Use
     reads, writes : list of (place, how)
     """
@@ -141,12 +147,18 @@ class Point:
     spans: tuple[Span, ...] = ()
     problem: Problem | None = None
     configuration: str = ""
+    status: int | None = None
+    turn: int | None = None
+    shared: Problem | None = None
+    objection: Problem | None = None
     uses: list[Use] = field(default_factory=list)
     reads: list[tuple[Place, str]] = field(default_factory=list)
     writes: list[tuple[Place, str]] = field(default_factory=list)
 
 
-class _Stop(Exception):  # noqa: N818 - ends the questions about one target
+class NotCorrected(Exception):  # noqa: N818 - ends the questions about one target
+    """The verdict on a target that is not corrected."""
+
     def __init__(self, verdict: Verdict, reason: str) -> None:
         self.problem = Problem(verdict, reason)
         super().__init__(reason)
@@ -209,13 +221,15 @@ class Judge:
         problem: Problem | None = None
         try:
             self._check(point)
-        except _Stop as stop:
+        except NotCorrected as stop:
             problem = stop.problem
         try:  # also where the target stays as it is: a path may go through it
             if point.uses:
                 tool, frame = self._in_force(point.uses)
+                if problem is None and point.objection is not None:
+                    raise NotCorrected(*point.objection)
                 tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
-        except _Stop as stop:
+        except NotCorrected as stop:
             problem = problem or stop.problem
         known = len(point.values) == 3 + orientations.count(self._controller)
         return Target(
@@ -234,6 +248,8 @@ class Judge:
             controller=self._controller,
             tf_base_frame=tf_base_frame,
             tf_flange_tool=tf_flange_tool,
+            status=point.status,
+            turn=point.turn,
             configuration=point.configuration,
             spans=point.spans if known else (),
             unit=self.unit,
@@ -241,20 +257,22 @@ class Judge:
 
     def _check(self, point: Point) -> None:
         if point.problem is not None and (point.uses or point.problem.verdict == "skip"):
-            raise _Stop(*point.problem)
+            raise NotCorrected(*point.problem)
         if point.reads:
             line, how = point.reads[0]
             if point.uses:
                 use = point.uses[0]
-                raise _Stop(self._options.ambiguous, f"both moved to ({at(use.line)}) and {how} ({at(line)})")
-            raise _Stop("skip", f"{how} ({at(line)})")
+                raise NotCorrected(self._options.ambiguous, f"both moved to ({at(use.line)}) and {how} ({at(line)})")
+            raise NotCorrected("skip", f"{how} ({at(line)})")
         if point.writes:
             line, how = point.writes[0]
-            raise _Stop("skip", f"{how} at run time ({at(line)})")
+            raise NotCorrected("skip", f"{how} at run time ({at(line)})")
+        if point.shared is not None:
+            raise NotCorrected(*point.shared)
         if not point.uses:
-            raise _Stop("skip", "no motion of this program goes to it")
+            raise NotCorrected("skip", "no motion of this program goes to it")
         if not point.values:
-            raise _Stop(*RUN_TIME)
+            raise NotCorrected(*RUN_TIME)
         problems = {use.problem for use in point.uses}
         hindered = [use for use in point.uses if use.problem is not None]
         if not hindered:
@@ -264,8 +282,8 @@ class Judge:
         if None in problems and first.problem.verdict == "skip":
             other = next(use for use in point.uses if use.problem is None)
             reason = f"moved to ({at(other.line)}) and, in {at(first.line)}, {first.problem.reason}: teach two points"
-            raise _Stop(self._options.ambiguous, reason)
-        raise _Stop(*first.problem)
+            raise NotCorrected(self._options.ambiguous, reason)
+        raise NotCorrected(*first.problem)
 
     def _in_force(self, uses: Sequence[Use]) -> tuple[Frame, Frame]:
         found: dict[tuple[Frame, Frame], Use] = {}
@@ -275,7 +293,7 @@ class Judge:
             (first, a), (second, b) = list(found.items())[:2]
             k = 0 if first[0] != second[0] else 1
             reason = f"moved to under {first[k].text} ({at(a.line)}) and {second[k].text} ({at(b.line)})"
-            raise _Stop(self._options.ambiguous, f"{reason}: teach two points")
+            raise NotCorrected(self._options.ambiguous, f"{reason}: teach two points")
         return next(iter(found))
 
     def _of(self, which: str, frame: Frame | None) -> Frame:
@@ -286,7 +304,7 @@ class Judge:
             return Frame(str(default), default)
         if (known := self._default[which]) is not None:
             return known
-        raise _Stop("refuse", f"the program names no {which}; say which is in force (--{which} NAME)")
+        raise NotCorrected("refuse", f"the program names no {which}; say which is in force (--{which} NAME)")
 
     def _transform(self, which: str, frame: Frame) -> FloatArray | None:
         if frame.text == AS_MEASURED:
@@ -295,17 +313,21 @@ class Judge:
         key = None if frame.key is None else frame_key(frame.key)
         line = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
         if line and key is not None:
-            raise _Stop("refuse", f"{frame.text} is changed by the program ({at(line)})")
+            raise NotCorrected("refuse", f"{frame.text} is changed by the program ({at(line)})")
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:
             tf = _array(frame.tf)
             return self._frames.bases[0] @ tf if which == "base" else tf  # the program gives it in the world
         remedy = f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
-        raise _Stop("refuse", f"{which} {frame.text} is not known; {remedy}")
+        raise NotCorrected("refuse", f"{which} {frame.text} is not known; {remedy}")
 
     def program_targets(
-        self, points: Sequence[Point], circles: Iterable[Sequence[Point]]
+        self,
+        points: Sequence[Point],
+        circles: Iterable[Sequence[Point]],
+        runs: Sequence[tuple[Use, Stretch]] = (),
+        sources: Sequence[Source] = (),
     ) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
         """Return the targets in the order of the text, and the circles as their indices.
 
@@ -314,12 +336,18 @@ class Judge:
         points : sequence of Point
         circles : iterable of sequences of Point
             Corrected together or not at all.
+        runs : sequence of (Use, Stretch)
+            Runs of motions, each with its first motion.
+        sources : sequence of Source
+            The files in their order; by default that of the points.
         """
         place = {id(point): i for i, point in enumerate(points)}
         joined = [[place[id(point)] for point in circle] for circle in circles]
         visits = [use.visit(place[id(point)]) for point in points for use in point.uses]
-        sources = list({point.source: None for point in points})
-        return in_order([self.target(point) for point in points], joined, sources, visits)
+        visits += [use.visit(i) for i, (use, _) in enumerate(runs, len(points))]
+        sources = sources or list({point.source: None for point in points})
+        items: list[Target | Stretch] = [*map(self.target, points), *(stretch for _, stretch in runs)]
+        return in_order(items, joined, sources, visits)
 
 
 @lru_cache(maxsize=256)

@@ -1,5 +1,1 @@
 """KUKA KRL."""
-
-from truepose.programs.krl.reader import read
-
-__all__ = ["read"]

@@ -12,7 +12,7 @@ from typing import Final
 
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, InForce
-from truepose.programs.core.points import FileLine
+from truepose.programs.core.points import Place, at
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl import runs as krl_runs
@@ -69,7 +69,7 @@ class Shared:
     numbers : list of Numbers
     points : dict of str to Variable
         GLOBAL ones.
-    changed : dict of ("tool" or "base", number or None) to str
+    changed : dict of ("tool" or "base", number or None) to place
         Where the program changes a numbered frame.
     moved : list of str
         Where the program changes the place of the robot in the world.
@@ -80,7 +80,7 @@ class Shared:
     flow: Flow = field(default_factory=Flow)
     numbers: list[Numbers] = field(default_factory=list)
     points: dict[str, Variable] = field(default_factory=dict)
-    changed: dict[tuple[str, int | None], str] = field(default_factory=dict)
+    changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
 
 
@@ -237,8 +237,7 @@ class Module:
     def _other(self, statement: Statement) -> None:
         word, line, start, rest, end = statement
         data = self._src.data
-        where = FileLine(self._src.path.name, line) if self._shared.project else line
-        shifts.follow(self._flow, shifts.KRL, data[start:end], where)
+        shifts.follow(self._flow, shifts.KRL, data[start:end], self._motions.place(line))
         for given in HANDED_POSE.finditer(data, start, end):
             if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
                 reason = f"handed to {name}(): where that moves is known at run time only"
@@ -269,7 +268,7 @@ class Module:
         data = self._src.data
         self._stray(statement)
         if WORLD_CHANGE.search(data, start, end):
-            self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
+            self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
         if FRAME_CHANGE.search(data, start, end):
             unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             self._flow.change(tool=unknown, base=unknown)
@@ -299,19 +298,16 @@ class Module:
         elif word in _FRAME_TABLES:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
-            self._changed.setdefault((_FRAME_TABLES[word], key), self._place(line))
+            self._changed.setdefault((_FRAME_TABLES[word], key), self._motions.place(line))
         elif word in _WORLD:
             if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
-                self._shared.moved.append(f"{shown(data, start, end)}, {self._place(line)}")
+                self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
         elif (variable := self._names.find(word)) is not None:
             index = element(variable, m[1])
             if m[2]:
                 variable.writes[index].append((line, f"component {m[2].decode('latin-1').strip()} set"))
             else:
                 self._names.assign(self._src, variable, index, m.end(), end, line)
-
-    def _place(self, line: int) -> str:
-        return f"{self._src.path.name}, line {line}" if self._shared.project else f"line {line}"
 
     def _interrupt(self, statement: Statement) -> bool:
         """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""

@@ -6,13 +6,13 @@ import re
 from typing import NamedTuple
 
 from truepose.programs.core.flow import Flow, InForce
-from truepose.programs.core.points import Visit
+from truepose.programs.core.points import FileLine, Place, Point, Problem, Use
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import Target, Verdict
+from truepose.programs.core.target import Verdict
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, closing_brace, parse_point, shown, split_commas, strip
 from truepose.programs.krl.names import Names, element
-from truepose.programs.krl.points import Numbers, Use, Variable
+from truepose.programs.krl.points import Index, Motion, Numbers, Variable
 from truepose.programs.krl.words import APPROACH, CIRCLES
 
 _SIMPLE = re.compile(
@@ -38,13 +38,15 @@ class Settings(NamedTuple):
     ipo: str | None = None
 
 
-class Goal(NamedTuple):
-    """Where a motion goes: numbers or a target without numbers, or a point."""
+class Element(NamedTuple):
+    """A named point that a motion goes to, and the element if it is an array."""
 
-    numbers: int | None = None
-    other: int | None = None
-    variable: Variable | None = None
-    brackets: bytes | None = None
+    variable: Variable
+    key: Index
+
+
+Goal = Numbers | Point | Element
+"""Where a motion goes: to numbers, to a target without numbers, or to a named point."""
 
 
 class MotionReader:
@@ -52,10 +54,8 @@ class MotionReader:
 
     Attributes
     ----------
-    others : list of Target
+    others : list of Point
         Motions whose target is in no file: left as they are, or refused.
-    sections : list of int
-        Those of `others`, as in `truepose.programs.core.points.Visit`.
     circles : list of list of Goal
     block : Settings
         Of the spline block that is open.
@@ -63,36 +63,36 @@ class MotionReader:
 
     def __init__(self, source: Source, names: Names, flow: Flow, *, named: bool = False) -> None:
         self._source, self._names, self._flow = source, names, flow
-        self._file = source.path.name if named else ""
-        self.others: list[Target] = []
-        self.sections: list[int] = []
+        self._named = named
+        self.others: list[Point] = []
         self.circles: list[list[Goal]] = []
         self.block = Settings()
 
-    def other(self, word: str, line: int, verdict: Verdict, reason: str, name: str = "") -> int:
-        """Note a motion that has no numbers to correct; return its place."""
-        self.others.append(Target(name or f"{word}:{line}", self._source.path, line, (word,), verdict, reason))
-        self.sections.append(self._flow.section)
-        return len(self.others) - 1
+    def place(self, line: int) -> Place:
+        """Return a line, with the file's name if the program has several."""
+        return FileLine(self._source.path.name, line) if self._named else line
 
-    def visits(self, first: int) -> list[Visit]:
-        """Return the motions to `others`, which begin at `first` in a list of all targets."""
-        return [
-            Visit(self._file, target.line, 0, section, i, target.motions[0])
-            for i, (target, section) in enumerate(zip(self.others, self.sections, strict=True), first)
-        ]
+    def other(self, word: str, line: int, verdict: Verdict, reason: str, name: str = "") -> Point:
+        """Note a motion that has no numbers to correct."""
+        use = Use(word, self.place(line), section=self._flow.section)
+        point = Point(name or f"{word}:{line}", self._source, line, problem=Problem(verdict, reason), uses=[use])
+        self.others.append(point)
+        return point
+
+    def _motion(self, word: str, line: int, settings: Settings) -> Motion:
+        return Motion(word, self.place(line), self._flow.node, *settings, self._flow.section)
 
     def read(self, statement: Statement) -> list[str]:
         """Take one motion; return the subprograms that its expressions call."""
         word, line, _, start, end = statement
         data = self._source.data
         if word not in CIRCLES and (m := _SIMPLE.fullmatch(data, start, end)):
-            use = Use(word, line, self._flow.node, *self.block, self._file, self._flow.section)
+            motion = self._motion(word, line, self.block)
             if m[1]:
-                self._literal(*m.span(1), f"{word}:{line}", use)
+                self._literal(*m.span(1), f"{word}:{line}", motion)
                 return []
             if not APPROACH.fullmatch(b" " + m[2]):
-                self._point(m[2], m[3], use)
+                self._point(m[2], m[3], motion)
                 return []
         return self._general(statement)
 
@@ -101,9 +101,9 @@ class MotionReader:
         m = _FIRST.match(self._source.data, lines.start)
         assert m is not None
         word = m[1].decode().upper()
-        use = Use(word, lines.line, self._flow.node, *self.block, self._file, self._flow.section)
+        motion = self._motion(word, lines.line, self.block)
         aggregate = parse_point(self._source, *m.span(2), lines.line)
-        return Numbers(f"{word}:{lines.line}", self._source, lines.line, aggregate, use=use)
+        return Numbers(f"{word}:{lines.line}", self._source, lines.line, aggregate, motion=motion)
 
     def settings(self, start: int, end: int, line: int) -> Settings:
         """Read the assignments behind WITH."""
@@ -142,39 +142,41 @@ class MotionReader:
         if len(spans) != expected or any(a == b for a, b in spans):
             self.other(word, line, "refuse", f"a motion that is not understood: {word}{shown(data, start, end)}")
             return []
-        use = Use(word, line, self._flow.node, *settings, self._file, self._flow.section)
+        motion = self._motion(word, line, settings)
         names = [f"{word}:{line}"] if expected == 1 else [f"{word}:{line} auxiliary", f"{word}:{line} end"]
         calls: list[str] = []
-        goals = [self._goal(a, b, name, use, calls) for (a, b), name in zip(spans, names, strict=True)]
+        goals = [self._goal(a, b, name, motion, calls) for (a, b), name in zip(spans, names, strict=True)]
         if expected == 2:
             self.circles.append(goals)
         return calls
 
-    def _goal(self, start: int, end: int, name: str, use: Use, calls: list[str]) -> Goal:
+    def _goal(self, start: int, end: int, name: str, motion: Motion, calls: list[str]) -> Goal:
         data = self._source.data
-        if data[start : start + 1] == b"{" and closing_brace(self._source, start, end, use.line) == end:
-            return self._literal(start, end, name, use)
+        if data[start : start + 1] == b"{" and closing_brace(self._source, start, end, motion.line) == end:
+            return self._literal(start, end, name, motion)
         if m := _NAME.fullmatch(data, start, end):
-            return self._point(m[1], m[2], use)
-        calls += self._names.scan(data, start, end, use.line)
+            return self._point(m[1], m[2], motion)
+        calls += self._names.scan(data, start, end, motion.line)
         code = _OPERATOR_WORD.sub(b"+", _BRACES.sub(b"{}", data[start:end]))
         if _ADJACENT.search(code) or not re.search(rb"[A-Za-z_$]", code):
-            reason = f"a motion that is not understood: {use.word} {shown(data, start, end)}"
-            return Goal(other=self.other(use.word, use.line, "refuse", reason, name))
+            reason = f"a motion that is not understood: {motion.word} {shown(data, start, end)}"
+            return self.other(motion.word, motion.line, "refuse", reason, name)
         reason = f"target computed at run time: {shown(data, start, end)}"
-        return Goal(other=self.other(use.word, use.line, "skip", reason, name))
+        return self.other(motion.word, motion.line, "skip", reason, name)
 
-    def _literal(self, start: int, end: int, name: str, use: Use) -> Goal:
-        aggregate = parse_point(self._source, start, end, use.line)
-        self._names.numbers.append(Numbers(name, self._source, use.line, aggregate, use=use))
-        return Goal(numbers=len(self._names.numbers) - 1)
+    def _literal(self, start: int, end: int, name: str, motion: Motion) -> Goal:
+        aggregate = parse_point(self._source, start, end, motion.line)
+        numbers = Numbers(name, self._source, motion.line, aggregate, motion=motion)
+        self._names.numbers.append(numbers)
+        return numbers
 
-    def _point(self, name: bytes, brackets: bytes | None, use: Use) -> Goal:
+    def _point(self, name: bytes, brackets: bytes | None, motion: Motion) -> Goal:
         key = name.decode().upper()
         if key.startswith("$"):
-            return Goal(other=self.other(use.word, use.line, "skip", "target known at run time only", name.decode()))
+            return self.other(motion.word, motion.line, "skip", "target known at run time only", name.decode())
         variable = self._names.find(key)
         if variable is None:
-            variable = self._names.elsewhere[key] = Variable(name.decode(), "", use.line, "nowhere")
-        variable.moves[element(variable, brackets)].append(use)
-        return Goal(variable=variable, brackets=brackets)
+            variable = self._names.elsewhere[key] = Variable(name.decode(), "", motion.line, "nowhere")
+        goal = Element(variable, element(variable, brackets))
+        variable.moves[goal.key].append(motion)
+        return goal

@@ -118,13 +118,12 @@ class Names:
             variable.writes[index].append((line, "assigned by an expression"))
             return
         aggregate = parse_point(source, start, end, line)
-        if variable.origin == "dat" and (old := variable.literals.get(index)) and self.numbers[old[0]].source is source:
-            raise source.error(
-                line, f"{variable.name} has a value already in line {self.numbers[old[0]].line}; keep one"
-            )
+        if variable.origin == "dat" and (old := variable.literals.get(index)) and old[0].source is source:
+            raise source.error(line, f"{variable.name} has a value already in line {old[0].line}; keep one")
         suffix = "" if index == () else "[" + (",".join(map(str, index)) if index else "…") + "]"
-        variable.literals[index].append(len(self.numbers))
-        self.numbers.append(Numbers(variable.name + suffix, source, line, aggregate, variable, index))
+        numbers = Numbers(variable.name + suffix, source, line, aggregate, variable, index)
+        variable.literals[index].append(numbers)
+        self.numbers.append(numbers)
 
     def scan(self, data: bytes, start: int, end: int, line: int, how: str = "read by arithmetic") -> list[str]:
         """Note the points that code reads; return the subprograms that it calls."""

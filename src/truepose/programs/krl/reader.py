@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.core.points import Visit, in_order
+from truepose.programs.core.points import Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
-from truepose.programs.core.target import Target
 from truepose.programs.krl.lexer import LEXER
 from truepose.programs.krl.module import Module, Shared
 from truepose.programs.krl.motions import Goal
-from truepose.programs.krl.names import element
-from truepose.programs.krl.points import Judge, Variable, at
+from truepose.programs.krl.points import KrlJudge, Numbers, Variable, concerning
 from truepose.programs.krl.runs import Run
 
 _HOME: Final = re.compile(r"X?HOME\d*", re.I)
@@ -118,89 +116,61 @@ def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: Know
     ambient = shared.flow.solve()
     whole = shared.project or shared.options.whole_task
     states, changed = shared.flow.states, shared.changed
-    judge = Judge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
-    targets: list[Target | Run] = []
-    place: dict[int, int] = {}
-    visits: list[Visit] = []
-    for i, numbers in enumerate(shared.numbers):
-        target = judge.target(numbers)
-        if target is not None:
-            place[i] = len(targets)
-            visits += [numbers.use.visit(place[i])] if numbers.use else []
-            targets.append(target)
-    circles: list[list[int]] = []
-    unknown: dict[int, int] = {}
+    judge = KrlJudge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
+    of_numbers = {id(numbers): point for numbers in shared.numbers if (point := judge.point(numbers)) is not None}
+    of_variables: dict[int, Point] = {}
+    points = list(of_numbers.values())
+    runs: list[tuple[Use, Run]] = []
     for module in modules:
-        circles += _of_module(module, judge, targets, visits, place, unknown)
+        if module.src is None:
+            continue
+        runs += _runs(module, module.src, judge)
+        for variable in _variables(module):
+            if variable.moves and not variable.literals and id(variable) not in of_variables:
+                of_variables[id(variable)] = _without_numbers(variable, module.src)
+        points += module.motions.others
+    points += of_variables.values()
+
+    def points_of(goal: Goal) -> list[Point]:
+        if isinstance(goal, Point):
+            return [goal]
+        if isinstance(goal, Numbers):
+            return [of_numbers[id(goal)]]
+        if id(goal.variable) in of_variables:
+            return [of_variables[id(goal.variable)]]
+        literals = concerning(goal.variable.literals, goal.key)
+        return [of_numbers[id(numbers)] for numbers in literals if id(numbers) in of_numbers]
+
+    circles = [
+        [point for goal in goals for point in points_of(goal)]
+        for module in modules
+        if module.src is not None
+        for goals in module.motions.circles
+    ]
     sources = [source for module in modules for source in (module.src, module.dat) if source is not None]
-    visits += _to_points(modules, place, unknown)
-    ordered = in_order(targets, circles, sources, visits)
+    ordered = judge.program_targets(points, circles, runs, sources)
     return Program(path, tuple(sources), *ordered, LEXER, root=path if shared.project else None)
 
 
-def _to_points(modules: Sequence[Module], place: Mapping[int, int], unknown: Mapping[int, int]) -> Iterator[Visit]:
-    """Yield the motions to named points; to a whole array where the run time names the element."""
-    variables = {id(variable): variable for module in modules for variable in _variables(module)}
-    for key, variable in variables.items():
-        for index, uses in variable.moves.items():
-            items = [place[i] for i in at(variable.literals, index) if i in place]
-            items = items or ([unknown[key]] if key in unknown else [])
-            for use in uses:
-                yield from (use.visit(item, order) for order, item in enumerate(items))
+def _runs(module: Module, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, Run]]:
+    """Yield the runs of alike motions of a module, each with its first motion."""
+    for first, lines in module.runs:
+        point = judge.point(first)
+        assert point is not None  # a motion goes to it
+        yield point.uses[0], Run(src, lines.start, lines.end, lines.line, lines.lines, judge.target(point))
 
 
 def _variables(module: Module) -> list[Variable]:
     return [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]
 
 
-def _of_module(
-    module: Module,
-    judge: Judge,
-    targets: list[Target | Run],
-    visits: list[Visit],
-    place: dict[int, int],
-    unknown: dict[int, int],
-) -> list[list[int]]:
-    """Add a module's runs and the motions whose target has no numbers; return its circles by places in `targets`.
-
-    `place` holds those of numbers, `unknown` those of points without.
-    """
-    if module.src is None:
-        return []
-    for first, lines in module.runs:
-        like = judge.target(first)
-        assert like is not None  # it is moved to
-        assert first.use is not None
-        visits.append(first.use.visit(len(targets)))
-        targets.append(Run(module.src, lines.start, lines.end, lines.line, lines.lines, like))
-    first_other = len(targets)
-    targets += module.motions.others
-    visits += module.motions.visits(first_other)
-    for variable in _variables(module):
-        if variable.moves and not variable.literals and id(variable) not in unknown:
-            unknown[id(variable)] = len(targets)
-            targets.append(_without_numbers(variable, module.src))
-
-    def places(goal: Goal) -> list[int]:
-        if goal.numbers is not None:
-            return [place[goal.numbers]]
-        if goal.other is not None:
-            return [first_other + goal.other]
-        assert goal.variable is not None
-        if id(goal.variable) in unknown:
-            return [unknown[id(goal.variable)]]
-        literals = at(goal.variable.literals, element(goal.variable, goal.brackets))
-        return [place[i] for i in literals if i in place]
-
-    return [[i for goal in goals for i in places(goal)] for goals in module.motions.circles]
-
-
-def _without_numbers(variable: Variable, src: Source) -> Target:
-    moves = [use for uses in variable.moves.values() for use in uses]
+def _without_numbers(variable: Variable, src: Source) -> Point:
+    motions = [motion for motions in variable.moves.values() for motion in motions]
     if _HOME.fullmatch(variable.name) and variable.origin == "nowhere":
         reason = "joint target of $config.dat"
     elif variable.origin in ("nowhere", "import"):
         reason = "declared in another module"
     else:
         reason = "its value is known at run time only"
-    return Target(variable.name, src.path, moves[0].line, tuple(use.word for use in moves), "skip", reason)
+    uses = [motion.use() for motion in motions]
+    return Point(variable.name, src, motions[0].line, problem=Problem("skip", reason), uses=uses)
