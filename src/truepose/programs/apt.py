@@ -15,32 +15,22 @@ from truepose.errors import FileError
 from truepose.programs.core.points import (
     AS_MEASURED,
     NOT_HERE,
+    RELATIVE,
     Frame,
-    Judge,
     Point,
     Problem,
-    Use,
     leave_held,
     numbers_at,
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import Source
 
 _STATEMENT = re.compile(rb"\s*([A-Z]\w*)[ \t]*(?:/|$|\s)", re.I)
 _GOTO: Final = ("GOTO", "FROM")
 _ARCS: Final = (
-    "MOVARC",
-    "ARCMOV",
-    "CIRCLE",
-    "HELIX",
-    "GOFWD",
-    "GOBACK",
-    "GOLFT",
-    "GORGT",
-    "GOUP",
-    "GODOWN",
-    "NURBS",
-    "SPLINE",
+    *("MOVARC", "ARCMOV", "CIRCLE", "HELIX", "NURBS", "SPLINE"),
+    *("GOFWD", "GOBACK", "GOLFT", "GORGT", "GOUP", "GODOWN"),
 )
 _CHANGES: Final = ("TRANS", "ORIGIN", "ROTABL", "ROTHED", "COPY", "TRACUT", "REFSYS", "CUTCOM", "MCS")
 _KEYS: Final = ("x", "y", "z", "i", "j", "k")
@@ -63,7 +53,8 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
         If there is no GOTO, or one is broken; with its line.
     """
     source = Source.read(path)
-    points: list[Point] = []
+    reader = Reader(source, frames, options)
+    points = reader.points
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     unit, unit_line = 1.0, 0
     changed = ""
@@ -90,14 +81,12 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
             elif changed:
                 problem = Problem("refuse", f"{changed} changes the coordinates before it")
             padded = (*spans, NOT_HERE, NOT_HERE, NOT_HERE)[:6]
-            point = Point(name, source, line, (*values[:3], *axis), padded, problem, uses=[Use(word, line)])
+            point = Point(name, source, line, (*values[:3], *axis), padded, problem, uses=[reader.use(word, line)])
             points.append(point)
         elif word == "GODLTA":
-            problem = Problem("skip", "relative: it starts from a target that is corrected already")
-            points.append(Point(name, source, line, problem=problem, uses=[Use(word, line)]))
+            reader.other(word, line, RELATIVE)
         elif word in _ARCS:
-            problem = Problem("refuse", f"{word} is a motion that is not supported")
-            points.append(Point(name, source, line, problem=problem, uses=[Use(word, line)]))
+            reader.other(word, line, Problem("refuse", f"{word} is a motion that is not supported"))
         elif word in _CHANGES and not changed and words[:1] not in (["OFF"], ["NOMORE"]):
             changed = f"{word} (line {line})"
     if not points:
@@ -105,9 +94,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     if options.orientation:
         leave_held(points)
     rule = options.angles if options.angles in _RULES else "z"
-    judge = Judge(frames, options, f"apt {rule}", unit=unit, tool_default=Frame(AS_MEASURED))
-    targets, circles = judge.program_targets(points, [])
-    return Program(path, (source,), targets, circles, PLAIN_LEXER)
+    return reader.program(f"apt {rule}", unit=unit, tool=Frame(AS_MEASURED))
 
 
 def _statements(source: Source) -> Iterator[_Statement]:

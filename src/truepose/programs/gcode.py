@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from truepose.errors import FileError
-from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Judge, Point, Problem, Use, leave_held
+from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Point, Problem, Use, leave_held
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
+from truepose.programs.core.reader import Reader
 from truepose.programs.core.source import Source, Span, is_broken, parse_number
 
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
@@ -49,23 +50,8 @@ _SMOOTHING: Final = ("5.1", "8", "61.1", "450", "451", "601", "602", "603", *map
 _KNOWN: Final = frozenset([*map(str, (*_WHOLE, *range(93, 100), 500)), "43.4", "43.5", *_SMOOTHING])
 _CHANGES: Final = frozenset(["10", "16", "50", "51", "51.1", "52", "54.1", "68", "68.2", "92"])
 _CALLS: Final = frozenset(["M98", "M97", "G65", "G66"])
-_TRANSFORMS: Final = (
-    b"TRANS",
-    b"ATRANS",
-    b"ROT",
-    b"AROT",
-    b"SCALE",
-    b"MIRROR",
-    b"AMIRROR",
-    b"ASCALE",
-    b"CYCLE800",
-    b"PLANE",
-    b"TOFRAME",
-    b"SUPA",
-    b"DIAM",
-    b"TRACYL",
-    b"TRAANG",
-    b"FTOC",
+_TRANSFORMS: Final = tuple(
+    b"TRANS ATRANS ROT AROT SCALE MIRROR AMIRROR ASCALE CYCLE800 PLANE TOFRAME SUPA DIAM TRACYL TRAANG FTOC".split()
 )
 _STRAY: Final = [b"%c" % c for c in b":,*\"'@$&.<>_-"]
 _CURVES: Final = (b"CIP", b"CT", b"ASPLINE", b"BSPLINE", b"CSPLINE", b"POLY", b"INVCW", b"INVCCW")
@@ -86,7 +72,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     FileError
         If no word of it is G-code, or a number is broken; with its line.
     """
-    return _Reader(Source.read(path), frames, options).program(path)
+    return _Reader(Source.read(path), frames, options).read()
 
 
 @dataclass(frozen=True)
@@ -99,11 +85,9 @@ class _Return:
     state: dict[str, Any]
 
 
-class _Reader:
+class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
-        self._source, self._frames, self._options = source, frames, options
-        self._points: list[Point] = []
-        self._circles: list[list[Point]] = []
+        super().__init__(source, frames, options)
         self._offset = ""
         self._offsets: set[str] = set()
         self._motion = ""
@@ -115,47 +99,39 @@ class _Reader:
         self._words = 0
         self._returns: list[_Return] = []
 
-    def program(self, path: Path) -> Program:
-        for line, start, end in self._source.lines():
+    def read(self) -> Program:
+        for line, start, end in self.source.lines():
             self._line(line, start, end)
         self._follow_returns()
         if not self._words:
-            raise FileError(path, "has no word such as G1 or M30: it is no G-code")
-        known = self._options.angles
-        judge = Judge(
-            self._frames,
-            self._options,
-            known if known in _ANGLES else "kuka",
-            unit=self._unit or 1.0,
-            tool_default=Frame(AS_MEASURED),
-        )
-        if self._options.orientation:
-            leave_held(self._points)
-        for point in self._points:
+            raise FileError(self.source.path, "has no word such as G1 or M30: it is no G-code")
+        if self.options.orientation:
+            leave_held(self.points)
+        for point in self.points:
             point.uses = [self._in_frame(use) for use in point.uses]
-        targets, circles = judge.program_targets(self._points, self._circles)
-        return Program(path, (self._source,), targets, circles, LEXER)
+        known = self.options.angles if self.options.angles in _ANGLES else "kuka"
+        return self.program(known, unit=self._unit or 1.0, tool=Frame(AS_MEASURED), lexer=LEXER)
 
     def _follow_returns(self) -> None:
         """Read again what a jump back repeats, with what is in force at the jump; refuse what differs then."""
         returns = {back.label: back for back in self._returns}  # of many to one label, the last
-        if self._options.calls_keep_frames or not returns:
+        if self.options.calls_keep_frames or not returns:
             return
         if len(returns) > _RETURNS:
             self._come_back(self._returns[-1].line, self._returns[-1].word, None, anywhere=True)
             returns = {None: self._returns[-1]}
         for back in returns.values():
-            again = _Reader(self._source, self._frames, self._options)
+            again = _Reader(self.source, self.frames, self.options)
             again.__dict__.update(back.state)
             begun = back.label is None
-            for line, start, end in self._source.lines():
+            for line, start, end in self.source.lines():
                 if line > back.line:
                     break
-                begun = begun or _label(self._source.data[start:end]) == back.label
+                begun = begun or _label(self.source.data[start:end]) == back.label
                 if begun:
                     again._line(line, start, end)
-            repeated = {point.line: point for point in again._points}
-            for point in self._points:
+            repeated = {point.line: point for point in again.points}
+            for point in self.points:
                 other = repeated.get(point.line)
                 if point.problem is None and other is not None and not self._alike(point, other):
                     reason = f"line {back.line} ({back.word}) comes back here with other settings in force"
@@ -173,11 +149,11 @@ class _Reader:
 
     def _in_frame(self, use: Use) -> Use:
         """Leave the work offset to the user's base where the program has only one and the table none of its name."""
-        named = use.frame is not None and use.frame.key is not None and frame_key(use.frame.key) in self._frames.bases
+        named = use.frame is not None and use.frame.key is not None and frame_key(use.frame.key) in self.frames.bases
         return use if named or len(self._offsets) > 1 else use._replace(frame=None)
 
     def _line(self, line: int, start: int, end: int) -> None:
-        code = _COMMENT.sub(lambda m: b" " * len(m[0]), self._source.data[start:end])
+        code = _COMMENT.sub(lambda m: b" " * len(m[0]), self.source.data[start:end])
         if control := _CONTROL.match(code):
             self._control(line, control[1].decode().upper(), code)
             return
@@ -189,7 +165,7 @@ class _Reader:
         if any(_VECTOR.match(name) for name in strange.values()):
             loose += [key for key in "ABC" if key not in loose]
         if [key for key, _ in words if key in _AXES] != list(dict.fromkeys(key for key, _ in words if key in _AXES)):
-            raise self._source.error(line, "names an axis twice; correct the file")
+            raise self.source.error(line, "names an axis twice; correct the file")
         self._modal(line, codes, words)
         if any(name.startswith(_TRANSFORMS) for name in strange.values()):
             self._problem = Problem("refuse", f"coordinates are changed in line {line}")
@@ -217,7 +193,7 @@ class _Reader:
             label = _name(jump[1])
             computed = label is None and jump[0].upper() != b"GOTOS"
             self._come_back(line, word, label, anywhere=computed)
-        if not self._options.calls_keep_frames:
+        if not self.options.calls_keep_frames:
             self._problem = Problem("refuse", f"what is in force after line {line} ({word}) is not known")
         self._angles = {}
         self._words += 1
@@ -248,7 +224,7 @@ class _Reader:
             return Problem("refuse", "G53: coordinates of the machine")
         if self._compensated:
             return Problem("refuse", f"tool radius compensation since line {self._compensated}")
-        if self._options.angles not in _ANGLES:
+        if self.options.angles not in _ANGLES:
             return Problem("refuse", f"say whose angles A, B, C are (--angles {', '.join(_ANGLES)})")
         without = [key for key in "ABC" if key not in self._angles]
         if without:
@@ -267,7 +243,7 @@ class _Reader:
         for code in codes:
             number = code[1:]
             if code[0] == "O" or code in _CALLS:
-                if not self._options.calls_keep_frames and (code[0] != "O" or self._points):
+                if not self.options.calls_keep_frames and (code[0] != "O" or self.points):
                     self._problem = Problem("refuse", f"what is in force after line {line} ({code}) is not known")
             elif code == "M99":
                 to = [_plain(value) for key, value in words if key == "P"]
@@ -278,8 +254,8 @@ class _Reader:
                 self._relative = number == "91"
             elif number in ("20", "21", "70", "71"):
                 unit = 25.4 if number in ("20", "70") else 1.0
-                if self._points and unit != (self._unit or 1.0):
-                    raise self._source.error(line, f"{code} changes the unit within the program; split it")
+                if self.points and unit != (self._unit or 1.0):
+                    raise self.source.error(line, f"{code} changes the unit within the program; split it")
                 self._unit = unit
             elif number in ("54", "55", "56", "57", "58", "59"):
                 self._offset = code
@@ -300,10 +276,10 @@ class _Reader:
     def _add(self, line: int, problem: Problem | None) -> Point:
         word = f"G{self._motion}" if self._motion else "move"
         frame = Frame(self._offset, self._offset) if self._offset else None
-        point = Point(f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line, None, frame)])
-        if self._motion in ("2", "3") and self._points:
-            self._circles.append([self._points[-1], point])  # the arc starts at the target before it
-        self._points.append(point)
+        point = Point(f"{word}:{line}", self.source, line, problem=problem, uses=[self.use(word, line, None, frame)])
+        if self._motion in ("2", "3") and self.points:
+            self.circles.append([self.points[-1], point])  # the arc starts at the target before it
+        self.points.append(point)
         return point
 
     def _parse(
@@ -329,11 +305,11 @@ class _Reader:
                 key = m[1].decode().upper()
                 if key in _AXES and _adheres(code, m.end()):
                     shown = code[m.start(2) : m.end() + 10].decode("latin-1")
-                    raise self._source.error(line, f"{key} {shown} is not a number; correct the file")
+                    raise self.source.error(line, f"{key} {shown} is not a number; correct the file")
                 try:
                     value = float(m[2]) if key not in _AXES else parse_number(m[2])
                 except ValueError as error:
-                    raise self._source.error(line, f"{key}: {error}; correct the file") from None
+                    raise self.source.error(line, f"{key}: {error}; correct the file") from None
                 words.append((key, value))
                 spans[key] = (start + m.start(2), start + m.end(2))
                 position = m.end()
@@ -345,11 +321,11 @@ class _Reader:
                 position = m.end()
             elif (m := _BROKEN.match(code, position)) and m[1].decode().upper() in _AXES and is_broken(m[2]):
                 shown = m[2][:20].decode("latin-1")
-                raise self._source.error(line, f"{m[1].decode()} {shown} is not a number; correct the file")
+                raise self.source.error(line, f"{m[1].decode()} {shown} is not a number; correct the file")
             elif code[position : position + 1] in _STRAY or code[position : position + 1].isalpha():
                 position += 1
             else:
-                raise self._source.error(
+                raise self.source.error(
                     line, f"is not understood: {code[position : position + 20].decode('latin-1')!r}"
                 )
         return words, spans, strange

@@ -8,10 +8,11 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, Flow, Shift
-from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source, printable
+from truepose.programs.core.flow import Shift
+from truepose.programs.core.points import JOINTS, RELATIVE, RUN_TIME, Frame, Point, Problem, numbers_at, unknown_motion
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
+from truepose.programs.core.reader import Instruction, Reader
+from truepose.programs.core.source import Source, shown
 
 _OF_ALL_JOBS: Final = Problem(
     "refuse", "P variables are those of all jobs: another may move to it or write it; say that none does (--whole-task)"
@@ -42,29 +43,26 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     FileError
         If it is no job, truncated, or has a broken position; with its line.
     """
-    return _Reader(Source.read(path), options).program(path, frames)
+    return _Reader(Source.read(path), frames, options).read()
 
 
-class _Reader:
-    def __init__(self, source: Source, options: ReadOptions) -> None:
-        self._source, self._options = source, options
-        self._flow = Flow()
-        self._points: dict[tuple[str, int], Point] = {}
+class _Reader(Reader):
+    def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
+        super().__init__(source, frames, options)
+        self._positions: dict[tuple[str, int], Point] = {}
         self._frames_of: dict[int, tuple[Frame | None, Frame | None]] = {}
         self._external: set[tuple[str, int]] = set()
-        self._others: list[Point] = []
         self._moves: list[tuple[Point, str, int, int, Problem | None]] = []
-        self._circles: list[list[Point]] = []
-        self._arc: list[Point] = []
-        self._changed: dict[tuple[str, Key | None], int] = {}
         self._modal: dict[str, str] = {}
+        self._labels: set[bytes] = set()
+        self._always_shifted = False
 
-    def program(self, path: Path, frames: KnownFrames) -> Program:
-        data, section, ended = self._source.data, "", False
-        instructions: list[tuple[int, bytes]] = []
+    def read(self) -> Program:
+        data, section, ended = self.source.data, "", False
+        instructions: list[Instruction] = []
         if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):
-            raise FileError(path, "does not start with /JOB: it is no INFORM job")
-        for line, start, end in self._source.lines():
+            raise FileError(self.source.path, "does not start with /JOB: it is no INFORM job")
+        for line, start, end in self.source.lines():
             code = data[start:end]
             if code.lstrip().startswith(b"//") and not code.lstrip().startswith(b"///"):
                 section = code.strip()[2:].split()[0].decode("latin-1").upper() if code.strip()[2:].split() else ""
@@ -74,16 +72,15 @@ class _Reader:
                 if code.strip().upper() == b"END":
                     ended = True
                     break
-                instructions.append((line, code))
+                instructions.append(Instruction(line, code))
         if not ended:
-            raise FileError(path, "has no END: the file is truncated")
-        self._read(instructions)
-        judge = Judge(frames, self._options, "yaskawa", changed=self._changed)
-        targets, circles = judge.program_targets([*self._points.values(), *self._others], self._circles)
-        return Program(path, (self._source,), targets, circles, PLAIN_LEXER, finest=1e-3)
+            raise FileError(self.source.path, "has no END: the file is truncated")
+        self._follow(instructions)
+        self.points = [*self._positions.values(), *self.points]
+        return self.program("yaskawa", finest=1e-3)
 
     def _position_line(self, line: int, start: int, end: int) -> None:
-        data = self._source.data
+        data = self.source.data
         if m := _MODAL.match(data, start, end):
             key, text = m[1].decode("latin-1").upper(), m[2].decode("latin-1").strip()
             self._modal[key] = text
@@ -91,7 +88,7 @@ class _Reader:
         m = _POSITION.match(data, start, end)
         if m is None:
             if data[start:end].strip():
-                raise self._source.error(line, f"a line under //POS that is not understood: {_shown(data[start:end])}")
+                raise self.source.error(line, f"a line under //POS that is not understood: {shown(data[start:end])}")
             return
         kind, number = m[1].decode(), int(m[2])
         pieces, position = [], m.end()
@@ -103,9 +100,9 @@ class _Reader:
             if any(token.strip(b"+-0.") for token, _ in pieces):
                 self._external.add((kind, number))
             return
-        if (kind, number) in self._points:
-            raise self._source.error(line, f"{name} is there twice, first in line {self._points[kind, number].line}")
-        point = self._points[kind, number] = Point(name, self._source, line)
+        if (kind, number) in self._positions:
+            raise self.source.error(line, f"{name} is there twice, first in line {self._positions[kind, number].line}")
+        point = self._positions[kind, number] = Point(name, self.source, line)
         self._fill(point, pieces, line)
 
     def _fill(self, point: Point, pieces: list[tuple[bytes, int]], line: int) -> None:
@@ -115,9 +112,9 @@ class _Reader:
             point.problem = Problem("skip", f"{JOINTS.reason} (pulses)")
             return
         if len(pieces) < 6:
-            raise self._source.error(line, f"{point.name} has {len(pieces)} numbers, expected 6; correct the file")
+            raise self.source.error(line, f"{point.name} has {len(pieces)} numbers, expected 6; correct the file")
         tokens, starts = zip(*pieces[:6], strict=True)
-        point.values, point.spans = numbers_at(self._source, line, _KEYS, tokens, starts)
+        point.values, point.spans = numbers_at(self.source, line, _KEYS, tokens, starts)
         tool, user = self._modal.get("TOOL", ""), self._modal.get("USER", "")
         tool_frame = Frame(f"TOOL {int(tool)}", int(tool)) if _small(tool) else None
         if postype in _BASES:
@@ -135,29 +132,21 @@ class _Reader:
             point.problem = Problem("refuse", reason)
         self._frames_of[id(point)] = (tool_frame, frame)
 
-    def _read(self, instructions: list[tuple[int, bytes]]) -> None:
-        flow = self._flow
+    def _follow(self, instructions: list[Instruction]) -> None:
+        flow = self.flow
         shifted = next((line for line, code in instructions if re.match(rb"[ \t]*SFTON\b", code, re.I)), 0)
         # with structures or without: nothing is guessed about where a shift ends
         steered = any(_STRUCTURED.match(code) for _, code in instructions)
         structured = shifted if steered else 0
-        labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
-        flow.begin_routine("JOB", outside=True)
-        line = 1
-        try:
-            if structured:
-                flow.change(ipo=f"SFTON (line {structured})")
-            for shift in shifts.begun(shifts.INFORM, instructions) if steered else ():
-                flow.shift(*shift)
-            for line, code in instructions:
-                if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
-                    continue
-                self._instruction(line, code.split(b" '")[0], labels, bool(structured))
-            flow.end_routine()
-        except BlockError as error:
-            raise self._source.error(line, f"{error}; correct the file") from None
+        self._labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
+        self._always_shifted = bool(structured)
+        if structured:
+            flow.change(ipo=f"SFTON (line {structured})")
+        for shift in shifts.begun(shifts.INFORM, instructions) if steered else ():
+            flow.shift(*shift)
+        self.routine("JOB", instructions, self._instruction)
         flow.solve()
-        self._end_arc()
+        self.arc(None)
         for point, word, line, node, problem in self._moves:
             tool, frame = self._frames_of.get(id(point), (None, None))
             state = flow.states[node]
@@ -165,26 +154,29 @@ class _Reader:
             if problem is None and shifted_by:
                 problem = Problem("skip", f"{min(shifted_by)} shifts it at run time")
             problem = shifts.problem_of(state.shifts) or problem
-            if problem is None and point.name.startswith("P") and not self._options.whole_task:
+            if problem is None and point.name.startswith("P") and not self.options.whole_task:
                 problem = _OF_ALL_JOBS
-            point.uses.append(Use(word, line, tool, frame, problem))
+            point.uses.append(self.use(word, line, tool, frame, problem))
 
-    def _instruction(self, line: int, code: bytes, labels: set[bytes], structured: bool) -> None:
-        flow = self._flow
+    def _instruction(self, instruction: Instruction) -> None:
+        line, code = instruction
+        if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
+            return
+        code, flow, labels = code.split(b" '")[0], self.flow, self._labels
         if m := _LABEL.match(code):
             flow.label(m[1].decode("latin-1"))
             code = code[m.end() :]
         begin = re.match(rb"[ \t]*+[+*]?+[ \t]*+\w*+", code)
         for m in _STRAY.finditer(code, begin.end() if begin else 0):
             if m[1]:
-                message = f"a motion or shift inside another instruction ({_shown(code)}): write each on its own line"
-                raise self._source.error(line, message)
+                message = f"a motion or shift inside another instruction ({shown(code)}): write each on its own line"
+                raise self.source.error(line, message)
         if m := _MOTION.match(code):
             self._motion(m, line, _CONVEYOR.search(code, m.end()))
             return
         shifts.follow(flow, shifts.INFORM, code, line)
         if _OPERAND.search(code):
-            self._end_arc()
+            self.arc(None)
         if m := _JUMP.match(code):
             for label in [m[2]] if m[2] in labels else labels if m[2] is None else ():
                 flow.may_go(label.decode("latin-1"))
@@ -192,82 +184,56 @@ class _Reader:
                 flow.leave()
         elif re.match(rb"[ \t]*SFTON\b", code, re.I):
             flow.change(ipo=f"SFTON (line {line})")
-        elif re.match(rb"[ \t]*SFTOF\b", code, re.I) and not structured:
+        elif re.match(rb"[ \t]*SFTOF\b", code, re.I) and not self._always_shifted:
             flow.change(ipo="BASE")
         elif re.match(rb"[ \t]*RET\b(?![^\r\n]*\bIF\b)", code, re.I):
             flow.leave()
         elif m := _FRAME_CHANGE.match(code):
-            self._changed.setdefault(("base", int(m[1]) if m[1] else None), line)
+            self.changed.setdefault(("base", int(m[1]) if m[1] else None), line)
         elif m := _TOOL_CHANGE.match(code):
-            self._changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
+            self.changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
         self._operands(line, code)
 
     def _motion(self, m: re.Match[bytes], line: int, conveyor: re.Match[bytes] | None) -> None:
         word, operand = m[1].decode().upper(), m[2]
         found = _OPERAND.fullmatch(operand)
-        point = self._points.get((found[1].decode(), int(found[2]))) if found else None
+        point = self._positions.get((found[1].decode(), int(found[2]))) if found else None
         if point is None:
-            reason = "target known at run time only"
-            self._others.append(
-                Point(
-                    operand.decode("latin-1"),
-                    self._source,
-                    line,
-                    problem=Problem("skip", reason),
-                    uses=[Use(word, line)],
-                )
-            )
-            self._end_arc()
+            self.other(word, line, RUN_TIME, operand.decode("latin-1"))
+            self.arc(None)
             return
         external = [
             e for e in re.findall(rb"([BE][CP])X?(\d{1,9})", m[3]) if (e[0].decode(), int(e[1])) in self._external
         ]
-        problem = shifts.problem_of([Shift("conveyor", f"{_shown(conveyor[0])} (line {line})")] if conveyor else [])
-        if external and not self._options.external_axes:
+        problem = shifts.problem_of([Shift("conveyor", f"{shown(conveyor[0])} (line {line})")] if conveyor else [])
+        if external and not self.options.external_axes:
             name = b"".join(external[0]).decode()
             problem = Problem("refuse", f"external axis {name} is in use and has no model; allow external_axes")
-        self._moves.append((point, word, line, self._flow.node, problem))
+        self._moves.append((point, word, line, self.flow.node, problem))
         if word == "MOVC":
-            self._arc.append(point)
+            self.arc(point)
         else:
-            self._end_arc()
+            self.arc(None)
 
     def _operands(self, line: int, code: bytes) -> None:
         """Take the positions in an instruction that is no motion."""
         relative = _RELATIVE.match(code) is not None
         word = (code.split() or [b"?"])[0].decode("latin-1")
         for m in _OPERAND.finditer(code):
-            point = self._points.get((m[1].decode(), int(m[2])))
+            point = self._positions.get((m[1].decode(), int(m[2])))
             if relative:
-                reason = "relative: it starts from a target that is corrected already"
-                other = Point(
-                    f"{word}:{line}", self._source, line, problem=Problem("skip", reason), uses=[Use(word, line)]
-                )
-                self._others.append(other)
+                self.other(word, line, RELATIVE)
                 if point is not None:
                     point.reads.append((line, "used by a relative motion"))
                 return
             if _SPEED.search(code):
-                reason = f"looks like a motion that is not known: {_shown(code)}"
-                other = Point(
-                    f"{word}:{line}", self._source, line, problem=Problem("refuse", reason), uses=[Use(word, line)]
-                )
-                self._others.append(other)
+                self.other(word, line, unknown_motion(shown(code)))
                 return
             if point is not None and m[1] == b"P":
                 point.writes.append((line, f"written or read by {word}"))
             elif point is not None:
                 point.reads.append((line, f"read by {word}"))
 
-    def _end_arc(self) -> None:
-        if len(self._arc) > 1:
-            self._circles.append(self._arc)
-        self._arc = []
-
 
 def _small(text: str) -> bool:
     return text.isdecimal() and text.isascii() and len(text) < 5
-
-
-def _shown(code: bytes) -> str:
-    return printable(code.decode("latin-1").strip()[:40])

@@ -13,9 +13,10 @@ from typing import Final
 
 from truepose.errors import DataError
 from truepose.geometry import ANGLES, euler
-from truepose.programs.core.points import AS_MEASURED, Frame, Judge, Point, Problem, Use, numbers_at
+from truepose.programs.core.points import AS_MEASURED, Frame, Point, Problem, numbers_at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import Source
 
 _ORIENTATIONS: Final = {
     ("a_deg", "b_deg", "c_deg"): "kuka",
@@ -50,7 +51,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
         raise source.error(first, f"names the column {twice[0]} twice; keep one")
     keys, unit, controller = _meaning(source, first, columns, options)
     places = [columns.index(key) for key in keys]
-    points = []
+    reader = Reader(source, frames, options)
     for line, start, end in rows[1:]:
         cells = _cells(source, line, start, end, delimiter)
         if len(cells) != len(columns):
@@ -67,13 +68,9 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
             except DataError as error:
                 raise source.error(line, f"{point.name}: {error}") from None
         tool, frame = (Frame(text[key], text[key]) if text.get(key) else None for key in ("tool", "frame"))
-        point.uses.append(Use(text.get("motion") or "target", line, tool, frame))
-        points.append(point)
-    judge = Judge(
-        frames, options, controller, unit=unit, tool_default=Frame(AS_MEASURED), frame_default=Frame("base", 0)
-    )
-    targets, circles = judge.program_targets(points, [])
-    return Program(path, (source,), targets, circles, PLAIN_LEXER)
+        point.uses.append(reader.use(text.get("motion") or "target", line, tool, frame))
+        reader.points.append(point)
+    return reader.program(controller, unit=unit, tool=Frame(AS_MEASURED), frame=Frame("base", 0))
 
 
 def _meaning(source: Source, line: int, columns: list[str], options: ReadOptions) -> tuple[list[str], float, str]:

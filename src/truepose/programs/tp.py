@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, Flow, InForce
-from truepose.programs.core.points import JOINTS, Frame, Judge, Point, Problem, Use, numbers_at
-from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source, printable
+from truepose.programs.core.flow import InForce
+from truepose.programs.core.points import JOINTS, Frame, Point, Problem, not_understood, numbers_at, unknown_motion
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
+from truepose.programs.core.reader import Instruction, Reader
+from truepose.programs.core.source import Source, shown
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
 _NUMBERED = re.compile(rb"[ \t]*(\d*)[ \t]*:")
@@ -71,11 +72,6 @@ _WHICH: Final = {b"TOOL": "tool", b"FRAME": "base"}
 _NUMBERS: Final = {"tool": ("UTOOL_NUM", "UT"), "base": ("UFRAME_NUM", "UF")}
 
 
-class _Instruction(NamedTuple):
-    line: int
-    code: bytes
-
-
 class _Move(NamedTuple):
     point: Point
     word: str
@@ -92,55 +88,42 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     FileError
         If it is no such file, truncated, or has a broken position; with its line.
     """
-    return _Reader(Source.read(path), options).program(path, frames)
+    return _Reader(Source.read(path), frames, options).read()
 
 
-class _Reader:
-    def __init__(self, source: Source, options: ReadOptions) -> None:
-        self._source, self._options = source, options
-        self._flow = Flow()
-        self._points: dict[int, Point] = {}
+class _Reader(Reader):
+    def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
+        super().__init__(source, frames, options)
+        self._positions: dict[int, Point] = {}
         self._frames_of: dict[int, tuple[Frame | None, Frame | None]] = {}
-        self._others: list[Point] = []
         self._moves: list[_Move] = []
         self._indirect: list[tuple[str, int, int]] = []
-        self._circles: list[list[Point]] = []
-        self._arc: list[Point] = []
-        self._changed: dict[tuple[str, Key | None], int] = {}
+        self._labels: set[bytes] = set()
         self._tracked = ""
 
-    def program(self, path: Path, frames: KnownFrames) -> Program:
+    def read(self) -> Program:
         instructions, position_start, position_end = self._sections()
         self._read_positions(position_start, position_end)
-        labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
-        self._flow.begin_routine("MAIN", outside=True)
+        self._labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
         if self._tracked:
-            self._flow.shift("program", self._tracked)
-        line = 1
-        try:
-            for line, code in instructions:
-                self._instruction(line, _TEXT.sub(b"''", code), labels)
-            self._flow.end_routine()
-        except BlockError as error:
-            raise self._source.error(line, f"{error}; correct the file") from None
-        self._flow.solve()
-        self._end_arc()
+            self.flow.shift("program", self._tracked)
+        self.routine("MAIN", instructions, self._instruction)
+        self.flow.solve()
         self._attach()
-        judge = Judge(frames, self._options, "fanuc", changed=self._changed)
-        targets, circles = judge.program_targets([*self._points.values(), *self._others], self._circles)
-        return Program(path, (self._source,), targets, circles, PLAIN_LEXER, finest=1e-3)
+        self.points = [*self._positions.values(), *self.points]
+        return self.program("fanuc", finest=1e-3)
 
-    def _sections(self) -> tuple[list[_Instruction], int, int]:
+    def _sections(self) -> tuple[list[Instruction], int, int]:
         """Return the instructions, and where the positions start and end."""
-        data, section, seen = self._source.data, b"", set()
-        instructions: list[_Instruction] = []
+        data, section, seen = self.source.data, b"", set()
+        instructions: list[Instruction] = []
         start = end = len(data)
         goes_on = False
-        for line, a, b in self._source.lines():
+        for line, a, b in self.source.lines():
             if m := _SECTION.match(data, a, b):
                 section = m[1].upper()
                 if section in seen:
-                    raise self._source.error(line, f"/{section.decode()} stands here a second time; keep one")
+                    raise self.source.error(line, f"/{section.decode()} stands here a second time; keep one")
                 seen.add(section)
                 if section == b"POS":
                     start = b
@@ -152,12 +135,12 @@ class _Reader:
             elif section == b"MN":
                 goes_on = self._take_line(instructions, line, data[a:b], goes_on)
         if b"PROG" not in seen:
-            raise FileError(self._source.path, "has no /PROG: it is no FANUC program in text form (.ls)")
+            raise FileError(self.source.path, "has no /PROG: it is no FANUC program in text form (.ls)")
         if b"END" not in seen:
-            raise FileError(self._source.path, "has no /END: the file is truncated")
+            raise FileError(self.source.path, "has no /END: the file is truncated")
         return instructions, min(start, end), end
 
-    def _take_line(self, instructions: list[_Instruction], line: int, text: bytes, goes_on: bool) -> bool:
+    def _take_line(self, instructions: list[Instruction], line: int, text: bytes, goes_on: bool) -> bool:
         """Add a line to the instructions; return whether the last instruction has no ``;`` yet.
 
         A line without a number continues an instruction only if that is open (`goes_on`); else it is one of its own.
@@ -168,37 +151,38 @@ class _Reader:
         code = text[m.end() :] if m else text
         if goes_on and not (m and m[1]):
             line, code = instructions[-1].line, instructions.pop().code + b" " + code
-        instructions.append(_Instruction(line, code))
+        instructions.append(Instruction(line, code))
         return not _REMARK.match(code) and b";" not in _LABELS.sub(b"", code)
 
-    def _instruction(self, line: int, code: bytes, labels: set[bytes]) -> None:
+    def _instruction(self, instruction: Instruction) -> None:
+        line, code = instruction.line, _TEXT.sub(b"''", instruction.code)
         if _REMARK.match(code):
             return
-        flow = self._flow
+        flow = self.flow
         if m := _LABEL.match(code):
             flow.label(m[1].decode())
             return
         m = _MOTION.match(code)
         if hidden := _HIDDEN_MOTION.search(_MESSAGE.sub(b"", code), m.end() if m else 0):
-            reason = f"a motion inside another instruction ({_shown(code[hidden.start() :])}): end each with ;"
-            raise self._source.error(line, f"{reason} and write it on its own line")
+            reason = f"a motion inside another instruction ({shown(code[hidden.start() :])}): end each with ;"
+            raise self.source.error(line, f"{reason} and write it on its own line")
         if m:
             self._motion(line, m[1].decode().upper(), code)
         elif other := _OTHER_MOTION.match(code):
-            self._end_arc()
+            self.arc(None)
             self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
         elif _POINT.search(code):
-            self._end_arc()
+            self.arc(None)
             self._point_elsewhere(line, code)
         else:
             shifts.follow(flow, shifts.FANUC, code, line)
         self._frames(line, code)
         for name in _CALL.findall(code):
             flow.call(name.decode("latin-1").upper(), f"{name.decode('latin-1')} was called, which is not in this file")
-        self._control(line, code.strip(b" \t;").upper(), labels)
+        self._control(line, code.strip(b" \t;").upper())
 
-    def _control(self, line: int, code: bytes, labels: set[bytes]) -> None:
-        flow = self._flow
+    def _control(self, line: int, code: bytes) -> None:
+        flow, labels = self.flow, self._labels
         for label in _JUMP.findall(code):
             for name in [label] if label in labels else labels if not label.isdigit() else ():
                 flow.may_go(name.decode())
@@ -220,64 +204,53 @@ class _Reader:
         wanted = 2 if word == "C" else 1
         problem = next((p for pattern, p in _SHIFTS if pattern.search(code)), None)
         for m in goals[wanted:]:
-            if not m[1] and m[2] and (beyond := self._points.get(int(m[2]))):
+            if not m[1] and m[2] and (beyond := self._positions.get(int(m[2]))):
                 beyond.reads.append((line, "read by a motion to another position"))
         goals = goals[:wanted]
         if len(goals) < wanted:
-            self._other(word, line, "refuse", "a motion that is not understood: a circle needs two positions")
+            self.other(word, line, not_understood("a circle needs two positions"))
             return
         points = [self._goal(m, word, line, problem) for m in goals]
         if word == "C" and None not in points:
-            self._circles.append([p for p in points if p is not None])
+            self.circles.append([p for p in points if p is not None])
         if word == "A" and points[0] is not None:
-            self._arc.append(points[0])
+            self.arc(points[0])
         else:
-            self._end_arc()
+            self.arc(None)
 
     def _goal(self, m: re.Match[bytes], word: str, line: int, problem: Problem | None) -> Point | None:
         text = m[0].decode("latin-1")
         if m[1]:
-            return self._other(word, line, "skip", "position register, known at run time only", text)
+            return self.other(word, line, Problem("skip", "position register, known at run time only"), text)
         if m[2] is None:
-            self._indirect.append((word, line, self._flow.node))
-            return self._other(word, line, "skip", "which position is known at run time only", text)
-        point = self._points.get(int(m[2]))
+            self._indirect.append((word, line, self.flow.node))
+            return self.other(word, line, Problem("skip", "which position is known at run time only"), text)
+        point = self._positions.get(int(m[2]))
         if point is None:
-            point = self._points[int(m[2])] = Point(f"P[{int(m[2])}]", self._source, line)
+            point = self._positions[int(m[2])] = Point(f"P[{int(m[2])}]", self.source, line)
             point.problem = Problem("skip", "not taught: it is not under /POS")
-        self._moves.append(_Move(point, word, line, self._flow.node, problem))
-        return point
-
-    def _end_arc(self) -> None:
-        if len(self._arc) > 1:
-            self._circles.append(self._arc)
-        self._arc = []
-
-    def _other(self, word: str, line: int, verdict: str, reason: str, name: str = "") -> Point:
-        problem = Problem("refuse" if verdict == "refuse" else "skip", reason)
-        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[Use(word, line)])
-        self._others.append(point)
+        self._moves.append(_Move(point, word, line, self.flow.node, problem))
         return point
 
     def _motion_elsewhere(self, line: int, code: bytes, word: str, operand: bytes) -> None:
         """Take a motion to something that is neither a position nor a register."""
         if operand.upper().startswith(b"PAL"):
-            reason = "position of a palletising pattern, known at run time only"
-            self._other(word, line, "skip", reason, operand.decode("latin-1"))
+            problem = Problem("skip", "position of a palletising pattern, known at run time only")
+            self.other(word, line, problem, operand.decode("latin-1"))
         else:
-            self._other(word, line, "refuse", f"looks like a motion that is not known: {_shown(code)}")
+            self.other(word, line, unknown_motion(shown(code)))
 
     def _point_elsewhere(self, line: int, code: bytes) -> None:
         """Take an instruction with a position that is no known motion."""
         written = _WRITE.match(code)
         if not written and _SPEED.search(code) and not re.search(rb"=|\bCALL\b", code, re.I):
             word = (code.split() or [b"?"])[0].decode("latin-1")[:12]
-            self._other(word, line, "refuse", f"looks like a motion that is not known: {_shown(code)}")
+            self.other(word, line, unknown_motion(shown(code)))
             return
         for k, m in enumerate(_POINT.finditer(code)):
-            numbers = [int(m[1])] if m[1] else list(self._points)
+            numbers = [int(m[1])] if m[1] else list(self._positions)
             for number in numbers:
-                point = self._points.get(number)
+                point = self._positions.get(number)
                 if point is not None:
                     if written and k == 0:
                         point.writes.append((line, "assigned"))
@@ -293,19 +266,19 @@ class _Reader:
                 if digits.isdigit() and len(digits) < 10
                 else InForce("unknown", text[:40])
             )
-            self._flow.change(**{which: value})
+            self.flow.change(**{which: value})
         for m in _FRAME_SET.finditer(code):
             which = _WHICH[(m[1] or m[2] or m[4]).upper()]
-            self._changed.setdefault((which, int(m[3]) if m[3] else None), line)
+            self.changed.setdefault((which, int(m[3]) if m[3] else None), line)
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that what is in force at each is known."""
         for word, line, node in self._indirect:
-            self._moves += [_Move(p, word, line, node, None) for p in self._points.values() if p.values]
-        number = {id(point): n for n, point in self._points.items()}
+            self._moves += [_Move(p, word, line, node, None) for p in self._positions.values() if p.values]
+        number = {id(point): n for n, point in self._positions.items()}
         for point, word, line, node, problem in self._moves:
             tool, base = self._frames_of.get(number[id(point)], (None, None))
-            state = self._flow.states[node]
+            state = self.flow.states[node]
             for which, frame in (("tool", tool), ("base", base)):
                 values = getattr(state, which)
                 numbers = {v.number for v in values if v.kind == "number"}
@@ -314,10 +287,10 @@ class _Reader:
                     reason = f"{other} {min(numbers)} is in force (line {line}), but it was taught in {own} {frame.key}"
                     problem = Problem("refuse", reason)
             problem = shifts.problem_of(state.shifts) or problem
-            point.uses.append(Use(word, line, tool, base, problem))
+            point.uses.append(self.use(word, line, tool, base, problem))
 
     def _read_positions(self, start: int, end: int) -> None:
-        data, source = self._source.data, self._source
+        data, source = self.source.data, self.source
         position = start
         for m in _HEAD.finditer(data, start, end):
             line = source.line(m.start(1))
@@ -328,9 +301,9 @@ class _Reader:
             number, close = int(m[1]), data.find(b"}", m.end(), end)
             if close < 0 or data.find(b"{", m.end(), close) >= 0:
                 raise source.error(line, f"the brace of P[{number}] is not closed: the file is truncated or broken")
-            if number in self._points:
-                raise source.error(line, f"P[{number}] is there twice, first in line {self._points[number].line}")
-            self._points[number] = self._position(number, line, m.end(), close)
+            if number in self._positions:
+                raise source.error(line, f"P[{number}] is there twice, first in line {self._positions[number].line}")
+            self._positions[number] = self._position(number, line, m.end(), close)
             position = close + 1
             while data[position : position + 1] in (b" ", b";", b"\t"):
                 position += 1
@@ -339,7 +312,7 @@ class _Reader:
             raise source.error(line, "a position under /POS that is not understood; correct it")
 
     def _position(self, number: int, line: int, start: int, end: int) -> Point:
-        source, data = self._source, self._source.data
+        source, data = self.source, self.source.data
         point = Point(f"P[{number}]", source, line)
         groups = list(_GROUP.finditer(data, start, end))
         if groups:
@@ -379,7 +352,7 @@ class _Reader:
         values, _ = numbers_at(source, source.line(found["X"].start()), _AXES, tokens, [0] * 6)
         point.values, point.spans = values, tuple([found[key].span(2) for key in _AXES])
         external = [key for key in found if key.startswith("E")]
-        if external and point.problem is None and not self._options.external_axes:
+        if external and point.problem is None and not self.options.external_axes:
             reason = f"external axis {external[0]} in group 1 has no model; allow external_axes if it does not move it"
             point.problem = Problem("refuse", reason)
         return point
@@ -389,15 +362,11 @@ def _problem_of(frames: dict[bytes, bytes]) -> Problem | None:
     for key in (b"UF", b"UT"):
         value = frames.get(key, b"")
         if not value.isdigit() or len(value) > 4:
-            shown = _shown(value) or "missing"
-            return Problem("refuse", f"{key.decode()} : {shown}: in whatever frame is in force; teach it in a number")
+            found = shown(value) or "missing"
+            return Problem("refuse", f"{key.decode()} : {found}: in whatever frame is in force; teach it in a number")
     return None
 
 
 def _frame(frames: dict[bytes, bytes], key: bytes, name: str) -> Frame | None:
     value = frames.get(key, b"")
     return Frame(f"{name}[{int(value)}]", int(value)) if value.isdigit() and len(value) < 5 else None
-
-
-def _shown(code: bytes) -> str:
-    return printable(code.decode("latin-1").strip()[:40])

@@ -17,10 +17,22 @@ import numpy as np
 from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, Flow, InForce, State
-from truepose.programs.core.points import AS_MEASURED, JOINTS, Frame, Judge, Point, Problem, Use
+from truepose.programs.core.flow import InForce, State
+from truepose.programs.core.points import (
+    AS_MEASURED,
+    JOINTS,
+    Frame,
+    Point,
+    Problem,
+    Use,
+    computed,
+    handed_to,
+    not_understood,
+    unknown_motion,
+)
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source, Span, is_broken, parse_number
+from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import Source, Span, is_broken, parse_number, shown, strip
 
 _PIECE = re.compile(
     rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
@@ -73,60 +85,49 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     FileError
         If it is no URScript, truncated, or has a broken pose; with its line.
     """
-    return _Reader(Source.read(path), options).program(path, frames)
+    return _Reader(Source.read(path), frames, options).read()
 
 
-class _Reader:
-    def __init__(self, source: Source, options: ReadOptions) -> None:
-        self._source, self._options = source, options
-        self._flow = Flow()
+class _Reader(Reader):
+    def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
+        super().__init__(source, frames, options)
         self._named: dict[str, _Named] = {}
         self._inline: list[tuple[Point, Use, int]] = []
-        self._others: list[Point] = []
-        self._circles: list[list[Point | str]] = []
+        self._goals: list[list[Point | str]] = []
+        self._calls: set[str] = set()
         self._threads: list[str] = []
         self._routine = ""
         self._locals: dict[str, set[str]] = {"": set()}
         self._outer: dict[str, str] = {}
         self._assigned: list[tuple[str, int, str]] = []
 
-    def program(self, path: Path, frames: KnownFrames) -> Program:
+    def read(self) -> Program:
         routines = self._routines()
         if not any(_MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
-            raise FileError(self._source.path, "has neither a def nor a motion: it is no URScript")
+            raise FileError(self.source.path, "has neither a def nor a motion: it is no URScript")
         self._declare(routines)
-        line = 1
-        try:
-            for name, body in routines.items():
-                self._routine = name
-                self._flow.begin_routine(name or "(file)", outside=name not in self._threads)
-                for statement in body:
-                    line = statement.line
-                    self._statement(statement, set(routines))
-                self._flow.end_routine()
-        except BlockError as error:
-            raise self._source.error(line, f"{error}; correct the file") from None
-        self._flow.handlers, self._flow.concurrent = self._threads, True
-        ambient = self._flow.solve()
-        points = self._attach(ambient)
-        judge = Judge(frames, self._options, "ur", unit=1000.0, tool_default=Frame(AS_MEASURED), frame_default=_BASE)
-        circles = [[self._point(goal) for goal in circle] for circle in self._circles]
-        whole = [[p for p in circle if p is not None] for circle in circles]
-        targets, joined = judge.program_targets(points, whole)
-        return Program(path, (self._source,), targets, joined, PLAIN_LEXER)
+        self._calls = set(routines)
+        for name, body in routines.items():
+            self._routine = name
+            self.routine(name or "(file)", body, self._statement, outside=name not in self._threads)
+        self.flow.handlers, self.flow.concurrent = self._threads, True
+        self._attach(self.flow.solve())
+        circles = [[self._point(goal) for goal in circle] for circle in self._goals]
+        self.circles = [[p for p in circle if p is not None] for circle in circles]
+        return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE)
 
     def _routines(self) -> dict[str, list[_Statement]]:
         """Return the statements of each routine, those of the file itself under an empty name."""
         routines: dict[str, list[_Statement]] = {"": []}
         stack: list[tuple[str, str, int]] = []
-        for statement in _statements(self._source):
+        for statement in _statements(self.source):
             code, line = statement.code, statement.line
             owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
             word = m[1] if (m := _WORD.match(code)) else b""
             if m := _ROUTINE.match(code):
                 name = m[2].decode()
                 if name in routines:
-                    raise self._source.error(line, f"{name} is defined twice; give one another name")
+                    raise self.source.error(line, f"{name} is defined twice; give one another name")
                 routines[name] = []
                 self._outer[name] = owner
                 self._locals[name] = {p.split(b"=")[0].strip().decode("latin-1") for p in m[3].split(b",")}
@@ -135,7 +136,7 @@ class _Reader:
                 stack.append(("def", name, line))
             elif word == b"end" and code.strip() == b"end":
                 if not stack:
-                    raise self._source.error(line, "end closes nothing; correct the file")
+                    raise self.source.error(line, "end closes nothing; correct the file")
                 kind, name, _ = stack.pop()
                 if kind != "def":
                     routines[owner].append(statement)
@@ -145,7 +146,7 @@ class _Reader:
                 routines[owner].append(statement)
         if stack:
             kind, name, line = stack[-1]
-            raise self._source.error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
+            raise self.source.error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
         return routines
 
     def _key(self, name: str) -> str:
@@ -182,11 +183,11 @@ class _Reader:
         else:
             self._assigned.append((self._key(name), statement.line, "component set" if m[3] else "assigned"))
 
-    def _statement(self, statement: _Statement, routines: set[str]) -> None:
-        code, line = statement.code, statement.line
+    def _statement(self, statement: _Statement) -> None:
+        code, line, routines = statement.code, statement.line, self._calls
         block = m[1] if (m := _BLOCK.match(code)) else b""
         word = m[1] if (m := _WORD.match(code)) else b""
-        flow = self._flow
+        flow = self.flow
         if block in (b"elif", b"else"):
             flow.branch("ELSE", last=block == b"else")
         assigned = _ASSIGN.match(code)
@@ -201,8 +202,7 @@ class _Reader:
         shifts.follow(flow, shifts.UR, code, line)
         strange = _STRANGE.search(code)
         if (m := strange) and m[1].decode() not in routines and not _MOTION.match(code, m.start()):
-            reason = f"looks like a motion that is not known: {_shown(code)}"
-            self._other(m[1].decode(), line, Problem("refuse", reason))
+            self.other(m[1].decode(), line, unknown_motion(shown(code)))
         # the v of movel(p, v=0.25) is no variable
         for m in _NAME.finditer(_KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
@@ -227,37 +227,36 @@ class _Reader:
 
     def _handed(self, name: str, statement: _Statement, start: int, masked: bytearray) -> None:
         """List the poses that a function is given which the language does not have: it may move there."""
-        problem = Problem("skip", f"handed to {name}(): where that moves is known at run time only")
         for k, (a, b) in enumerate(_arguments(bytes(masked), start), 1):
             argument = masked[a:b].decode("latin-1")
             if (key := self._key(argument)) in self._named:
                 self._named[key].reads.append((statement.line, f"handed to {name}()"))
             elif re.search(r"(?<!\w)p\s*\[", argument):
-                self._other(name, statement.line, problem, f"{name}:{statement.line} argument {k}")
+                self.other(name, statement.line, handed_to(name), f"{name}:{statement.line} argument {k}")
 
     def _tcp(self, statement: _Statement) -> None:
         code = statement.code
         m = _TCP.search(code)
         assert m is not None
         spans = _arguments(code, m.end())
-        value = InForce("unknown", f"set_tcp({_shown(code[m.end() :])} (line {statement.line})")
+        value = InForce("unknown", f"set_tcp({shown(code[m.end() :])} (line {statement.line})")
         if spans and _POSE.match(code, spans[0][0]):
             start, end = (statement.start + k for k in spans[0])
             pose = self._literal("set_tcp", start, end, statement.line)
             if pose is not None and pose.values:
-                text = self._source.data[start:end].decode("latin-1")
+                text = self.source.data[start:end].decode("latin-1")
                 value = InForce("literal", f"set_tcp({text})", None, pose.values)
-        self._flow.change(tool=value)
+        self.flow.change(tool=value)
 
     def _motion(self, m: re.Match[bytes], statement: _Statement, masked: bytearray) -> None:
         word, code, line = m[1].decode(), statement.code, statement.line
         spans = _arguments(code, m.end())
         if word in _AT_RUN_TIME:
-            self._other(word, line, Problem("skip", f"{word}: followed at run time"))
+            self.other(word, line, Problem("skip", f"{word}: followed at run time"))
             return
         goals = 2 if word == "movec" else 1
         if len(spans) < goals or any(a == b for a, b in spans[:goals]):
-            self._other(word, line, Problem("refuse", f"a motion that is not understood: {_shown(code)}"))
+            self.other(word, line, not_understood(shown(code)))
             return
         found: list[Point | str] = []
         for k, (a, b) in enumerate(spans[:goals]):
@@ -267,68 +266,61 @@ class _Reader:
                 a, b = inner[0] if inner else (a, b)
             found.append(self._goal(name, word, statement, a, b, masked))
         if goals == 2:
-            self._circles.append(found)
+            self._goals.append(found)
 
     def _goal(self, name: str, word: str, statement: _Statement, a: int, b: int, masked: bytearray) -> Point | str:
         line, text = statement.line, statement.code[a:b]
-        use = Use(word, line, None, _BASE, section=self._flow.section)
+        use = self.use(word, line, None, _BASE)
         variable = self._key(text.decode("latin-1"))
         if variable in self._named:
             masked[a:b] = b" " * (b - a)
-            self._named[variable].uses.append((use, self._flow.node))
+            self._named[variable].uses.append((use, self.flow.node))
             return variable
         if _VARIABLE.fullmatch(text) and "." in variable:
-            return self._other(word, line, Problem("skip", f"{_shown(text)} is known at run time only"), name)
+            return self.other(word, line, Problem("skip", f"{shown(text)} is known at run time only"), name)
         if _POSE.match(text):
             pose = self._literal(name, statement.start + a, statement.start + b, line)
             if pose is not None:
-                self._inline.append((pose, use, self._flow.node))
+                self._inline.append((pose, use, self.flow.node))
                 return pose
         if text.startswith(b"["):
-            return self._other(word, line, JOINTS, name)
-        return self._other(word, line, Problem("skip", f"target computed at run time: {_shown(text)}"), name)
-
-    def _other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
-        use = Use(word, line, section=self._flow.section)
-        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[use])
-        self._others.append(point)
-        return point
+            return self.other(word, line, JOINTS, name)
+        return self.other(word, line, computed(shown(text)), name)
 
     def _literal(self, name: str, start: int, end: int, line: int) -> Point | None:
         """Return the pose of ``p[…]`` that fills the span; None if it is anything else."""
-        data = self._source.data
+        data = self.source.data
         m = _POSE.match(data, start, end)
         if m is None or data[end - 1 : end] != b"]" or b"]" in data[m.end() : end - 1]:
             return None
         cuts = [m.end() - 1, *(m.end() + k for k, c in enumerate(data[m.end() : end - 1]) if c == 0x2C), end - 1]
-        spans = [_strip(data, a + 1, b) for a, b in itertools.pairwise(cuts)]
+        spans = [strip(data, a + 1, b) for a, b in itertools.pairwise(cuts)]
         if len(spans) != 6:
-            raise self._source.error(line, f"{name}: a pose has 6 numbers, this has {len(spans)}; correct the file")
-        line = self._source.line(spans[0][0])
+            raise self.source.error(line, f"{name}: a pose has 6 numbers, this has {len(spans)}; correct the file")
+        line = self.source.line(spans[0][0])
         values = []
         for key, (a, b) in zip(_KEYS, spans, strict=True):
             token = data[a:b]
             if b"{{" not in token and is_broken(token):
-                raise self._source.error(line, f"{name}: {key} {_shown(token)!r} is not a number; correct the file")
+                raise self.source.error(line, f"{name}: {key} {shown(token)!r} is not a number; correct the file")
             try:
                 values.append(parse_number(token))
             except ValueError as error:
                 if (len(token) > 40 and token[:20].isdigit()) or "beyond" in str(error):
-                    raise self._source.error(line, f"{name}: {key}: {error}; correct the file") from None
+                    raise self.source.error(line, f"{name}: {key}: {error}; correct the file") from None
                 return Point(
-                    name, self._source, line, problem=Problem("skip", f"{key}: an expression, known at run time only")
+                    name, self.source, line, problem=Problem("skip", f"{key}: an expression, known at run time only")
                 )
         try:
             euler("ur", values[3:])
         except DataError as error:
-            raise self._source.error(line, f"{name}: {error}") from None
-        return Point(name, self._source, line, tuple(values), tuple(spans))
+            raise self.source.error(line, f"{name}: {error}") from None
+        return Point(name, self.source, line, tuple(values), tuple(spans))
 
-    def _attach(self, ambient: State) -> list[Point]:
-        points = list(self._others)
+    def _attach(self, ambient: State) -> None:
         for point, use, node in self._inline:
             point.uses.append(self._with_tool(use, node, ambient))
-            points.append(point)
+            self.points.append(point)
         for known in self._named.values():
             if not known.uses and not known.reads:
                 continue  # a pose that no motion goes to: a feature, a wrench, a speed
@@ -340,13 +332,12 @@ class _Reader:
                 point.reads += known.reads if known.uses or handed else []
                 point.writes += known.writes
                 if known.uses or handed:
-                    points.append(point)
-        return points
+                    self.points.append(point)
 
     def _with_tool(self, use: Use, node: int, ambient: State) -> Use:
-        if problem := shifts.problem_of(self._flow.states[node].shifts | ambient.shifts):
+        if problem := shifts.problem_of(self.flow.states[node].shifts | ambient.shifts):
             return use._replace(problem=problem)
-        values = self._flow.states[node].tool | ambient.tool
+        values = self.flow.states[node].tool | ambient.tool
         if len(values) > 1:
             shown = " or ".join(sorted(value.text for value in values)[:2])
             return use._replace(problem=Problem("refuse", f"the TCP depends on the way through the program: {shown}"))
@@ -402,22 +393,9 @@ def _arguments(code: bytes, start: int) -> list[Span]:
         elif c in b")]" and depth:
             depth -= 1
         elif c == b")":
-            spans.append(_strip(code, begin, k))
+            spans.append(strip(code, begin, k))
             break
         elif c == b"," and depth == 0:
-            spans.append(_strip(code, begin, k))
+            spans.append(strip(code, begin, k))
             begin = k + 1
     return spans
-
-
-def _strip(data: bytes, start: int, end: int) -> Span:
-    while start < end and data[start] in b" \t\r\n":
-        start += 1
-    while end > start and data[end - 1] in b" \t\r\n":
-        end -= 1
-    return start, end
-
-
-def _shown(code: bytes) -> str:
-    text = code.strip().decode("latin-1")
-    return "".join(c if c.isprintable() else "?" for c in text[:40]) + ("…" if len(text) > 40 else "")

@@ -24,14 +24,14 @@ from truepose.programs.core.points import (
     NOT_HERE,
     FileLine,
     Frame,
-    Judge,
     Point,
     Problem,
     Use,
     numbers_at,
 )
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
-from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import Source
 
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -84,7 +84,8 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path 
     source = Source.read(path)
     values = _values(source)
     tables: dict[str, dict[str, _Value]] = {"frame": {}, "tool": {}}
-    points: list[Point] = []
+    reader = Reader(source, frames, options)
+    points = reader.points
     named: dict[str, list[Point]] = {}
     for kind, value in values:
         if kind in tables:
@@ -101,18 +102,16 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path 
         frame = chains["frame"].named(value.text("fatherId")) if kind in _POINTS else None
         if kind in _POINTS and frame is None and points[-1].problem is None:
             points[-1].problem = Problem("refuse", "it has no fatherId: its frame is not known")
-        points[-1].uses.append(Use(kind, value.line, None, frame))
-    changed = _uses(path, named, chains["tool"], tables["frame"])
+        points[-1].uses.append(reader.use(kind, value.line, None, frame))
+    reader.changed.update(_uses(path, named, chains["tool"], tables["frame"]))
     public = {value.data.lower() for _, value in values if value.public}
     if folder is not None:
-        changed = _foreign_uses(path, folder, named, public, tables["frame"]) | changed
+        reader.changed = {**_foreign_uses(path, folder, named, public, tables["frame"]), **reader.changed}
     elif not options.whole_task:
         for name in public & named.keys():
             for point in named[name]:
                 point.problem = point.problem or _PUBLIC
-    judge = Judge(frames, options, "staubli", tool_default=Frame(AS_MEASURED), changed=changed)
-    targets, circles = judge.program_targets(points, [])
-    return Program(path, (source,), targets, circles, PLAIN_LEXER)
+    return reader.program("staubli", tool=Frame(AS_MEASURED))
 
 
 def _values(source: Source) -> list[tuple[str, _Value]]:

@@ -74,6 +74,27 @@ class Problem(NamedTuple):
 
 JOINTS: Final = Problem("skip", "joint target")
 RUN_TIME: Final = Problem("skip", "target known at run time only")
+RELATIVE: Final = Problem("skip", "relative: it starts from a target that is corrected already")
+
+
+def unknown_motion(code: str) -> Problem:
+    """Refuse an instruction that has the shape of a motion and is not one of the language's."""
+    return Problem("refuse", f"looks like a motion that is not known: {code}")
+
+
+def computed(code: str) -> Problem:
+    """Skip a target that an expression gives."""
+    return Problem("skip", f"target computed at run time: {code}")
+
+
+def handed_to(name: str) -> Problem:
+    """Skip a pose that is the argument of a subprogram."""
+    return Problem("skip", f"handed to {name}(): where that moves is known at run time only")
+
+
+def not_understood(code: str) -> Problem:
+    """Refuse a motion whose operands are not understood."""
+    return Problem("refuse", f"a motion that is not understood: {code}")
 
 
 class Frame(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from truepose.programs.core.flow import Flow, Shift
 from truepose.programs.core.points import Place, Problem, at
-from truepose.programs.core.source import printable
+from truepose.programs.core.source import shown
 
 
 class Kind(NamedTuple):
@@ -92,14 +92,14 @@ def follow(flow: Flow, kinds: Iterable[Kind], code: bytes, place: Place) -> None
         if kind.ends is not None and kind.ends.search(code):
             flow.unshift(str(k))
         elif m := kind.begins.search(code):
-            flow.shift(str(k), f"{_shown(m[0])} ({at(place)})")
+            flow.shift(str(k), f"{_begun(m)} ({at(place)})")
 
 
 def begun(kinds: Iterable[Kind], instructions: Iterable[tuple[int, bytes]]) -> list[Shift]:
     """Return all that instructions (line, code) begin, wherever it may end."""
     kinds = tuple(kinds)
     return [
-        Shift("anywhere", f"{_shown(m[0])} (line {line})")
+        Shift("anywhere", f"{_begun(m)} (line {line})")
         for line, code in instructions
         for kind in kinds
         if (m := kind.begins.search(code)) and not (kind.ends and kind.ends.search(code))
@@ -116,5 +116,5 @@ def problem_of(shifts: Iterable[Shift]) -> Problem | None:
     )
 
 
-def _shown(text: bytes) -> str:
-    return printable(text.decode("latin-1").strip().rstrip("(").strip()[:40])
+def _begun(m: re.Match[bytes]) -> str:
+    return shown(m[0].rstrip(b" \t("))

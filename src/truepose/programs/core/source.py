@@ -42,13 +42,15 @@ LONGEST: Final = 40
 _NUMBER = re.compile(NUMBER)
 PLAIN_LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]")
 """Words, numbers, blanks and single characters: enough for the proof in most languages."""
+_LINE_BREAK: Final = re.compile(rb"\s*[\r\n]\s*")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
 _ARITHMETIC = re.compile(rb"[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?(?:\s*[-+*/]\s*[\d.]+(?:[eE][+-]?\d+)?)*")
 _DIGITS = re.compile(rb"[-+\d.eE\s]+")
 _BROKEN = re.compile(
     rb"\d\.\d*\.|(?<![\w.$'])\d[\d.]*(?:(?![eE][+-]?\d)[A-Za-z_$]|\s+(?!(?:B_)?(?:AND|OR|EXOR)\b)\w)", re.I
 )
-_CONTEXT = 3
+_CONTEXT: Final = 3
+_SHOWN: Final = 40
 _REPLACED: ContextVar[Mapping[Path, bytes] | None] = ContextVar("replaced", default=None)
 
 
@@ -128,6 +130,21 @@ class Source:
 def printable(text: str) -> str:
     """Return a text with a ``?`` for every character that is not printed."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+
+
+def shown(code: bytes, start: int = 0, end: int | None = None) -> str:
+    """Return code for a message: without blanks at its ends, at most 40 characters, on one line."""
+    text = _LINE_BREAK.sub(b" ", code[start:end].strip()).decode("latin-1")
+    return printable(text[:_SHOWN]) + ("…" if len(text) > _SHOWN else "")
+
+
+def strip(data: bytes, start: int, end: int, blank: bytes = b" \t\r\n") -> Span:
+    """Return a span without the blanks at its ends."""
+    while start < end and data[start] in blank:
+        start += 1
+    while end > start and data[end - 1] in blank:
+        end -= 1
+    return start, end
 
 
 def parse_number(token: bytes) -> float:

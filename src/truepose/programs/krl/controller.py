@@ -12,8 +12,8 @@ from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core.program import Key
-from truepose.programs.core.source import Source
-from truepose.programs.krl.lexer import CARTESIAN, closing_brace, parse_aggregate, statements, strip
+from truepose.programs.core.source import Source, strip
+from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate, statements
 
 _ENTRY: Final = re.compile(rb"\s*\[\s*(\d{1,4})\s*\]\s*=\s*(?=\{)")
 _PLACE: Final = re.compile(rb"(?:DECL\s+)?(?:GLOBAL\s+)?(?:FRAME\s+)?\$(ROBROOT|WORLD)\s*(\.\s*\w+\s*)?=(?!=)\s*", re.I)
@@ -45,7 +45,7 @@ def read_config_dat(path: str | Path) -> tuple[dict[Key, FloatArray], dict[Key, 
         if entry is None:
             continue
         close = closing_brace(source, entry.end(), end, line)
-        if close != strip(source.data, entry.end(), end)[1]:
+        if close != strip(source.data, entry.end(), end, BLANK)[1]:
             raise source.error(line, f"{word}[{int(entry[1])}] is followed by more than its value; correct the file")
         aggregate = parse_aggregate(source, entry.end(), close, line)
         number = int(entry[1])

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, Flow, Frames, InForce
-from truepose.programs.core.source import Source
-from truepose.programs.krl.lexer import CARTESIAN, closing_brace, parse_aggregate, shown, strip
+from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
 
 Which = Literal["tool", "base"]
@@ -24,7 +24,7 @@ _INTEGER = re.compile(rb"\+?\d{1,4}(?:\.0*)?")
 
 def frame_value(source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, Frames]) -> InForce:
     """Return what an expression on the right of $TOOL or $BASE says: a constant, or that the run time decides."""
-    start, end = strip(source.data, start, end)
+    start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
     unknown = InForce("unknown", f"${which.upper()}={shown(source.data, start, end)} (line {line})")
     if (m := _CONSTANT.fullmatch(code)) and m[1].decode().upper() == _DATA[which]:
@@ -55,7 +55,7 @@ def ipo_value(code: bytes, fdats: Mapping[str, Frames]) -> str:
 
 def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[str, Frames]) -> Frames:
     """Return the frames of what is assigned to FDAT_ACT."""
-    start, end = strip(source.data, start, end)
+    start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
     known = fdats.get(code.decode("latin-1").upper())
     if known is not None:

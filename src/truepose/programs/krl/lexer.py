@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
-from truepose.programs.core.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number, printable
+from truepose.programs.core.source import LARGEST, LONGEST, NUMBER, Source, Span, is_broken, parse_number, shown, strip
 
 LEXER: Final = re.compile(
     rb"\r\n|[\r\n]|[ \t]++|;[^\r\n]*+|\"[^\"\r\n]*+\"?|'[^'\r\n]*+'?|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]"
@@ -56,6 +56,8 @@ _BRACE = re.compile(rb"[{}]|\"[^\"]*\"")
 _SEPARATOR = re.compile(rb"[{}()\[\],]|\"[^\"]*\"|'[^']*'")
 
 POSE_KEYS: Final = frozenset(["X", "Y", "Z", "A", "B", "C", "S", "T", "E1", "E2", "E3", "E4", "E5", "E6"])
+BLANK: Final = b" \t\r\n\\"
+"""Blanks, and continued line ends."""
 JOINT_KEYS: Final = frozenset(["A1", "A2", "A3", "A4", "A5", "A6", "E1", "E2", "E3", "E4", "E5", "E6"])
 CARTESIAN: Final = ("X", "Y", "Z", "A", "B", "C")
 
@@ -270,20 +272,4 @@ def split_commas(data: bytes, start: int, end: int) -> list[Span]:
             raise ValueError("brackets do not pair")
     if depth:
         raise ValueError("brackets do not pair")
-    return [strip(data, a + 1, b) for a, b in zip(cuts, [*cuts[1:], end], strict=True)]
-
-
-def strip(data: bytes, start: int, end: int) -> Span:
-    """Return the span without blanks (and continued line ends) at its ends."""
-    blank = b" \t\r\n\\"
-    while start < end and data[start] in blank:
-        start += 1
-    while end > start and data[end - 1] in blank:
-        end -= 1
-    return start, end
-
-
-def shown(data: bytes, start: int, end: int) -> str:
-    """Return code for a message: short, on one line."""
-    text = data[start : min(end, start + 40)].decode("latin-1")
-    return printable(text) + ("…" if end - start > 40 else "")
+    return [strip(data, a + 1, b, BLANK) for a, b in zip(cuts, [*cuts[1:], end], strict=True)]

@@ -12,13 +12,13 @@ from typing import Final
 
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import BlockError, Flow, InForce
-from truepose.programs.core.points import Place, at
+from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, handed_to, unknown_motion
 from truepose.programs.core.program import ReadOptions
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import Source, shown
 from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
-from truepose.programs.krl.lexer import Lines, Statement, pieces, shown, statements
+from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
 from truepose.programs.krl.motions import MotionReader, Settings
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Numbers, Variable
@@ -31,7 +31,7 @@ from truepose.programs.krl.words import (
     KEEPS_FRAMES,
     MOTIONS,
     OTHER_STATEMENTS,
-    RELATIVE,
+    RELATIVE_MOTIONS,
     STRAY_MOTION,
     TYPES,
     WITHOUT_USE,
@@ -167,7 +167,7 @@ class Module:
                     variable.writes[index].append((line, "component set"))
                 else:
                     self._names.assign(dat, variable, index, m.end(), end, line)
-            elif word in MOTIONS | RELATIVE and _OPERAND.match(dat.data, rest, end):
+            elif word in MOTIONS | RELATIVE_MOTIONS and _OPERAND.match(dat.data, rest, end):
                 raise dat.error(line, f"{word} is a motion, and a data list has none; is this a .src?")
         if opened is not None:
             raise dat.error(opened, "DEFDAT has no ENDDAT: the file is truncated")
@@ -177,14 +177,9 @@ class Module:
         data = self._src.data
         if word in MOTIONS:
             self._call(self._motions.read(statement))
-        elif word in RELATIVE or word in JOINT_MOTIONS:
+        elif word in RELATIVE_MOTIONS or word in JOINT_MOTIONS:
             self._call(self._names.scan(data, rest, end, line, "used by a relative motion"))
-            reason = (
-                "joint target"
-                if word in JOINT_MOTIONS
-                else "relative: it starts from a target that is corrected already"
-            )
-            self._motions.other(word, line, "skip", reason)
+            self._motions.other(word, line, JOINTS if word in JOINT_MOTIONS else RELATIVE)
         elif word in ("DEF", "DEFFCT") or (word == "GLOBAL" and _ROUTINE.match(data, start, end)):
             self._begin_routine(statement)
         elif word in ("END", "ENDFCT"):
@@ -240,8 +235,7 @@ class Module:
         shifts.follow(self._flow, shifts.KRL, data[start:end], self._motions.place(line))
         for given in HANDED_POSE.finditer(data, start, end):
             if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
-                reason = f"handed to {name}(): where that moves is known at run time only"
-                self._motions.other(name, line, "skip", reason)
+                self._motions.other(name, line, handed_to(name))
         if word and (m := _ASSIGN.match(data, rest, end)):
             self._stray(statement)
             self._assign(statement, m)
@@ -256,9 +250,7 @@ class Module:
             self._trigger(statement)
         elif word and word not in OTHER_STATEMENTS and word not in KEEPS_FRAMES and _OPERAND.match(data, rest, end):
             self._names.scan(data, rest, end, line)
-            self._motions.other(
-                word, line, "refuse", f"looks like a motion that is not known: {shown(data, start, end)}"
-            )
+            self._motions.other(word, line, unknown_motion(shown(data, start, end)))
         else:
             self._scan(statement)
 
@@ -279,7 +271,7 @@ class Module:
         data = self._src.data
         if found := next((m for m in STRAY_MOTION.finditer(data, start, end) if m[1]), None):
             reason = f"a motion inside another statement: {shown(data, start, end)}"
-            self._motions.other(found[1].decode().upper(), line, "refuse", reason)
+            self._motions.other(found[1].decode().upper(), line, Problem("refuse", reason))
 
     def _assign(self, statement: Statement, m: re.Match[bytes]) -> None:
         word, line, start, rest, end = statement

@@ -6,11 +6,10 @@ import re
 from typing import NamedTuple
 
 from truepose.programs.core.flow import Flow, InForce
-from truepose.programs.core.points import FileLine, Place, Point, Problem, Use
-from truepose.programs.core.source import Source
-from truepose.programs.core.target import Verdict
+from truepose.programs.core.points import RUN_TIME, FileLine, Place, Point, Problem, Use, computed, not_understood
+from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
-from truepose.programs.krl.lexer import Lines, Statement, closing_brace, parse_point, shown, split_commas, strip
+from truepose.programs.krl.lexer import BLANK, Lines, Statement, closing_brace, parse_point, split_commas
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Index, Motion, Numbers, Variable
 from truepose.programs.krl.words import APPROACH, CIRCLES
@@ -72,10 +71,10 @@ class MotionReader:
         """Return a line, with the file's name if the program has several."""
         return FileLine(self._source.path.name, line) if self._named else line
 
-    def other(self, word: str, line: int, verdict: Verdict, reason: str, name: str = "") -> Point:
+    def other(self, word: str, line: int, problem: Problem, name: str = "") -> Point:
         """Note a motion that has no numbers to correct."""
         use = Use(word, self.place(line), section=self._flow.section)
-        point = Point(name or f"{word}:{line}", self._source, line, problem=Problem(verdict, reason), uses=[use])
+        point = Point(name or f"{word}:{line}", self._source, line, problem=problem, uses=[use])
         self.others.append(point)
         return point
 
@@ -133,14 +132,14 @@ class MotionReader:
         if found := APPROACH.search(data, start, end):
             end = found.start()
         try:
-            spans = split_commas(data, *strip(data, start, end))
+            spans = split_commas(data, *strip(data, start, end, BLANK))
         except ValueError as error:
             raise self._source.error(line, f"{word}: {error}; correct the file") from None
         if len(spans) == 3 and word in CIRCLES and _CIRCLE_ANGLE.match(data, *spans[2]):
             spans.pop()
         expected = 2 if word in CIRCLES else 1
         if len(spans) != expected or any(a == b for a, b in spans):
-            self.other(word, line, "refuse", f"a motion that is not understood: {word}{shown(data, start, end)}")
+            self.other(word, line, not_understood(f"{word} {shown(data, start, end)}".rstrip()))
             return []
         motion = self._motion(word, line, settings)
         names = [f"{word}:{line}"] if expected == 1 else [f"{word}:{line} auxiliary", f"{word}:{line} end"]
@@ -159,10 +158,9 @@ class MotionReader:
         calls += self._names.scan(data, start, end, motion.line)
         code = _OPERATOR_WORD.sub(b"+", _BRACES.sub(b"{}", data[start:end]))
         if _ADJACENT.search(code) or not re.search(rb"[A-Za-z_$]", code):
-            reason = f"a motion that is not understood: {motion.word} {shown(data, start, end)}"
-            return self.other(motion.word, motion.line, "refuse", reason, name)
-        reason = f"target computed at run time: {shown(data, start, end)}"
-        return self.other(motion.word, motion.line, "skip", reason, name)
+            problem = not_understood(f"{motion.word} {shown(data, start, end)}")
+            return self.other(motion.word, motion.line, problem, name)
+        return self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
 
     def _literal(self, start: int, end: int, name: str, motion: Motion) -> Goal:
         aggregate = parse_point(self._source, start, end, motion.line)
@@ -173,7 +171,7 @@ class MotionReader:
     def _point(self, name: bytes, brackets: bytes | None, motion: Motion) -> Goal:
         key = name.decode().upper()
         if key.startswith("$"):
-            return self.other(motion.word, motion.line, "skip", "target known at run time only", name.decode())
+            return self.other(motion.word, motion.line, RUN_TIME, name.decode())
         variable = self._names.find(key)
         if variable is None:
             variable = self._names.elsewhere[key] = Variable(name.decode(), "", motion.line, "nowhere")

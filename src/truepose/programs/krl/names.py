@@ -7,16 +7,8 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from truepose.programs.core.flow import Frames, InForce
-from truepose.programs.core.source import Source
-from truepose.programs.krl.lexer import (
-    Aggregate,
-    closing_brace,
-    parse_aggregate,
-    parse_point,
-    shown,
-    split_commas,
-    strip,
-)
+from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.lexer import BLANK, Aggregate, closing_brace, parse_aggregate, parse_point, split_commas
 from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, Variable
 from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
 
@@ -108,7 +100,7 @@ class Names:
 
     def assign(self, source: Source, variable: Variable, index: Index, start: int, end: int, line: int) -> None:
         """Take the value of a point: numbers that may be corrected, or something that the run time decides."""
-        start, end = strip(source.data, start, end)
+        start, end = strip(source.data, start, end, BLANK)
         parameter = variable.origin == "src" and not variable.type
         if source.data[start : start + 1] != b"{" or parameter:
             variable.writes[index].append((line, "assigned"))

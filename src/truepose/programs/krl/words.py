@@ -12,7 +12,7 @@ def _words(text: str) -> frozenset[str]:
 
 MOTIONS: Final = _words("PTP LIN CIRC SPTP SLIN SCIRC SPL")
 CIRCLES: Final = _words("CIRC SCIRC")
-RELATIVE: Final = frozenset(word + "_REL" for word in MOTIONS)
+RELATIVE_MOTIONS: Final = frozenset(word + "_REL" for word in MOTIONS)
 JOINT_MOTIONS: Final = _words("ASYPTP")
 DECLARE: Final = _words("DECL GLOBAL CONST IMPORT")
 TYPES: Final = _words("INT REAL BOOL CHAR POS E6POS FRAME AXIS E6AXIS FDAT LDAT PDAT LOAD")

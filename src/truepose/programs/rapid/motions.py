@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use
+from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use, computed, not_understood, unknown_motion
 from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import robtarget
@@ -33,8 +33,8 @@ class MotionReader:
         )
         if literal or (shape and len(positional) > 3):
             word = self._names.cased(statement[0])
-            reason = f"looks like a motion that is not known: {self._names.shown(statement)}"
-            point = Point(f"{word}:{line}", self._source, line, problem=Problem("refuse", reason))
+            problem = unknown_motion(self._names.shown(statement))
+            point = Point(f"{word}:{line}", self._source, line, problem=problem)
             self._add(point, self._use(word, statement[0], line))
 
     def read(self, token: Token, circle: bool, arguments: list[Argument], line: int) -> None:
@@ -45,7 +45,7 @@ class MotionReader:
             positional = positional[2:]
         goals = 2 if circle else 1
         if len(positional) < goals + 2:
-            problem = Problem("refuse", "a motion that is not understood")
+            problem = not_understood(self._names.shown([token]))
             self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
             return
         tool, tool_problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional[goals - 1 :]))
@@ -104,11 +104,10 @@ class MotionReader:
             return self._named(items, name, line, use)
         self._offset(items, use, line)
         function = items[0].text if items and items[0].kind == "word" else ""
-        reason = "target computed at run time: " + self._names.shown(items)
+        problem = computed(self._names.shown(items))
         if function in OFFSETS and self._options.offsets:
-            reason = f"offset from a point that is corrected: {self._names.shown(items)}"
-        point = Point(name, self._source, line, problem=Problem("skip", reason))
-        return [self._add(point, use)]
+            problem = Problem("skip", f"offset from a point that is corrected: {self._names.shown(items)}")
+        return [self._add(Point(name, self._source, line, problem=problem), use)]
 
     def _named(self, items: list[Token], name: str, line: int, use: Use) -> list[Point]:
         variable = self._names.find(items[0].text)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.points import FileLine, Frame, Place, Point, Problem, Use
 from truepose.programs.core.program import Key, ReadOptions, frame_key
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.syntax import Argument, Parameter, Token
 
@@ -222,8 +222,7 @@ class ModuleNames:
 
     def shown(self, items: list[Token]) -> str:
         """Return code for a message."""
-        text = self.source.data[items[0].start : items[-1].end].decode("latin-1") if items else ""
-        return "".join(c if c.isprintable() else " " for c in text[:40]) + ("…" if len(text) > 40 else "")
+        return shown(self.source.data, items[0].start, items[-1].end) if items else ""
 
     def cased(self, token: Token) -> str:
         """Return a word as the file has it."""
