@@ -149,7 +149,7 @@ def test_write_leaves_every_file_and_the_record(path: Path, frames: FrameTable, 
     assert [p.name for p in written] == ["cell.src", "cell.dat", "cell.corrections.json", "cell.corrections.csv"]
     assert {p: (tmp_path / "out" / "deep" / p.name).read_bytes() for p in corrected.files} == corrected.files
     record = json.loads(written[2].read_text())
-    assert record == corrected.sidecar()
+    assert record == corrected.to_dict()
     assert record["map_sha256"] == "0" * 64
     assert record["summary"]["corrected"] == 3
     assert record["summary"]["largest_correction_mm"] == pytest.approx(np.sqrt(0.14), abs=2e-3)

@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "a.src"
 
 
-@pytest.mark.promise("Coverage counts the targets that motions go to, corrected and nominal.")
+@pytest.mark.promise("CorrectedShare counts the targets that motions go to, corrected and nominal.")
 def test_coverage_counts_motion_targets(path: Path, make_map: Any) -> None:
     corrected = correct_program(path, make_map([0.5, 0.0, 0.0]))
     assert corrected.summary()["targets"] == 5

@@ -144,7 +144,7 @@ def test_orientation_digits_change_only_when_asked(name: str, tmp_path: Path, ma
         assert (got * wanted.inv()).magnitude() < 2 * step
     outcome = asked.targets[0]
     assert {tuple(np.round(o.angles_after, 9)) for o in asked.targets} == {tuple(np.round(row, 9)) for row in after}
-    assert len(asked.sidecar()["targets"][0]["angles_after"]) == len(outcome.angles_after)
+    assert len(asked.to_dict()["targets"][0]["angles_after"]) == len(outcome.angles_after)
     zero = correct_program(
         path, TurningMap([0, 0, 0], make_map=make_map), frames=table, options=options, orientation=True
     )

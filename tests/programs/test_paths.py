@@ -70,7 +70,7 @@ def test_a_limit_that_is_stated(tmp_path: Path, make_map: Any) -> None:
     assert corrected(tmp_path, make_map, jump, cell=states(0.5)).coverage.corrected == N
     assert corrected(tmp_path, make_map, jump, cell=states(0.4)).coverage.corrected == 0
     assert corrected(tmp_path, make_map, 5 * jump, cell=states(3.0)).coverage.corrected == N
-    record = corrected(tmp_path, make_map, jump, cell=states(0.5)).sidecar()
+    record = corrected(tmp_path, make_map, jump, cell=states(0.5)).to_dict()
     assert record["continuity"]["max_bend_mm"] == 0.5
 
 
@@ -186,7 +186,7 @@ def test_the_record(tmp_path: Path, make_map: Any) -> None:
     jump = np.zeros((N, 3))
     jump[2, 1], jump[5, 0] = 0.4, 0.25
     done = corrected(tmp_path, make_map, jump)
-    found = done.sidecar()
+    found = done.to_dict()
     turn = float(np.rad2deg(2 * np.arctan(0.4 / 100)))
     assert found["continuity"]["largest_bend_mm"] == pytest.approx(0.4, abs=1e-6)
     assert found["continuity"]["largest_change_of_direction_deg"] == pytest.approx(turn, rel=1e-4)

@@ -109,7 +109,7 @@ def test_function_and_command_give_the_same(run, krl, map_path, error_map, cell_
         assert corrected.on_guard == policy
         assert corrected.files[path] == (out / "a.src").read_bytes()
         record = json.loads((out / "a.corrections.json").read_text())
-        assert corrected.sidecar() == record
+        assert corrected.to_dict() == record
     record_property("cases", len(policies))
 
 

@@ -130,4 +130,4 @@ def test_a_cell_file_of_another_robot_is_refused(error_map, krl, cell_text):
 def test_an_unchecked_arm_is_said(krl, cell_text, samples):
     bare = replace(samples, p_cmd=None, rotation_cmd=None)
     error_map = tp.fit_cell(tp.Cell.from_toml(cell_text), bare, "ordinary-kriging")
-    assert "were not checked" in tp.correct_program(krl(), error_map).sidecar()["warnings"][-1]
+    assert "were not checked" in tp.correct_program(krl(), error_map).to_dict()["warnings"][-1]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from truepose.cell import Cell
     from truepose.compensation import Policy
     from truepose.errors import FileError
-    from truepose.programs import CorrectedProgram, FrameTable, Program, ReadOptions
+    from truepose.programs import CorrectedProgram, FrameTable, ReadOptions
 
 _LISTED = 40  # targets that are shown one by one
 
@@ -109,7 +109,7 @@ def check(
         emit_json(
             {
                 "programs": [{"file": p.path, **p.counts()} for p in found.programs],
-                "targets": [row for program in found.programs for row in _rows(program)],
+                "targets": [target.to_dict() for program in found.programs for target in program.targets],
                 "unreadable": [str(error) for error in found.unreadable],
             }
         )
@@ -166,7 +166,7 @@ def correct(
     from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.errors import DataError
-    from truepose.programs import Coverage, correct_program, read_programs
+    from truepose.programs import CorrectedShare, correct_program, read_programs
     from truepose.programs.corrected import write, write_in_place
 
     if in_place and out is not None:
@@ -213,13 +213,13 @@ def correct(
             if in_place
             else write(corrected, out or Path("corrected"), force=force)
         )
-    coverage = Coverage.of(program.targets for program in corrected)
+    coverage = CorrectedShare.of(program.targets for program in corrected)
     if as_json:
         emit_json(
             {
                 "written": written,
                 "coverage": coverage._asdict(),
-                "programs": [program.sidecar() for program in corrected],
+                "programs": [program.to_dict() for program in corrected],
             }
         )
         return
@@ -282,22 +282,6 @@ def _options(
         orientation=orientation,
         whole_task=whole_task,
     )
-
-
-def _rows(program: Program) -> list[dict[str, Any]]:
-    return [
-        {
-            "file": target.path,
-            "line": target.line,
-            "name": target.name,
-            "verdict": target.verdict,
-            "reason": target.reason,
-            "frame": target.frame,
-            "tool": target.tool,
-            "motion": target.motion,
-        }
-        for target in program.targets
-    ]
 
 
 def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:

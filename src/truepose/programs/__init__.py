@@ -1,17 +1,18 @@
 """Robot programs: read as targets, corrected in place, byte-exact."""
 
-from truepose.programs.core.outcomes import Coverage, Outcome
+from truepose.programs.core.outcomes import CorrectedShare, Outcome
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.core.target import Target
-from truepose.programs.correct import Corrector, correct_program
+from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram
+from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.reading import Reading, read_program, read_programs
 
 __all__ = [
     "CorrectedProgram",
+    "CorrectedShare",
     "Corrector",
-    "Coverage",
     "FrameTable",
     "Outcome",
     "Program",

@@ -6,90 +6,49 @@ and added to its digits. Nothing else changes, which `truepose.programs.proof` r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.units import parse_share
-from truepose._typing import FloatArray, IntArray
+from truepose._typing import FloatArray
+from truepose.cell import Cell
 from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
 from truepose.programs.agreement import check_cell, check_maker
-from truepose.programs.core.columns import Columns
+from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
 from truepose.programs.core.orientations import turned
-from truepose.programs.core.outcomes import DONE, Coverage, Outcomes, digit_step
+from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digit_step
 from truepose.programs.core.paths import Paths
-from truepose.programs.core.program import IDENTITY, Program, ReadOptions
+from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.core.source import printable
 from truepose.programs.core.target import Verdict
 from truepose.programs.corrected import CorrectedProgram
+from truepose.programs.corrector import (
+    ChecksArm,
+    CorrectionContext,
+    Corrector,
+    HasHash,
+    KnowsWorth,
+    LimitsCorrections,
+    TurnedTargets,
+)
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
 
-if TYPE_CHECKING:
-    from truepose.cell import Cell
-    from truepose.robots import Robot
-
 Progress = Callable[[int, int], Any]
 _SHOWN: Final = 3  # refused targets that a message names
 _ROUNDED: Final = 1e-9  # [mm; deg] by doubles, beside the half digit
-
-
-class CorrectionsLike(Protocol):
-    """What a map answers: commands for targets, each with its verdict (see `truepose.compensation.Corrections`)."""
-
-    @property
-    def p_target(self) -> FloatArray:
-        """Positions wanted, (n, 3) [mm], base frame."""
-
-    @property
-    def p_command(self) -> FloatArray:
-        """Positions to command, (n, 3) [mm], base frame."""
-
-    @property
-    def e(self) -> FloatArray:
-        """Predicted errors at the commands, (n, 3) [mm], base frame."""
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviations of `e`, (n, 3) [mm]."""
-
-    @property
-    def verdict(self) -> NDArray[np.str_]:
-        """What happens to each target, (n,): correct, clip, skip, refuse or below uncertainty."""
-
-    @property
-    def reason(self) -> Sequence[str]:
-        """Why, (n,); "" where there is nothing to say."""
-
-    @property
-    def rotation(self) -> FloatArray | None:
-        """By what orientations are turned, rotation vectors (n, 3) [rad], base frame; None where not asked."""
-
-
-class Corrector(Protocol):
-    """What corrects: poses (n, 4, 4), base to tool, in; commands out."""
-
-    def correct(  # noqa: D102
-        self,
-        poses: FloatArray,
-        *,
-        tf_flange_tool: FloatArray,
-        status: IntArray,
-        turn: IntArray,
-        on_guard: Policy,
-        orientation: bool = False,
-    ) -> CorrectionsLike: ...
 
 
 def correct_program(
@@ -162,10 +121,10 @@ def correct_program(
     asked_share = None if require is None else parse_share(require)
     limits = _limits_in_force(error_map, cell, on_guard=on_guard, require=asked_share)
     on_guard = limits.on_guard
-    program = _read(path, cell or getattr(error_map, "cell", None), frames, options, orientation)
+    known = CorrectionContext.of(error_map)
+    program = _read(path, cell or known.cell, frames, options, orientation)
     warnings = _check_robot(error_map, program, cell, other_maker)
-    map_path: Path | None = getattr(error_map, "path", None)
-    check_not_corrected(program, map_path)
+    check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
     if on_guard == "refuse":
         _refuse(program, _reasons(program, "refuse"))
@@ -175,12 +134,12 @@ def correct_program(
     outcomes = Outcomes.none(program, program.width if orientation else 3)
     change = outcomes.after[:, : 6 if orientation else 3]  # until the digits take their place
     refused: dict[int, str] = {}
-    known: dict[str, Any] = {}  # what a map of truepose wants to know besides
-    if hasattr(error_map, "limits_in_force"):
-        known = {"limits": limits, "accept_weak_map": accept_weak_map}
+    more: dict[str, Any] = {}
+    if isinstance(error_map, LimitsCorrections):
+        more = {"limits": limits, "accept_weak_map": accept_weak_map}
     done = 0
     for rows, columns in program.correctable_columns():
-        asked = _ask(error_map, columns, on_guard, orientation, known)
+        asked = _ask(error_map, columns, on_guard, orientation, more)
         change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
         why = {int(rows[k]): reason for k, reason in asked[4].items()}
         outcomes.why.update(why)
@@ -193,35 +152,33 @@ def correct_program(
     paths = Paths(program, outcomes, limits.values.get("max_bend_mm"))
     continuity = paths.settle(outcomes, on_guard)
     limits = limits.with_found({"max_bend_mm": (paths.limit, paths.origin)})
-    Coverage.of([outcomes]).check(limits.values["require"], program.path)
+    CorrectedShare.of([outcomes]).check(limits.values["require"], program.path)
     warnings += _weakness(error_map)
     _write_digits(program, outcomes, change.shape[1], resolution)
     hashes = proven_hashes(outcomes, resolution)
-    map_hash = getattr(error_map, "hash", None)
+    map_hash = error_map.hash if isinstance(error_map, HasHash) else None
     return CorrectedProgram(
-        program, outcomes, on_guard, resolution, map_hash, hashes, limits, continuity, tuple(warnings), map_path
+        program, outcomes, on_guard, resolution, map_hash, hashes, limits, continuity, tuple(warnings), known.path
     )
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:
     """Return the limits that hold; those of a corrector other than a map are what the cells state."""
-    ask = getattr(error_map, "limits_in_force", None)
-    if ask is None:
-        return stated_limits(getattr(error_map, "cell", None), cell, options)
-    limits: LimitsInForce = ask(cell, **options)
-    return limits
+    if isinstance(error_map, LimitsCorrections):
+        return error_map.limits_in_force(cell, **options)
+    return stated_limits(CorrectionContext.of(error_map).cell, cell, options)
 
 
 def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return what a user should know."""
-    robot: Robot | None = getattr(error_map, "robot", None)
-    if robot is None:
+    known = CorrectionContext.of(error_map)
+    if known.robot is None:
         return []
-    own: Cell | None = getattr(error_map, "cell", None)
-    warnings = [] if cell is None or own is None else check_cell(own, robot, cell)
-    arm = getattr(error_map, "arm_check", None)
-    unchecked = [] if arm is None or arm.checked else [arm.words]
-    return warnings + check_maker(robot, program, other_maker=other_maker) + unchecked
+    warnings = [] if cell is None or known.cell is None else check_cell(known.cell, known.robot, cell)
+    warnings += check_maker(known.robot, program, other_maker=other_maker)
+    if isinstance(error_map, ChecksArm) and not error_map.arm_check.checked:
+        warnings.append(error_map.arm_check.words)
+    return warnings
 
 
 def _read(
@@ -248,15 +205,17 @@ _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, s
 
 def _weakness(error_map: Corrector) -> list[str]:
     """Return the warning of a weak map that is used all the same."""
-    worth = getattr(error_map, "worth", None)
-    return [f"a weak map was accepted: {worth.words}"] if worth is not None and worth.weak else []
+    if isinstance(error_map, KnowsWorth) and error_map.worth.weak:
+        return [f"a weak map was accepted: {error_map.worth.words}"]
+    return []
 
 
 def _ask(
-    error_map: Corrector, columns: Columns, on_guard: Policy, orientation: bool, known: Mapping[str, Any]
+    error_map: Corrector, columns: TargetColumns, on_guard: Policy, orientation: bool, more: Mapping[str, Any]
 ) -> _Asked:
     """Ask the map about some targets: change in their own frames (n, 3 or 6), e, std, codes, and reasons by row."""
-    poses, tools = columns.poses_base(), columns.tf_flange_tool(getattr(error_map, "tf_flange_tool", IDENTITY))
+    known = CorrectionContext.of(error_map)
+    poses, tools = columns.poses_base(), columns.tf_flange_tool(known.tf_flange_tool)
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,
@@ -264,7 +223,7 @@ def _ask(
         turn=columns.turn,
         on_guard=on_guard,
         orientation=orientation,
-        **known,
+        **more,
     )
     code = np.array([DONE.index(verdict) for verdict in np.asarray(answer.verdict).tolist()], np.int8)
     reasons = {k: reason for k, reason in enumerate(answer.reason) if reason}
@@ -272,18 +231,16 @@ def _ask(
     after[:, :3, 3] = answer.p_command
     change = answer.p_command - answer.p_target
     if orientation:
-        if getattr(answer, "rotation", None) is None:
+        if not isinstance(answer, TurnedTargets) or answer.rotation is None:
             raise DataError("the map gives no orientations; correct positions alone")
-        assert answer.rotation is not None
         after[:, :3, :3] = Rotation.from_rotvec(answer.rotation).as_matrix() @ poses[:, :3, :3]
         change = np.concatenate([change, answer.rotation], axis=1)
     wrong = np.isin(code, (1, 2)) & ~np.isfinite(change).all(axis=1)
     if wrong.any():
         target = columns.target(int(np.argmax(wrong)))
         raise RefusedError(f"{target.where}: {target.name}: the map gave a correction that is not a number")
-    robot: Robot | None = getattr(error_map, "robot", None)
-    if robot is not None:
-        for k, why in changed_words(robot, columns, poses, after, tools).items():
+    if known.robot is not None:
+        for k, why in changed_words(known.robot, columns, poses, after, tools).items():
             if code[k] in (1, 2):
                 code[k], reasons[k] = DONE.index("refuse" if on_guard == "refuse" else "skip"), why
     # R_frame_base = R_base_frameᵀ
@@ -304,7 +261,7 @@ def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: f
             outcomes.after[rows[here]] = _digits(program, columns.take(here), change[here], resolution)
 
 
-def _digits(program: Program, columns: Columns, change: FloatArray, resolution: float) -> FloatArray:
+def _digits(program: Program, columns: TargetColumns, change: FloatArray, resolution: float) -> FloatArray:
     """Return the numbers of targets as they are written when they change so, (n, 3 or 3 + k)."""
     data = next(source.data for source in program.sources if source.path == columns.path)
     before, wanted = columns.values[:, :3], columns.values[:, :3] + change[:, :3]

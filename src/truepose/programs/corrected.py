@@ -13,35 +13,39 @@ from truepose._io import files
 from truepose.compensation import LimitsInForce, Policy
 from truepose.errors import FileError
 from truepose.programs import history
-from truepose.programs.core.outcomes import Coverage, Outcomes
+from truepose.programs.core.outcomes import CorrectedShare, Outcomes
 from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, TARGETS, head_csv, rows
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CorrectedProgram:
-    """A corrected program, not yet written.
+    """A corrected program that is proven and not yet written.
 
     Attributes
     ----------
     program : Program
-        The original.
+        The original program.
     targets : Outcomes
+        The outcome of each target.
     on_guard : {"refuse", "skip", "clip"}
+        The policy for targets that a limit refuses.
     resolution : float [mm]
+        The step of corrections.
     map_hash : str, optional
+        The SHA-256 of the map.
     hashes : dict of Path to str
-        SHA-256 of every file as it becomes, proven.
+        The SHA-256 of each corrected file.
     limits : LimitsInForce
-        The settings of ``[correction]`` that held, with their origin.
+        The settings of ``[correction]`` in force, with their origins.
     continuity : Continuity
-        What the correction does to the paths through the targets.
+        The changes of the paths through the targets.
     warnings : tuple of str
-        What a user should look at.
+        The warnings for the user.
     map_path : Path, optional
-        The file that the map was read from; corrected programs are remembered beside it.
+        The file that the map was read from; corrected programs are listed beside it.
     """
 
     program: Program
@@ -55,6 +59,9 @@ class CorrectedProgram:
     warnings: tuple[str, ...] = ()
     map_path: Path | None = None
 
+    def __repr__(self) -> str:
+        return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
+
     def content(self, source: Source) -> Iterator[bytes]:
         """Yield a file as it becomes, piece by piece."""
         for _, _, piece, _ in self.targets.pieces(source, self.resolution):
@@ -66,16 +73,19 @@ class CorrectedProgram:
         return {source.path: b"".join(self.content(source)) for source in self.program.sources}
 
     @property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> CorrectedShare:
         """How many motion targets there are, and how many of them are corrected."""
-        return Coverage.of([self.targets])
+        return CorrectedShare.of([self.targets])
 
     def summary(self) -> dict[str, Any]:
         """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
         return {**self.targets.summary(), "motion_targets": self.coverage.targets}
 
-    def sidecar(self) -> dict[str, Any]:
-        """Return the record of this correction for JSON; see `truepose.programs.record`."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record of this correction for JSON, as it is written beside the program.
+
+        Positions and corrections are in each target's own frame, predicted errors and deviations in the base frame.
+        """
         targets = [json.loads(line) for lines, _ in rows(self.targets, self.continuity) for line in lines]
         return {**self._head(), "targets": targets}
 

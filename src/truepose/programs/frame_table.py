@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -19,24 +19,27 @@ if TYPE_CHECKING:
     from truepose.cell import Cell
 
 _SAME_MM: Final = 1e-3
+_SHOWN: Final = 12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrameTable:
-    """The controller's tools and bases, by number or by name. Number 0 is the null frame on every controller.
+    """The controller's tools and bases, by number or by name.
+
+    Number 0 is the null frame on every controller, and is always there.
 
     Parameters
     ----------
     tools : mapping of int or str to (4, 4) array [mm]
-        Flange to tool.
+        The transforms from the flange to each tool.
     bases : mapping of int or str to (4, 4) array [mm]
-        Robot base to the frame that targets are given in. Number 0 is the controller's world.
+        The transforms from the robot's base to each frame of targets. Number 0 is the controller's world.
     tool, base : int or str, optional
-        In force where a program sets none.
+        The tool and the base in force where a program sets none.
     in_world : set of int or str
-        The bases that are given in the controller's world instead, as ``$config.dat`` has them.
+        The bases that are given in the controller's world instead, as in ``$config.dat``.
     tf_world_base : (4, 4) array [mm], optional
-        Where the robot stands in that world, once it is known; see `standing_at`.
+        The transform from that world to the robot's base, once it is known; see `standing_at`.
 
     Raises
     ------
@@ -46,8 +49,10 @@ class FrameTable:
     Examples
     --------
     >>> import numpy as np
-    >>> sorted(FrameTable(tools={3: np.eye(4)}).tools)
-    [0, 3]
+    >>> gripper = np.eye(4)
+    >>> gripper[:3, 3] = 0.0, 0.0, 150.0
+    >>> FrameTable(tools={3: gripper}, bases={"table": np.eye(4)}, tool=3)
+    FrameTable(tools: 0, 3; bases: 0, table; in force: tool 3)
     """
 
     tools: Mapping[Key, FloatArray] = field(default_factory=dict)
@@ -70,6 +75,17 @@ class FrameTable:
                 raise DataError(f"{which} {key} is not among those given ({shown}); give it in [frames.{kind}.{key}]")
             object.__setattr__(self, which, key)
 
+    def __repr__(self) -> str:
+        parts = [f"{kind}: {_listed(table)}" for kind, table in (("tools", self.tools), ("bases", self.bases))]
+        in_force = [f"{which} {key}" for which, key in (("tool", self.tool), ("base", self.base)) if key is not None]
+        return f"FrameTable({'; '.join([*parts, *(['in force: ' + ', '.join(in_force)] if in_force else [])])})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the frames as lists of numbers, for JSON."""
+        tables = {"tools": self.tools, "bases": self.bases}
+        found = {kind: {str(key): tf.tolist() for key, tf in table.items()} for kind, table in tables.items()}
+        return {**found, "tool": self.tool, "base": self.base}
+
     @classmethod
     def from_config_dat(cls, path: str | Path) -> Self:
         """Return the tools and bases of a KUKA ``$config.dat``.
@@ -91,15 +107,16 @@ class FrameTable:
     def from_cell(
         cls, cell: Cell, config_dat: str | Path | None = None, tool: Key | None = None, base: Key | None = None
     ) -> Self:
-        """Return the frames that a cell file gives, those of its ``$config.dat`` included; the cell file's own win.
+        """Return the frames of a cell file and of its ``$config.dat``; those of the cell file take precedence.
 
         Parameters
         ----------
         cell : Cell
+            The cell.
         config_dat : str or Path, optional
-            Another ``$config.dat``, which wins over that of the cell.
+            Another ``$config.dat``, which takes precedence over that of the cell.
         tool, base : int or str, optional
-            In force where a program sets none.
+            The tool and the base in force where a program sets none.
         """
         known = [cls.from_config_dat(path) for path in (cell.config_dat, config_dat) if path is not None]
         tools = {key: tf for table in known for key, tf in table.tools.items()}
@@ -110,15 +127,16 @@ class FrameTable:
         return table.standing_at(invert_transform(own[0]), "[frames.bases.0] of the cell file") if 0 in own else table
 
     def standing_at(self, tf_world_base: FloatArray, where: str) -> Self:
-        """Return the frames as seen from a robot that stands somewhere in its controller's world.
+        """Return the frames relative to the base of a robot that has a place in its controller's world.
 
-        Base 0, which is the world, and the bases that are given in it change; those of a cell file do not.
+        Base 0, which is the world, and the bases that are given in the world change; those of a cell file do not.
 
         Parameters
         ----------
         tf_world_base : (4, 4) array [mm]
+            The transform from the world to the robot's base.
         where : str
-            Who says so; for messages.
+            The file or setting that states the place, for messages.
 
         Raises
         ------
@@ -131,9 +149,9 @@ class FrameTable:
                     ", ".join(f"{x:g}" for x in tf[:3, 3].round(3) + 0.0) for tf in (self.tf_world_base, tf_world_base)
                 )
                 raise DataError(
-                    f"{where}: the robot stands at ({new}) mm in its controller's world or is turned there, but "
-                    f"({known}) mm was said before; make them agree ([frames.bases.0] of the cell file is the world as "
-                    "seen from the robot)"
+                    f"{where}: places the robot at ({new}) mm in its controller's world, or turned, but ({known}) mm "
+                    "was stated before; make them agree ([frames.bases.0] of the cell file is the world relative to "
+                    "the robot's base)"
                 )
             return self
         tf_base_world = invert_transform(check_transforms(where, tf_world_base))
@@ -141,7 +159,13 @@ class FrameTable:
         return replace(self, bases={**bases, 0: tf_base_world}, in_world=frozenset(), tf_world_base=tf_world_base)
 
     def with_config_dat(self, path: Path) -> Self:
-        """Return these frames, and those of a project's ``$config.dat`` where these have none of that number."""
+        """Return these frames with those of a project's ``$config.dat`` added; these take precedence."""
         tools, bases = read_config_dat(path)
         bases = {key: self.bases[0] @ tf for key, tf in bases.items()}  # the file gives them in the world
         return replace(self, tools={**tools, **self.tools}, bases={**bases, **self.bases})
+
+
+def _listed(table: Mapping[Key, FloatArray]) -> str:
+    """Return the first keys of a table."""
+    more = f", … ({len(table)} in all)" if len(table) > _SHOWN else ""
+    return ", ".join(map(str, list(table)[:_SHOWN])) + more

@@ -42,7 +42,7 @@ class _Entry:
     positions: HashArray
 
 
-class Correction(Protocol):
+class Remembered(Protocol):
     """The parts of a corrected program that are remembered; see `truepose.programs.CorrectedProgram`."""
 
     @property
@@ -72,7 +72,7 @@ def _own() -> list[Path]:
     return [folder / "truepose" / "corrected.jsonl"]
 
 
-def remember(corrected: Sequence[Correction]) -> None:
+def remember(corrected: Sequence[Remembered]) -> None:
     """Add programs to the stores; before they are written, so that none is ever there unrecorded.
 
     Raises
@@ -97,7 +97,7 @@ def remember(corrected: Sequence[Correction]) -> None:
             warnings.warn(str(problem), UserWarning, stacklevel=2)
 
 
-def _lines(corrected: Correction) -> Iterator[str]:
+def _lines(corrected: Remembered) -> Iterator[str]:
     """Yield one line per file that changes."""
     date = datetime.now(UTC).isoformat(timespec="seconds")
     for source in corrected.targets.program.sources:
@@ -114,7 +114,7 @@ def _lines(corrected: Correction) -> Iterator[str]:
         yield f"\n{json.dumps(entry)}\n"
 
 
-def _written(corrected: Correction, path: Path) -> HashArray:
+def _written(corrected: Remembered, path: Path) -> HashArray:
     """Return the smallest hashes of the positions that changed in a file."""
     kept = np.empty(0, np.uint64)
     for first, columns in corrected.targets.program.targets.chunks(path):

@@ -140,11 +140,12 @@ class _Reader(Reader):
         structured = shifted if steered else 0
         self._labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
         self._always_shifted = bool(structured)
+        flow.begin_routine("JOB", outside=True)
         if structured:
             flow.change(ipo=f"SFTON (line {structured})")
         for shift in shifts.begun(shifts.INFORM, instructions) if steered else ():
             flow.shift(*shift)
-        self.routine("JOB", instructions, self._instruction)
+        self.body(instructions, self._instruction)
         flow.solve()
         self.arc(None)
         for point, word, line, node, problem in self._moves:

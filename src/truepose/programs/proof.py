@@ -18,7 +18,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError, RefusedError
-from truepose.programs.core.columns import Columns, Targets
+from truepose.programs.core.columns import ProgramTargets, TargetColumns
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.source import Source, printable, prove, replaced
 from truepose.programs.core.target import Target
@@ -90,7 +90,7 @@ def prove_meaning(outcomes: Outcomes, contents: Mapping[Path, bytes]) -> None:
         _compare(outcomes, first, old, new)
 
 
-def _side_by_side(old: Targets, new: Targets) -> Iterator[tuple[int, Columns, Columns]]:
+def _side_by_side(old: ProgramTargets, new: ProgramTargets) -> Iterator[tuple[int, TargetColumns, TargetColumns]]:
     """Yield the same targets of two readings, some thousand at a time, with the place of the first."""
     readings = [(columns for _, columns in targets.chunks()) for targets in (old, new)]
     first, parts = 0, [next(reading, None) for reading in readings]
@@ -106,7 +106,7 @@ def _side_by_side(old: Targets, new: Targets) -> Iterator[tuple[int, Columns, Co
         ]
 
 
-def _compare(outcomes: Outcomes, first: int, old: Columns, new: Columns) -> None:
+def _compare(outcomes: Outcomes, first: int, old: TargetColumns, new: TargetColumns) -> None:
     kinds, where = np.unique(np.column_stack([old.kind, new.kind]), axis=0, return_index=True)
     for (a, b), i in zip(kinds.tolist(), where.tolist(), strict=True):
         for name in _SHARED:
@@ -129,7 +129,7 @@ def _compare(outcomes: Outcomes, first: int, old: Columns, new: Columns) -> None
         _refuse(old, i, f"its {k + 1}. number reads {new.values[i, k]:.9g}, {meant[i, k]:.9g} was meant")
 
 
-def _refuse(columns: Columns, i: int, how: str) -> NoReturn:
+def _refuse(columns: TargetColumns, i: int, how: str) -> NoReturn:
     target = columns.target(i)
     raise RefusedError(
         printable(f"{target.where}: {target.name}: the corrected program reads otherwise: {how}; {_REMEDY}")

@@ -111,7 +111,7 @@ def _read_file(
     options = options or ReadOptions()
     frames = standing(frames or FrameTable(), path, dialect)
     whole = {"folder": folder} if dialect == "val3" and folder is not None else {}
-    return _again(partial(module.read, path, frames, options, **whole), options)
+    return _again(partial(module.read, path, frames, options, **whole), options, dialect)
 
 
 def _is_folder(path: Path) -> bool:
@@ -209,7 +209,10 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
 
     frames = standing(frames, root, "rapid")
     programs = read_tasks(tasks, frames, options)
-    return [replace(one, root=root, options=options, again=partial(again, k)) for k, one in enumerate(programs)]
+    return [
+        replace(one, root=root, options=options, again=partial(again, k), language="rapid")
+        for k, one in enumerate(programs)
+    ]
 
 
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
@@ -222,12 +225,12 @@ def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadO
         return read_project(folder, files, known, options)
 
     frames = standing(frames, folder, "krl")
-    return [_again(read, options)]
+    return [_again(read, options, "krl")]
 
 
-def _again(reader: Callable[[], Program], options: ReadOptions) -> Program:
-    """Read a program; it keeps how, so that it can be read again."""
-    return replace(reader(), options=options, again=reader)
+def _again(reader: Callable[[], Program], options: ReadOptions, language: str) -> Program:
+    """Read a program that knows how to read itself again."""
+    return replace(reader(), options=options, again=reader, language=language)
 
 
 def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:

@@ -105,9 +105,10 @@ class _Reader(Reader):
         instructions, position_start, position_end = self._sections()
         self._read_positions(position_start, position_end)
         self._labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
+        self.flow.begin_routine("MAIN", outside=True)
         if self._tracked:
             self.flow.shift("program", self._tracked)
-        self.routine("MAIN", instructions, self._instruction)
+        self.body(instructions, self._instruction)
         self.flow.solve()
         self._attach()
         self.points = [*self._positions.values(), *self.points]

@@ -109,7 +109,8 @@ class _Reader(Reader):
         self._calls = set(routines)
         for name, body in routines.items():
             self._routine = name
-            self.routine(name or "(file)", body, self._statement, outside=name not in self._threads)
+            self.flow.begin_routine(name or "(file)", outside=name not in self._threads)
+            self.body(body, self._statement)
         self.flow.handlers, self.flow.concurrent = self._threads, True
         self._attach(self.flow.solve())
         circles = [[self._point(goal) for goal in circle] for circle in self._goals]

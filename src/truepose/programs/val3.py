@@ -90,7 +90,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path 
     for kind, value in values:
         if kind in tables:
             tables[kind][value.name] = value
-    chains = {kind: _Frames(source, table) for kind, table in tables.items()}
+    chains = {kind: _FrameChain(source, table) for kind, table in tables.items()}
     for kind, value in values:
         if kind.startswith("joint"):
             points.append(Point(value.name, source, value.line, problem=JOINTS))
@@ -203,7 +203,7 @@ def _numbers(source: Source, value: _Value) -> tuple[tuple[float, ...], tuple[tu
     return tuple(values.values()), tuple(spans.values())
 
 
-class _Frames:
+class _FrameChain:
     """Frames, or tools, of the file, followed to world or flange."""
 
     def __init__(self, source: Source, table: dict[str, _Value]) -> None:
@@ -268,7 +268,7 @@ def _foreign_uses(
 
 
 def _uses(
-    path: Path, named: dict[str, list[Point]], tools: _Frames, frames: dict[str, _Value]
+    path: Path, named: dict[str, list[Point]], tools: _FrameChain, frames: dict[str, _Value]
 ) -> dict[tuple[str, Key | None], int]:
     """Replace the points' uses by what the programs beside the file say; return the frames that they change."""
     changed: dict[tuple[str, Key | None], int] = {}

@@ -1,7 +1,7 @@
-"""Targets by columns: what many share is held once, numbers lie in arrays, stretches of a file are read when needed.
+"""Targets as columns: shared data are held once, numbers in arrays, and runs of a file are read when needed.
 
-A program of a million targets fits in memory so: `Targets` makes a `Target` only for the one that is asked for, and
-whoever works on all of them takes `Columns`, some thousand at a time.
+So a program of a million targets fits in memory: `ProgramTargets` makes a `Target` only for the one that is asked for,
+and code that works on all of them takes `TargetColumns`, some thousand at a time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from truepose.programs.core import orientations
 from truepose.programs.core.target import Target
 
 CHUNK: Final = 2048
-"""Targets that are worked on at a time."""
+"""Number of targets that are processed at a time."""
 VERDICTS: Final = ("correct", "skip", "refuse")
 
 
@@ -35,12 +35,12 @@ class Stretch(Protocol):
 
     def __len__(self) -> int: ...
 
-    def columns(self, alike: Sequence[Target], kind: int) -> Columns:
+    def columns(self, alike: Sequence[Target], kind: int) -> TargetColumns:
         """Return them; `kind` is the place of what they share in `alike`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class TargetColumns:
     """Consecutive targets of one file.
 
     Attributes
@@ -69,7 +69,7 @@ class Columns:
     names: Sequence[str | None]
 
     @classmethod
-    def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> Columns:
+    def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> TargetColumns:
         """Pack targets; what they share is added to `alike`, `known` holds where it is."""
         kinds = np.empty(len(targets), np.int64)
         width = 3 + orientations.count(targets[0].controller)
@@ -125,9 +125,9 @@ class Columns:
         kinds, which = np.unique(self.kind, return_inverse=True)
         return [self.alike[kind] for kind in kinds], which
 
-    def take(self, rows: IntArray) -> Columns:
+    def take(self, rows: IntArray) -> TargetColumns:
         """Return some of them."""
-        return Columns(
+        return TargetColumns(
             self.alike,
             self.kind[rows],
             self.line[rows],
@@ -196,7 +196,7 @@ class Motions(NamedTuple):
 NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))
 
 
-class Targets(Sequence[Target]):
+class ProgramTargets(Sequence[Target]):
     """The targets of a program, in the order of the text, file by file.
 
     Parameters
@@ -209,20 +209,20 @@ class Targets(Sequence[Target]):
     def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
         self.motions = motions
         self._alike: list[Target] = []
-        self._pieces: list[tuple[Columns | Stretch, int]] = []
+        self._pieces: list[tuple[TargetColumns | Stretch, int]] = []
         known: dict[object, int] = {}
         waiting: list[Target] = []
         for item in items:
             first = item if isinstance(item, Target) else item.like
             if waiting and (first is not item or len(waiting) == CHUNK or first.path != waiting[0].path):
-                self._pieces.append((Columns.of(waiting, self._alike, known), -1))
+                self._pieces.append((TargetColumns.of(waiting, self._alike, known), -1))
                 waiting = []
             if isinstance(item, Target):
                 waiting.append(item)
             else:
                 self._pieces.append((item, _kind(first, self._alike, known)))
         if waiting:
-            self._pieces.append((Columns.of(waiting, self._alike, known), -1))
+            self._pieces.append((TargetColumns.of(waiting, self._alike, known), -1))
         self._starts = [0, *accumulate(len(piece) for piece, _ in self._pieces)]
 
     def __len__(self) -> int:
@@ -245,16 +245,16 @@ class Targets(Sequence[Target]):
         for _, columns in self.chunks():
             yield from map(columns.target, range(len(columns)))
 
-    def _columns(self, k: int) -> Columns:
+    def _columns(self, k: int) -> TargetColumns:
         piece, kind = self._pieces[k]
-        return piece if isinstance(piece, Columns) else piece.columns(self._alike, kind)
+        return piece if isinstance(piece, TargetColumns) else piece.columns(self._alike, kind)
 
-    def chunks(self, path: Path | None = None) -> Iterator[tuple[int, Columns]]:
+    def chunks(self, path: Path | None = None) -> Iterator[tuple[int, TargetColumns]]:
         """Yield the targets as columns, each with the place of its first; never beyond a file or some thousands.
 
         `path`: of this file only.
         """
-        waiting: list[Columns] = []
+        waiting: list[TargetColumns] = []
         first = size = 0
         for k, (piece, _) in enumerate(self._pieces):
             place = piece.like.path
@@ -271,7 +271,7 @@ class Targets(Sequence[Target]):
         """Return the places of the verdicts in `VERDICTS`, (n,)."""
         codes = np.array([VERDICTS.index(target.verdict) for target in self._alike], np.int8)
         parts = [
-            codes[piece.kind] if isinstance(piece, Columns) else np.full(len(piece), codes[kind])
+            codes[piece.kind] if isinstance(piece, TargetColumns) else np.full(len(piece), codes[kind])
             for piece, kind in self._pieces
         ]
         return np.concatenate(parts) if parts else np.empty(0, np.int8)
@@ -295,10 +295,10 @@ def _name(motions: Sequence[str], line: int) -> str:
     return f"{motions[0] if motions else ''}:{line}"
 
 
-def _join(parts: list[Columns]) -> Columns:
+def _join(parts: list[TargetColumns]) -> TargetColumns:
     if len(parts) == 1:
         return parts[0]
-    return Columns(
+    return TargetColumns(
         parts[0].alike,
         np.concatenate([part.kind for part in parts]),
         np.concatenate([part.line for part in parts]),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
-from truepose.programs.core.columns import Columns
+from truepose.programs.core.columns import TargetColumns
 from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
 
 StrArray = NDArray[np.str_]
@@ -30,7 +30,7 @@ _HAIR: Final = 0.02  # [mm]
 
 
 def changed_words(
-    robot: Robot, columns: Columns, poses: FloatArray, commands: FloatArray, tools: FloatArray
+    robot: Robot, columns: TargetColumns, poses: FloatArray, commands: FloatArray, tools: FloatArray
 ) -> dict[int, str]:
     """Return which targets would change their word of configuration, each with the reason.
 
@@ -38,7 +38,7 @@ def changed_words(
     ----------
     robot : Robot
         Nominal.
-    columns : Columns
+    columns : TargetColumns
         The n targets.
     poses, commands : (n, 4, 4) arrays [mm]
         Base to tool, as programmed and as corrected.
@@ -74,7 +74,7 @@ def changed_words(
     return reasons
 
 
-def words_of(columns: Columns) -> list[str]:
+def words_of(columns: TargetColumns) -> list[str]:
     """Return the words of targets in one form; empty where a target names none, or no valid one."""
     if columns.controller == "kuka":
         pairs = zip(columns.status.tolist(), columns.turn.tolist(), strict=True)

@@ -31,7 +31,7 @@ class InForce(NamedTuple):
     pose: tuple[float, ...] | None = None
 
 
-class Frames(NamedTuple):
+class FdatFrames(NamedTuple):
     """What an FDAT names: tool, base, and who carries the workpiece ("BASE", "TCP", or a reason why not known)."""
 
     tool: InForce
@@ -60,7 +60,7 @@ class State(NamedTuple):
     tool: frozenset[InForce]
     base: frozenset[InForce]
     ipo: frozenset[str]
-    fdat: frozenset[Frames]
+    fdat: frozenset[FdatFrames]
     shifts: frozenset[Shift] = frozenset()
 
     def join(self, other: State) -> State:
@@ -75,7 +75,9 @@ class State(NamedTuple):
 
 
 UNSET: Final = InForce("unset", "the program sets none")
-NO_FDAT: Final = Frames(InForce("unknown", "FDAT_ACT is not set"), InForce("unknown", "FDAT_ACT is not set"), "BASE")
+NO_FDAT: Final = FdatFrames(
+    InForce("unknown", "FDAT_ACT is not set"), InForce("unknown", "FDAT_ACT is not set"), "BASE"
+)
 NOWHERE: Final = State(frozenset(), frozenset(), frozenset(), frozenset())
 START: Final = State(frozenset([UNSET]), frozenset([UNSET]), frozenset(["BASE"]), frozenset([NO_FDAT]))
 
@@ -336,7 +338,7 @@ class Flow:
                 self._nodes[before].followers.append(after)
                 if text:
                     unknown = InForce("call", text)
-                    frames = Frames(unknown, unknown, "BASE")
+                    frames = FdatFrames(unknown, unknown, "BASE")
                     self._nodes[after].changes = {
                         "tool": frozenset([unknown]), "base": frozenset([unknown]), "fdat": frozenset([frames])
                     }  # fmt: skip

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
-from truepose.programs.core.columns import Columns
+from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.digits import written
 from truepose.programs.core.orientations import DEGREES, STEPS, count
 from truepose.programs.core.program import Program, linked
@@ -188,7 +188,7 @@ class Outcomes(Sequence[Outcome]):
         yield done, len(data), apply_patches(data, spans, texts, done), spans
 
     def _patches(
-        self, source: Source, first: int, columns: Columns, resolution: float
+        self, source: Source, first: int, columns: TargetColumns, resolution: float
     ) -> tuple[list[Span], list[bytes]]:
         """Return what changes among some targets, in the order of the file."""
         after = self.after[first : first + len(columns)]
@@ -211,7 +211,7 @@ def _end(span: Span) -> int:
     return span[1]
 
 
-def digit_step(columns: Columns, axis: int, resolution: float) -> tuple[float, float]:
+def digit_step(columns: TargetColumns, axis: int, resolution: float) -> tuple[float, float]:
     """Return the unit of one of the target's numbers [mm; 1 for angles], and the step that it is written in.
 
     The step is `resolution` [mm] in a power of ten of the digits' own unit.
@@ -226,14 +226,14 @@ def _longest(vectors: FloatArray) -> float:
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
-class Coverage(NamedTuple):
+class CorrectedShare(NamedTuple):
     """How many targets motions go to, and how many of them are corrected."""
 
     corrected: int
     targets: int
 
     @classmethod
-    def of(cls, programs: Iterable[Outcomes]) -> Coverage:
+    def of(cls, programs: Iterable[Outcomes]) -> CorrectedShare:
         """Count the motion targets of programs; a point that no motion goes to is none."""
         corrected = targets = 0
         for outcomes in programs:

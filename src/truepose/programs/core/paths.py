@@ -211,7 +211,7 @@ def _measure(
     Returns
     -------
     at : (k,) array of int
-        Targets with a neighbour on both sides in their path, but for those where the path goes back.
+        ProgramTargets with a neighbour on both sides in their path, but for those where the path goes back.
     bend, turn : (k,) arrays [mm], [deg]
         At these.
     spacing : (m − 1,) array [mm]

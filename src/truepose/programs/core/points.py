@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from truepose._typing import FloatArray
 from truepose.programs.core import orientations
-from truepose.programs.core.columns import NO_MOTIONS, Motions, Stretch, Targets
+from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
 from truepose.programs.core.source import Source, Span, parse_number
 from truepose.programs.core.target import Target, Verdict
@@ -349,7 +349,7 @@ class Judge:
         circles: Iterable[Sequence[Point]],
         runs: Sequence[tuple[Use, Stretch]] = (),
         sources: Sequence[Source] = (),
-    ) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
+    ) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
         """Return the targets in the order of the text, and the circles as their indices.
 
         Parameters
@@ -383,7 +383,7 @@ def in_order(
     circles: Iterable[Sequence[int]],
     sources: Sequence[Source],
     visits: Iterable[Visit],
-) -> tuple[Targets, tuple[tuple[int, ...], ...]]:
+) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
     """Return a program's targets in the order of the text, file by file, and its circles by their places there.
 
     A target whose circle has a point that is left out is left out for that.
@@ -409,7 +409,7 @@ def in_order(
     place = dict(zip(order, starts, strict=False))
     replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
     motions = _motions(visits, place, items)
-    targets = Targets((replaced.get(i, items[i]) for i in order), motions)
+    targets = ProgramTargets((replaced.get(i, items[i]) for i in order), motions)
     return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
 
 

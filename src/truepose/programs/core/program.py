@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
-from truepose.programs.core.columns import Columns, Targets
+from truepose.programs.core.columns import ProgramTargets, TargetColumns
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Verdict
 
@@ -23,28 +23,35 @@ IDENTITY.flags.writeable = False
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a user may allow although the reader would refuse it.
+    """Facts about a program that only the user knows, and that the readers do not assume.
 
     Attributes
     ----------
     ambiguous : {"refuse", "skip"}
-        What happens to a point that is both moved to and read by arithmetic, or used under several frames or tools.
+        The verdict on a point that is moved to and also read by arithmetic, or used under several frames or tools.
     calls_keep_frames : bool
-        Subprograms in other files leave tool and base as they are. By default what is in force after one is unknown.
+        Whether subprograms in other files leave tool and base unchanged. By default both are unknown after a call.
     absolute_accuracy : bool
-        Correct targets taught on an absolutely accurate robot (KUKA Status bit 4): only if that option is off now.
+        Whether to correct targets taught on an absolutely accurate robot (KUKA Status bit 4). Allow it only if that
+        option of the controller is off now.
     external_axes : bool
-        Correct targets with an external axis away from zero: only if it moves neither the robot nor the base.
+        Whether to correct targets with an external axis away from zero. Allow it only if the axis moves neither the
+        robot nor the base.
     offsets : bool
-        Correct points that are also moved to with a constant offset: one correction for both.
+        Whether to correct points that are also moved to with a constant offset; both get one correction.
     angles : str
-        Whose angles A, B, C are in G-code ("kuka", "fanuc", "staubli", "yaskawa"); how the tool axis i, j, k of APT
-        lies: "z" along the tool's z, "-z" against it.
+        The convention of the angles A, B, C in G-code ("kuka", "fanuc", "staubli", "yaskawa"), of the angles in a
+        table ("yaskawa", "staubli"), or of the tool axis i, j, k in APT: "z" along the tool's z, "-z" against it.
     orientation : bool
-        Orientations are to be corrected, too: targets whose orientation stands in another line are left out.
+        Whether orientations are corrected, too. Targets whose orientation is written in another line are left out.
     whole_task : bool
-        A file that is read by itself is the whole task (RAPID), project (KRL) or application (VAL3): no other file
-        uses its points.
+        Whether a file that is read alone is the whole task (RAPID), project (KRL) or application (VAL3), so that no
+        other file uses its points.
+
+    Examples
+    --------
+    >>> ReadOptions(calls_keep_frames=True).ambiguous
+    'refuse'
     """
 
     ambiguous: Literal["refuse", "skip"] = "refuse"
@@ -77,41 +84,54 @@ class KnownFrames(Protocol):
         """The base in force where a program sets none."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Program:
-    """A program as its dialect's reader understood it.
+    """A robot program and its targets, as the reader of its language understood it.
 
     Attributes
     ----------
     path : Path
-        As the user named it.
+        The path as the user gave it.
     sources : tuple of Source
-        Every file of it.
-    targets : Targets
-        In the order of the text, file by file.
+        The files of the program.
+    targets : ProgramTargets
+        The targets in the order of the text, file by file.
     circles : tuple of tuple of int
         Indices of targets that are corrected together or not at all.
     lexer : compiled pattern
-        Of the dialect, for the proof.
+        The words of the language, for the proof.
     finest : float [mm]
-        The controller keeps no smaller step.
+        The smallest step of a position that the controller keeps.
     root : Path, optional
-        The folder that was named; without it, that of the file.
+        The folder that the user gave; without it, that of the file.
     options : ReadOptions, optional
         The options that it was read with.
     again : callable, optional
-        Reads the program once more, with the same frames and options, for the proof.
+        A function that reads the program once more, with the same frames and options, for the proof.
+    language : str
+        The name of the language's reader, such as "krl".
     """
 
     path: Path
     sources: tuple[Source, ...]
-    targets: Targets
+    targets: ProgramTargets
     circles: tuple[tuple[int, ...], ...]
     lexer: re.Pattern[bytes]
     finest: float = 0.0
     root: Path | None = None
     options: ReadOptions | None = None
     again: Callable[[], Program] | None = None
+    language: str = ""
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts().items())
+        return f"<Program {self.path} ({self.language or 'unknown language'}): {len(self.targets)} targets: {counts}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the path, the language, the counts and the targets with their verdicts, for JSON."""
+        found: dict[str, Any] = {"file": str(self.path), "language": self.language}
+        found |= {str(verdict): n for verdict, n in self.counts().items()}
+        return {**found, "targets": [target.to_dict() for target in self.targets]}
 
     @property
     def folder(self) -> Path:
@@ -137,7 +157,7 @@ class Program:
         correct, skip, refuse = (int(np.count_nonzero(verdicts == k)) for k in range(3))
         return {"correct": correct, "skip": skip, "refuse": refuse}
 
-    def correctable_columns(self) -> Iterator[tuple[IntArray, Columns]]:
+    def correctable_columns(self) -> Iterator[tuple[IntArray, TargetColumns]]:
         """Yield the correctable targets some thousand at a time, with their indices."""
         for first, columns in self.targets.chunks():
             rows = np.flatnonzero(columns.verdict == "correct")
@@ -174,9 +194,9 @@ def linked(circles: Sequence[tuple[int, ...]], left_out: Iterable[int]) -> dict[
     Parameters
     ----------
     circles : sequence of tuple of int
-        Targets that are corrected together or not at all.
+        ProgramTargets that are corrected together or not at all.
     left_out : iterable of int
-        Targets that are not corrected.
+        ProgramTargets that are not corrected.
     """
     members: dict[int, list[tuple[int, ...]]] = {}
     for circle in circles:

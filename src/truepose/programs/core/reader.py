@@ -46,7 +46,7 @@ class Reader:
     points : list of Point
         The targets found so far.
     circles : list of list of Point
-        Targets that are corrected together or not at all.
+        ProgramTargets that are corrected together or not at all.
     changed : dict of ("tool" or "base", key or None) to place
         The places where the program changes a tool or base; None: some of them.
     """
@@ -59,13 +59,10 @@ class Reader:
         self.changed: dict[tuple[str, Key | None], Place] = {}
         self._arc: list[Point] = []
 
-    def routine(
-        self, name: str, statements: Iterable[_Statement], take: Callable[[_Statement], None], *, outside: bool = True
-    ) -> None:
-        """Take the statements of a routine one by one; `outside` if other programs may call it."""
+    def body(self, statements: Iterable[_Statement], take: Callable[[_Statement], None]) -> None:
+        """Take the statements of the routine that has begun one by one, and end it."""
         line = 1
         try:
-            self.flow.begin_routine(name, outside=outside)
             for statement in statements:
                 line = statement.line
                 take(statement)

@@ -16,18 +16,18 @@ from truepose.programs.core.points import Place, Problem, at
 from truepose.programs.core.source import shown
 
 
-class Kind(NamedTuple):
+class ShiftKind(NamedTuple):
     """One kind of shift: the instructions that begin it, and those that end it."""
 
     begins: re.Pattern[bytes]
     ends: re.Pattern[bytes] | None
 
 
-def _kind(begins: bytes, ends: bytes | None) -> Kind:
-    return Kind(re.compile(begins, re.I), None if ends is None else re.compile(ends, re.I))
+def _kind(begins: bytes, ends: bytes | None) -> ShiftKind:
+    return ShiftKind(re.compile(begins, re.I), None if ends is None else re.compile(ends, re.I))
 
 
-def _call(begins: bytes, ends: bytes | None) -> Kind:
+def _call(begins: bytes, ends: bytes | None) -> ShiftKind:
     """Return a kind whose instructions are calls of functions."""
     head, tail = rb"(?<![\w.$])(?:", rb")[ \t]*\("
     return _kind(head + begins + tail, None if ends is None else head + ends + tail)
@@ -86,7 +86,7 @@ RAPID: Final = (
 """Conveyors, path correction generators, sensors, externally guided motion, soft servo, force control."""
 
 
-def follow(flow: Flow, kinds: Iterable[Kind], code: bytes, place: Place) -> None:
+def follow(flow: Flow, kinds: Iterable[ShiftKind], code: bytes, place: Place) -> None:
     """Note in the flow what an instruction begins or ends."""
     for k, kind in enumerate(kinds):
         if kind.ends is not None and kind.ends.search(code):
@@ -95,7 +95,7 @@ def follow(flow: Flow, kinds: Iterable[Kind], code: bytes, place: Place) -> None
             flow.shift(str(k), f"{_begun(m)} ({at(place)})")
 
 
-def begun(kinds: Iterable[Kind], instructions: Iterable[tuple[int, bytes]]) -> list[Shift]:
+def begun(kinds: Iterable[ShiftKind], instructions: Iterable[tuple[int, bytes]]) -> list[Shift]:
     """Return all that instructions (line, code) begin, wherever it may end."""
     kinds = tuple(kinds)
     return [

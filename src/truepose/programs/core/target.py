@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +17,7 @@ from truepose.programs.core.source import Span
 Verdict = Literal["correct", "skip", "refuse"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Target:
     """A target of a program, or a motion whose target cannot be corrected.
 
@@ -94,6 +94,23 @@ class Target:
     def motion(self) -> str:
         """The kinds of motion in words."""
         return ", ".join(word if n == 1 else f"{word} ({n} times)" for word, n in self.uses.items())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the target with its verdict, for JSON."""
+        return {
+            "file": str(self.path),
+            "line": self.line,
+            "name": self.name,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "frame": self.frame,
+            "tool": self.tool,
+            "motion": self.motion,
+        }
+
+    def __repr__(self) -> str:
+        reason = f": {self.reason}" if self.reason else ""
+        return f"<Target {self.name} ({self.where}, {self.motion or 'no motion'}): {self.verdict}{reason}>"
 
     @property
     def where(self) -> str:

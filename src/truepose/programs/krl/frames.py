@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from truepose.programs.core.flow import UNSET, Flow, Frames, InForce
+from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
 from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
@@ -22,7 +22,9 @@ _BAS = re.compile(rb"\(\s*#\s*(\w+)\s*(?:,([^,]*))?\)\s*", re.I)
 _INTEGER = re.compile(rb"\+?\d{1,4}(?:\.0*)?")
 
 
-def frame_value(source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, Frames]) -> InForce:
+def frame_value(
+    source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, FdatFrames]
+) -> InForce:
     """Return what an expression on the right of $TOOL or $BASE says: a constant, or that the run time decides."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
@@ -44,7 +46,7 @@ def frame_value(source: Source, start: int, end: int, line: int, which: Which, f
     return unknown
 
 
-def ipo_value(code: bytes, fdats: Mapping[str, Frames]) -> str:
+def ipo_value(code: bytes, fdats: Mapping[str, FdatFrames]) -> str:
     """Return ``BASE``, ``TCP``, or the code where the run time decides."""
     code = code.strip().upper()
     if m := _WITH_FUNCTION.fullmatch(code):
@@ -53,7 +55,7 @@ def ipo_value(code: bytes, fdats: Mapping[str, Frames]) -> str:
     return code.decode("latin-1").lstrip("# ")
 
 
-def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[str, Frames]) -> Frames:
+def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[str, FdatFrames]) -> FdatFrames:
     """Return the frames of what is assigned to FDAT_ACT."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
@@ -63,7 +65,7 @@ def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[s
     if code.startswith(b"{") and closing_brace(source, start, end, line) == end:
         return read_fdat(parse_aggregate(source, start, end, line), "FDAT_ACT")
     unknown = InForce("unknown", f"FDAT_ACT={shown(source.data, start, end)} (line {line})")
-    return Frames(unknown, unknown, "BASE")
+    return FdatFrames(unknown, unknown, "BASE")
 
 
 def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
@@ -85,7 +87,7 @@ def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
             base=InForce("unknown", f"a base on an external axis, BAS{shown(source.data, start, end)} (line {line})")
         )
     elif not command:
-        flow.change(tool=unknown, base=unknown, fdat=Frames(unknown, unknown, "BASE"))
+        flow.change(tool=unknown, base=unknown, fdat=FdatFrames(unknown, unknown, "BASE"))
 
 
 def _numbered(which: Which, number: int) -> InForce:

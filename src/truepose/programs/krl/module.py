@@ -19,9 +19,9 @@ from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
-from truepose.programs.krl.motions import MotionReader, Settings
+from truepose.programs.krl.motions import KrlMotionReader, Settings
 from truepose.programs.krl.names import Names, element
-from truepose.programs.krl.points import Numbers, Variable
+from truepose.programs.krl.points import Numbers, PointVariable
 from truepose.programs.krl.runs import find_run
 from truepose.programs.krl.words import (
     DECLARE,
@@ -67,7 +67,7 @@ class Shared:
         Whether the modules are all that there are: points and routines that are GLOBAL are known then.
     flow : Flow
     numbers : list of Numbers
-    points : dict of str to Variable
+    points : dict of str to PointVariable
         GLOBAL ones.
     changed : dict of ("tool" or "base", number or None) to place
         Where the program changes a numbered frame.
@@ -79,12 +79,12 @@ class Shared:
     project: bool = False
     flow: Flow = field(default_factory=Flow)
     numbers: list[Numbers] = field(default_factory=list)
-    points: dict[str, Variable] = field(default_factory=dict)
+    points: dict[str, PointVariable] = field(default_factory=dict)
     changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
 
 
-class Module:
+class KrlModule:
     """Reads one module; `read_dat` of all modules first, then `read_src`.
 
     Attributes
@@ -92,8 +92,8 @@ class Module:
     src, dat : Source, optional
     name : str
     names : Names
-    motions : MotionReader, optional
-    variables : list of Variable
+    motions : KrlMotionReader, optional
+    variables : list of PointVariable
         Of its routines.
     runs : list of (Numbers, Lines)
     """
@@ -103,14 +103,14 @@ class Module:
         self.name = next(source.path.stem.upper() for source in (src, dat) if source is not None)
         self._options, self._flow, self._changed = shared.options, shared.flow, shared.changed
         self.names = self._names = Names(shared.numbers, shared.points if shared.project else None)
-        self.variables: list[Variable] = []
+        self.variables: list[PointVariable] = []
         self.runs: list[tuple[Numbers, Lines]] = []
         self._routine: tuple[str, int] | None = None
         self._routines = 0
         self._own: dict[str, str] = {}
         if src is not None:
             self._src = src
-            self.motions = self._motions = MotionReader(src, self.names, self._flow, named=shared.project)
+            self.motions = self._motions = KrlMotionReader(src, self.names, self._flow, named=shared.project)
 
     def read_src(self) -> None:
         """Read the statements.
@@ -338,7 +338,7 @@ class Module:
         self._routine = (name, line)
         self._names.local = {}
         for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
-            variable = self._names.local[parameter.upper()] = Variable(parameter, "", line, "src")
+            variable = self._names.local[parameter.upper()] = PointVariable(parameter, "", line, "src")
             self.variables.append(variable)
         outside = not self._shared.project and (not self._routines or word == "GLOBAL")
         key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())

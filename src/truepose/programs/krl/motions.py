@@ -11,7 +11,7 @@ from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl.lexer import BLANK, Lines, Statement, closing_brace, parse_point, split_commas
 from truepose.programs.krl.names import Names, element
-from truepose.programs.krl.points import Index, Motion, Numbers, Variable
+from truepose.programs.krl.points import Index, KrlMotion, Numbers, PointVariable
 from truepose.programs.krl.words import APPROACH, CIRCLES
 
 _SIMPLE = re.compile(
@@ -40,7 +40,7 @@ class Settings(NamedTuple):
 class Element(NamedTuple):
     """A named point that a motion goes to, and the element if it is an array."""
 
-    variable: Variable
+    variable: PointVariable
     key: Index
 
 
@@ -48,7 +48,7 @@ Goal = Numbers | Point | Element
 """Where a motion goes: to numbers, to a target without numbers, or to a named point."""
 
 
-class MotionReader:
+class KrlMotionReader:
     """Reads motion statements of one .src.
 
     Attributes
@@ -78,8 +78,8 @@ class MotionReader:
         self.others.append(point)
         return point
 
-    def _motion(self, word: str, line: int, settings: Settings) -> Motion:
-        return Motion(word, self.place(line), self._flow.node, *settings, self._flow.section)
+    def _motion(self, word: str, line: int, settings: Settings) -> KrlMotion:
+        return KrlMotion(word, self.place(line), self._flow.node, *settings, self._flow.section)
 
     def read(self, statement: Statement) -> list[str]:
         """Take one motion; return the subprograms that its expressions call."""
@@ -149,7 +149,7 @@ class MotionReader:
             self.circles.append(goals)
         return calls
 
-    def _goal(self, start: int, end: int, name: str, motion: Motion, calls: list[str]) -> Goal:
+    def _goal(self, start: int, end: int, name: str, motion: KrlMotion, calls: list[str]) -> Goal:
         data = self._source.data
         if data[start : start + 1] == b"{" and closing_brace(self._source, start, end, motion.line) == end:
             return self._literal(start, end, name, motion)
@@ -162,19 +162,19 @@ class MotionReader:
             return self.other(motion.word, motion.line, problem, name)
         return self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
 
-    def _literal(self, start: int, end: int, name: str, motion: Motion) -> Goal:
+    def _literal(self, start: int, end: int, name: str, motion: KrlMotion) -> Goal:
         aggregate = parse_point(self._source, start, end, motion.line)
         numbers = Numbers(name, self._source, motion.line, aggregate, motion=motion)
         self._names.numbers.append(numbers)
         return numbers
 
-    def _point(self, name: bytes, brackets: bytes | None, motion: Motion) -> Goal:
+    def _point(self, name: bytes, brackets: bytes | None, motion: KrlMotion) -> Goal:
         key = name.decode().upper()
         if key.startswith("$"):
             return self.other(motion.word, motion.line, RUN_TIME, name.decode())
         variable = self._names.find(key)
         if variable is None:
-            variable = self._names.elsewhere[key] = Variable(name.decode(), "", motion.line, "nowhere")
+            variable = self._names.elsewhere[key] = PointVariable(name.decode(), "", motion.line, "nowhere")
         goal = Element(variable, element(variable, brackets))
         variable.moves[goal.key].append(motion)
         return goal

@@ -6,10 +6,10 @@ import re
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from truepose.programs.core.flow import Frames, InForce
+from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.lexer import BLANK, Aggregate, closing_brace, parse_aggregate, parse_point, split_commas
-from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, Variable
+from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, PointVariable
 from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
 
 _DECLARATION = re.compile(rb"((?:(?:DECL|GLOBAL|CONST|PUBLIC|IMPORT)\b\s*+)*+)([A-Za-z_]\w*+)\s*+", re.I)
@@ -26,22 +26,22 @@ class Names:
     ----------
     numbers : list of Numbers
         Every literal that may be a target, in the order of reading.
-    fdats : dict of str to Frames
+    fdats : dict of str to FdatFrames
     public : bool
         The data list is PUBLIC: other modules may import its points.
     """
 
-    def __init__(self, numbers: list[Numbers], everywhere: dict[str, Variable] | None = None) -> None:
-        self.module: dict[str, Variable] = {}
-        self.local: dict[str, Variable] = {}
-        self.elsewhere: dict[str, Variable] = {}
+    def __init__(self, numbers: list[Numbers], everywhere: dict[str, PointVariable] | None = None) -> None:
+        self.module: dict[str, PointVariable] = {}
+        self.local: dict[str, PointVariable] = {}
+        self.elsewhere: dict[str, PointVariable] = {}
         self.everywhere = everywhere
         self.numbers = numbers
-        self.fdats: dict[str, Frames] = {}
+        self.fdats: dict[str, FdatFrames] = {}
         self.public = False
         self._imports: list[tuple[str, str, str]] = []
 
-    def find(self, name: str) -> Variable | None:
+    def find(self, name: str) -> PointVariable | None:
         """Return the point of a name in upper case; None if it is anything else."""
         found = self.local.get(name) or self.module.get(name)
         return found or (self.everywhere or {}).get(name) or self.elsewhere.get(name)
@@ -87,7 +87,7 @@ class Names:
             if name in table and table[name].type:  # a parameter has none yet
                 raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
             is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
-            variable = table[name] = Variable(
+            variable = table[name] = PointVariable(
                 d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
             )
             variable.fdats = self.fdats if origin == "dat" else None
@@ -98,7 +98,7 @@ class Names:
             if d[3]:
                 self.assign(source, variable, (), d.end(), b, line)
 
-    def assign(self, source: Source, variable: Variable, index: Index, start: int, end: int, line: int) -> None:
+    def assign(self, source: Source, variable: PointVariable, index: Index, start: int, end: int, line: int) -> None:
         """Take the value of a point: numbers that may be corrected, or something that the run time decides."""
         start, end = strip(source.data, start, end, BLANK)
         parameter = variable.origin == "src" and not variable.type
@@ -132,7 +132,7 @@ class Names:
         return calls
 
 
-def element(variable: Variable, brackets: bytes | None) -> Index:
+def element(variable: PointVariable, brackets: bytes | None) -> Index:
     """Return the element that ``[3]`` names; None if only the run time knows, or the whole array is meant."""
     if brackets is not None and brackets.startswith(b"["):
         try:
@@ -142,7 +142,7 @@ def element(variable: Variable, brackets: bytes | None) -> Index:
     return None if variable.array else ()
 
 
-def read_fdat(aggregate: Aggregate, name: str) -> Frames:
+def read_fdat(aggregate: Aggregate, name: str) -> FdatFrames:
     """Return the frames that an FDAT names."""
 
     def number(key: str, data: str) -> InForce:
@@ -154,7 +154,7 @@ def read_fdat(aggregate: Aggregate, name: str) -> Frames:
         )
 
     ipo = aggregate.loose.get("IPO_FRAME", b"#BASE").decode("latin-1").upper().lstrip("# ")
-    return Frames(number("TOOL_NO", "TOOL_DATA"), number("BASE_NO", "BASE_DATA"), ipo)
+    return FdatFrames(number("TOOL_NO", "TOOL_DATA"), number("BASE_NO", "BASE_DATA"), ipo)
 
 
 def _pieces(source: Source, start: int, end: int, line: int) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Frames, InForce, State
+from truepose.programs.core.flow import FdatFrames, InForce, State
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
 from truepose.programs.core.points import Frame, Judge, NotCorrected, Place, Point, Problem, Use, at
 from truepose.programs.core.program import KnownFrames, ReadOptions
@@ -29,10 +29,12 @@ _NAMES: Final = {"tool": ("$TOOL", "TOOL_DATA", "tools"), "base": ("$BASE", "BAS
 _EXTERNAL: Final = ("E1", "E2", "E3", "E4", "E5", "E6")
 _NEVER: Final = Problem("skip", "the program never gets here")
 _Item = TypeVar("_Item")
+_InForceAt = tuple[Frame | None, Frame | None, Problem | None]
+"""Tool, base, and the reason why they are not known."""
 _Uses = defaultdict[Index, list[tuple[Place, str]]]
 
 
-class Motion(NamedTuple):
+class KrlMotion(NamedTuple):
     """A motion: its word, its place in the text and in the flow, and the settings of its WITH."""
 
     word: str
@@ -54,7 +56,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Variable:
+class PointVariable:
     """A point or an array of points, and what the program does with each element.
 
     `literals` are the numbers that are assigned to it; `fdats` are those of its file.
@@ -67,14 +69,14 @@ class Variable:
     is_global: bool = False
     is_public: bool = False
     array: bool = False
-    fdats: Mapping[str, Frames] | None = None
-    moves: defaultdict[Index, list[Motion]] = field(default_factory=lambda: defaultdict(list))
+    fdats: Mapping[str, FdatFrames] | None = None
+    moves: defaultdict[Index, list[KrlMotion]] = field(default_factory=lambda: defaultdict(list))
     reads: _Uses = field(default_factory=lambda: defaultdict(list))
     writes: _Uses = field(default_factory=lambda: defaultdict(list))
     literals: defaultdict[Index, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
     _orders: dict[Index, dict[int, int]] = field(default_factory=dict)
 
-    def motions_to(self, numbers: Numbers) -> Iterator[tuple[Motion, int]]:
+    def motions_to(self, numbers: Numbers) -> Iterator[tuple[KrlMotion, int]]:
         """Yield the motions that may go to one of the literals, each with its place among the motion's goals."""
         for index in {numbers.index: None, None: None} if numbers.index is not None else list(self.moves):
             if moves := self.moves.get(index):
@@ -92,9 +94,9 @@ class Numbers:
     source: Source
     line: int
     aggregate: Aggregate
-    variable: Variable | None = None
+    variable: PointVariable | None = None
     index: Index = ()
-    motion: Motion | None = None
+    motion: KrlMotion | None = None
 
 
 def concerning(table: Mapping[Index, list[_Item]], index: Index) -> list[_Item]:
@@ -139,7 +141,7 @@ class KrlJudge(Judge):
         super().__init__(frames, options, "kuka")
         self._states, self._ambient = states, ambient
         self._numbers_changed, self._whole, self._moved = changed, whole, moved
-        self._known: dict[object, tuple[Frame | None, Frame | None, Problem | None]] = {}
+        self._known: dict[object, _InForceAt] = {}
 
     def point(self, numbers: Numbers) -> Point | None:
         """Return the point of a literal; None where it is data that no motion goes to."""
@@ -162,7 +164,7 @@ class KrlJudge(Judge):
         point.objection = self._objection(aggregate)
         return point
 
-    def _uses(self, motions: list[tuple[Motion, int]], fdat: Frames | None) -> list[Use]:
+    def _uses(self, motions: list[tuple[KrlMotion, int]], fdat: FdatFrames | None) -> list[Use]:
         """Return motions with tool and base; one that control never reaches has those of the first one reached."""
         reached = next((motion for motion, _ in motions if self._states[motion.node].tool), None)
         uses = []
@@ -198,7 +200,9 @@ class KrlJudge(Judge):
             raise NotCorrected("refuse", f"the {which} is not known")  # the motion's own problem says why
         return frame
 
-    def _in_force_at(self, motion: Motion, fdat: Frames | None) -> tuple[Frame | None, Frame | None, Problem | None]:
+    def _in_force_at(
+        self, motion: KrlMotion, fdat: FdatFrames | None
+    ) -> tuple[Frame | None, Frame | None, Problem | None]:
         key = (motion.node, motion.tool, motion.base, motion.ipo, fdat)
         if key not in self._known:
             try:
@@ -207,7 +211,7 @@ class KrlJudge(Judge):
                 self._known[key] = (None, None, stop.problem)
         return self._known[key]
 
-    def _resolve(self, motion: Motion, fdat: Frames | None) -> tuple[Frame, Frame]:
+    def _resolve(self, motion: KrlMotion, fdat: FdatFrames | None) -> tuple[Frame, Frame]:
         state = self._states[motion.node]
         if problem := shifts.problem_of(state.shifts | self._ambient.shifts):
             raise NotCorrected(*problem)
@@ -220,7 +224,7 @@ class KrlJudge(Judge):
             raise NotCorrected("refuse", f"{why}: tool and base change roles, which is not supported")
         return self._value(motion, state, fdat, "tool"), self._value(motion, state, fdat, "base")
 
-    def _value(self, motion: Motion, state: State, fdat: Frames | None, which: Literal["tool", "base"]) -> Frame:
+    def _value(self, motion: KrlMotion, state: State, fdat: FdatFrames | None, which: Literal["tool", "base"]) -> Frame:
         system, data, table = _NAMES[which]
         own = getattr(motion, which)
         possible: set[InForce] = {own} if own else set(getattr(state, which) | getattr(self._ambient, which))
@@ -278,7 +282,7 @@ def _problem_of(numbers: Numbers) -> Problem | None:
     return None
 
 
-def _shared(variable: Variable) -> Problem | None:
+def _shared(variable: PointVariable) -> Problem | None:
     """Return why a point may be used by modules that are not at hand."""
     if variable.is_global:
         return Problem("refuse", "GLOBAL: other modules may use it under other frames; give the whole project")
@@ -287,7 +291,7 @@ def _shared(variable: Variable) -> Problem | None:
     return None
 
 
-def _fdat(variable: Variable | None) -> Frames | None:
+def _fdat(variable: PointVariable | None) -> FdatFrames | None:
     """Return the FDAT of the same name: FP7 of XP7."""
     if variable is None or variable.fdats is None or not variable.name.upper().startswith("X"):
         return None

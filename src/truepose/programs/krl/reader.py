@@ -12,9 +12,9 @@ from truepose.programs.core.points import Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl.lexer import LEXER
-from truepose.programs.krl.module import Module, Shared
+from truepose.programs.krl.module import KrlModule, Shared
 from truepose.programs.krl.motions import Goal
-from truepose.programs.krl.points import KrlJudge, Numbers, Variable, concerning
+from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, concerning
 from truepose.programs.krl.runs import Run
 
 _HOME: Final = re.compile(r"X?HOME\d*", re.I)
@@ -40,7 +40,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
         raise FileError(path, f"is the data list of {path.stem}.src, which is not beside it; both are needed")
     dat_path = _partner(src_path, ".dat") if src_path == path else path
     shared = Shared(options)
-    module = Module(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
+    module = KrlModule(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
     module.read_dat()
     module.read_src()
     _check_pair(module)
@@ -76,7 +76,7 @@ def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, optio
     def source(kind: dict[str, Path], ending: str) -> Source | None:
         return Source.read(kind[ending]) if ending in kind else None
 
-    modules = [Module(source(kind, ".src"), source(kind, ".dat"), shared) for kind in found.values()]
+    modules = [KrlModule(source(kind, ".src"), source(kind, ".dat"), shared) for kind in found.values()]
     for module in modules:
         module.read_dat()
     for module in modules:
@@ -99,7 +99,7 @@ def _partner(path: Path, suffix: str) -> Path | None:
     return next((p for p in beside if p.name.lower() == exact.name.lower() and p.is_file()), None)
 
 
-def _check_pair(module: Module) -> None:
+def _check_pair(module: KrlModule) -> None:
     """Require the .dat if the program moves to points that only it can declare."""
     if module.dat is not None or module.src is None:
         return
@@ -111,7 +111,7 @@ def _check_pair(module: Module) -> None:
             )
 
 
-def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: KnownFrames) -> Program:
+def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: KnownFrames) -> Program:
     """Judge what was read, and put it in order."""
     ambient = shared.flow.solve()
     whole = shared.project or shared.options.whole_task
@@ -152,7 +152,7 @@ def _program(path: Path, modules: Sequence[Module], shared: Shared, frames: Know
     return Program(path, tuple(sources), *ordered, LEXER, root=path if shared.project else None)
 
 
-def _runs(module: Module, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, Run]]:
+def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, Run]]:
     """Yield the runs of alike motions of a module, each with its first motion."""
     for first, lines in module.runs:
         point = judge.point(first)
@@ -160,11 +160,11 @@ def _runs(module: Module, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, R
         yield point.uses[0], Run(src, lines.start, lines.end, lines.line, lines.lines, judge.target(point))
 
 
-def _variables(module: Module) -> list[Variable]:
+def _variables(module: KrlModule) -> list[PointVariable]:
     return [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]
 
 
-def _without_numbers(variable: Variable, src: Source) -> Point:
+def _without_numbers(variable: PointVariable, src: Source) -> Point:
     motions = [motion for motions in variable.moves.values() for motion in motions]
     if _HOME.fullmatch(variable.name) and variable.origin == "nowhere":
         reason = "joint target of $config.dat"

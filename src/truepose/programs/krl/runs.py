@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from truepose._typing import IntArray
-from truepose.programs.core.columns import CHUNK, Columns
+from truepose.programs.core.columns import CHUNK, TargetColumns
 from truepose.programs.core.digits import values_at
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target
@@ -66,7 +66,7 @@ class Run:
     def __len__(self) -> int:
         return self.count
 
-    def columns(self, alike: Sequence[Target], kind: int) -> Columns:
+    def columns(self, alike: Sequence[Target], kind: int) -> TargetColumns:
         """Return the targets, read from the file's bytes."""
         spans = number_spans(self.source.data, self.start, self.end)
         values = values_at(self.source.data, spans.reshape(-1, 2)).reshape(spans.shape[:2])
@@ -75,7 +75,7 @@ class Run:
         status, turn = (whole[:, 0], whole[:, 1]) if whole.size else (nothing, nothing)
         line = np.arange(self.line, self.line + self.count)
         kinds = np.full(self.count, kind)
-        return Columns(alike, kinds, line, status, turn, values[:, :6], spans[:, :6], [None] * self.count)
+        return TargetColumns(alike, kinds, line, status, turn, values[:, :6], spans[:, :6], [None] * self.count)
 
 
 def find_run(data: bytes, position: int) -> tuple[int, int]:

@@ -14,8 +14,8 @@ from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import frame_data, robtarget
-from truepose.programs.rapid.motions import MotionReader
-from truepose.programs.rapid.names import Datum, ModuleNames, Routine, Scope, Task, Variable, late_bound
+from truepose.programs.rapid.motions import RapidMotionReader
+from truepose.programs.rapid.names import Datum, ModuleNames, RapidTask, RobtargetVariable, Routine, Scope, late_bound
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -33,7 +33,7 @@ _FRAME_TYPES: Final = {"TOOLDATA": "tool", "WOBJDATA": "base"}
 _PARTS: Final = ("UFRAME", "OFRAME", "TFRAME")
 
 
-class Module:
+class RapidModule:
     """Reads one module; `declare` of all modules first, then `read`.
 
     Attributes
@@ -43,7 +43,7 @@ class Module:
         In upper case.
     """
 
-    def __init__(self, source: Source, task: Task) -> None:
+    def __init__(self, source: Source, task: RapidTask) -> None:
         self.source, self._task = source, task
         self._options, self._flow = task.options, task.flow
         self._statements = list(syntax.statements(source))
@@ -54,7 +54,7 @@ class Module:
         self._open: list[tuple[str, int]] = []
         self._key = ""
         self._initial: list[tuple[list[Token], int]] = []
-        self._motions = MotionReader(self._names)
+        self._motions = RapidMotionReader(self._names)
 
     def declare(self) -> None:
         """Read the declarations of the module; values that name other data are kept for `read`."""
@@ -321,7 +321,9 @@ class Module:
         if (old := scope.points.get(name)) is not None:
             text = f"{self._names.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
             raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
-        variable = Variable(self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local))
+        variable = RobtargetVariable(
+            self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local)
+        )
         scope.points[name] = variable
         self._task.variables.append(variable)
         dimensions = (
@@ -336,7 +338,7 @@ class Module:
             problem = problem or Problem("refuse", f"{frame.text} is declared twice ({at(old.place)}); keep one")
         scope.frames[token.text] = Datum(kind, frame, problem, self._names.place(line))
 
-    def _element(self, variable: Variable, index: tuple[int, ...], element: Value, line: int) -> None:
+    def _element(self, variable: RobtargetVariable, index: tuple[int, ...], element: Value, line: int) -> None:
         suffix = "{" + ",".join(map(str, index)) + "}" if index else ""
         if is_list(element):
             point = robtarget(self.source, self._options, variable.name + suffix, element, line)

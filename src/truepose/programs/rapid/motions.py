@@ -6,14 +6,14 @@ from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use, co
 from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import robtarget
-from truepose.programs.rapid.names import ModuleNames, Move, Variable
+from truepose.programs.rapid.names import ModuleNames, RapidMotion, RobtargetVariable
 from truepose.programs.rapid.syntax import Argument, Token, is_list
 from truepose.programs.rapid.words import OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
 
 _CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run time")
 
 
-class MotionReader:
+class RapidMotionReader:
     """Reads the motions of one module."""
 
     def __init__(self, names: ModuleNames) -> None:
@@ -159,7 +159,7 @@ class MotionReader:
             if index is None or key == index:
                 self._move(point, use._replace(problem=use.problem or self._offset_problem(variable)))
 
-    def _offset_problem(self, variable: Variable) -> Problem | None:
+    def _offset_problem(self, variable: RobtargetVariable) -> Problem | None:
         if self._options.offsets:
             return None
         return Problem("skip", "")  # the words follow when the largest offset is known
@@ -173,4 +173,4 @@ class MotionReader:
         return point
 
     def _move(self, point: Point, use: Use) -> None:
-        self._task.moves.append(Move(point, use, self._task.flow.node))
+        self._task.moves.append(RapidMotion(point, use, self._task.flow.node))

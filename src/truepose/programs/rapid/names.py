@@ -14,11 +14,11 @@ from truepose.programs.core.points import FileLine, Frame, Place, Point, Problem
 from truepose.programs.core.program import Key, ReadOptions, frame_key
 from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
-from truepose.programs.rapid.syntax import Argument, Parameter, Token
+from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
 
 
 @dataclass(slots=True, eq=False)
-class Variable:
+class RobtargetVariable:
     """A robtarget or an array of them; `elements` by index in the text's order."""
 
     name: str
@@ -45,11 +45,11 @@ class Routine(NamedTuple):
 
     key: str
     kind: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[RoutineParameter, ...]
     place: Place
 
 
-class Move(NamedTuple):
+class RapidMotion(NamedTuple):
     """A motion to a point, and where in the program's flow."""
 
     point: Point
@@ -60,7 +60,7 @@ class Move(NamedTuple):
 class Read(NamedTuple):
     """Something that reads a point without moving to it."""
 
-    variable: Variable
+    variable: RobtargetVariable
     place: Place
     how: str
 
@@ -72,14 +72,14 @@ class Scope:
     `others` are names of a routine whose value only the run time knows: parameters, tools, workobjects.
     """
 
-    points: dict[str, Variable] = field(default_factory=dict)
+    points: dict[str, RobtargetVariable] = field(default_factory=dict)
     frames: dict[str, Datum] = field(default_factory=dict)
     routines: dict[str, Routine] = field(default_factory=dict)
     others: set[str] = field(default_factory=set)
 
 
 @dataclass(eq=False)
-class Task:
+class RapidTask:
     """What the modules of a task have in common.
 
     Attributes
@@ -110,10 +110,10 @@ class Task:
     flow: Flow = field(default_factory=Flow)
     scope: Scope = field(default_factory=Scope)
     routines: list[Routine] = field(default_factory=list)
-    variables: list[Variable] = field(default_factory=list)
+    variables: list[RobtargetVariable] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     circles: list[list[Point]] = field(default_factory=list)
-    moves: list[Move] = field(default_factory=list)
+    moves: list[RapidMotion] = field(default_factory=list)
     reads: list[Read] = field(default_factory=list)
     read_by_name: list[tuple[str, Place]] = field(default_factory=list)
     changed: dict[tuple[str, Key | None], Place] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class ModuleNames:
     ----------
     source : Source
         The file of the module.
-    task : Task
+    task : RapidTask
         The task that it belongs to.
 
     Attributes
@@ -158,7 +158,7 @@ class ModuleNames:
         The names of the routine that is being read.
     """
 
-    def __init__(self, source: Source, task: Task) -> None:
+    def __init__(self, source: Source, task: RapidTask) -> None:
         self.source, self.task = source, task
         self.own, self.inner = Scope(), Scope()
 
@@ -166,7 +166,7 @@ class ModuleNames:
         """Return a line, with the file's name if the task has several."""
         return FileLine(self.source.path.name, line) if self.task.named else line
 
-    def find(self, name: str) -> Variable | None:
+    def find(self, name: str) -> RobtargetVariable | None:
         """Return the robtarget of a name."""
         for scope in (self.inner, self.own, self.task.scope):
             if (variable := scope.points.get(name)) is not None:

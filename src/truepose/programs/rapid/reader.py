@@ -18,8 +18,8 @@ from truepose.programs.core.points import Judge, Problem, at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
-from truepose.programs.rapid.module import Module
-from truepose.programs.rapid.names import Task, Variable
+from truepose.programs.rapid.module import RapidModule
+from truepose.programs.rapid.names import RapidTask, RobtargetVariable
 
 _ALONE: Final = Problem(
     "refuse",
@@ -77,11 +77,11 @@ def read_tasks(
     return programs
 
 
-def _read_task(sources: Sequence[Source], options: ReadOptions, *, whole: bool) -> tuple[Task, tuple[Source, ...]]:
+def _read_task(sources: Sequence[Source], options: ReadOptions, *, whole: bool) -> tuple[RapidTask, tuple[Source, ...]]:
     files = frozenset(source.path.name.lower() for source in sources)
-    task = Task(options, whole, named=len(sources) > 1, files=files)
-    modules = [Module(source, task) for source in sources]
-    first: dict[str, Module] = {}
+    task = RapidTask(options, whole, named=len(sources) > 1, files=files)
+    modules = [RapidModule(source, task) for source in sources]
+    first: dict[str, RapidModule] = {}
     for module in modules:
         if (other := first.setdefault(module.name, module)) is not module:
             raise FileError(
@@ -100,7 +100,7 @@ def _read_task(sources: Sequence[Source], options: ReadOptions, *, whole: bool) 
     return task, tuple(sources)
 
 
-def _attach(task: Task) -> None:
+def _attach(task: RapidTask) -> None:
     """Give each point its motions and reads, now that displacements and offsets are known."""
     owner = {id(point): variable for variable in task.variables for point in variable.elements.values()}
     for point, use, node in task.moves:
@@ -134,7 +134,7 @@ def _shifts(state: State) -> Iterator[str]:
     yield from (value.text for value in state.tool if value != UNSET)
 
 
-def _unseen(task: Task, variable: Variable | None) -> Problem | None:
+def _unseen(task: RapidTask, variable: RobtargetVariable | None) -> Problem | None:
     """Return why a point cannot be corrected although all that is here allows it: others may see it."""
     if variable is None or not variable.is_global:
         return None

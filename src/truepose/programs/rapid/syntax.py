@@ -252,7 +252,7 @@ def position_of(mark: str, items: list[Token]) -> int:
     return 0
 
 
-class Parameter(NamedTuple):
+class RoutineParameter(NamedTuple):
     """A routine's parameter; `writable` if the routine may change what it is given."""
 
     name: str
@@ -261,7 +261,7 @@ class Parameter(NamedTuple):
     optional: bool
 
 
-def parameters(head: list[Token]) -> tuple[Parameter, ...]:
+def parameters(head: list[Token]) -> tuple[RoutineParameter, ...]:
     """Return a routine's parameters."""
     start = next((i for i, token in enumerate(head) if token.text == "("), len(head))
     found = []
@@ -275,5 +275,5 @@ def parameters(head: list[Token]) -> tuple[Parameter, ...]:
                 words.append(token.text)
                 if k + 1 == len(piece) or piece[k + 1].text in ("|", "{", "\\"):
                     writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
-                    found.append(Parameter(token.text, words[-2] if len(words) > 1 else "", writable, optional))
+                    found.append(RoutineParameter(token.text, words[-2] if len(words) > 1 else "", writable, optional))
     return tuple(found)
