@@ -82,7 +82,7 @@ def test_the_world_may_be_stated_in_the_cell_file(tmp_path):
     np.testing.assert_allclose(read_program(path, frames).positions_base(), [[901.0, 12.0, -477.0]])
     (tmp_path / "$machine.dat").write_text(machine(NULL.replace("Z 0.0", "Z 500.0")))
     np.testing.assert_allclose(read_program(path, frames).positions_base(), [[901.0, 12.0, -477.0]])
-    with pytest.raises(DataError, match=r"machine.dat: the robot stands at \(0, 0, 500\) mm .* but \(0, 0, 400\) mm"):
+    with pytest.raises(DataError, match=r"machine.dat: places the robot at \(0, 0, 500\) mm .* but \(0, 0, 400\) mm"):
         read_program(path, FrameTable.from_cell(cell(-400.0)))
 
 
@@ -123,7 +123,7 @@ def test_a_root_that_is_no_frame_is_refused(tmp_path):
         read_program(path)
     backup(tmp_path, ROOT)
     backup(tmp_path / "other", NULL)
-    with pytest.raises(DataError, match=r"but .* mm was said before"):
+    with pytest.raises(DataError, match=r"but .* mm was stated before"):
         standing(FrameTable(), tmp_path, "krl")
 
 

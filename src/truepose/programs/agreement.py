@@ -8,19 +8,8 @@ from typing import Final
 from truepose.cell import Cell
 from truepose.errors import RefusedError
 from truepose.programs.core.program import Program
-from truepose.programs.reading import dialect_of
+from truepose.programs.reading import LANGUAGES, language_of
 from truepose.robots import Robot, to_toml
-
-_MAKERS: Final = {
-    "krl": "KUKA",
-    "rapid": "ABB",
-    "tp": "FANUC",
-    "urscript": "Universal Robots",
-    "inform": "Yaskawa",
-    "val3": "Stäubli",
-}
-"""Makers by dialect; tables, APT and G-code belong to none."""
-
 
 _OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")
 """Tables of a cell file that a map was fitted with, and that a correction does not read again."""
@@ -74,8 +63,9 @@ def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) ->
     RefusedError
         If the makers differ.
     """
-    made_for = _MAKERS.get(dialect_of(program.sources[0].path))
-    if made_for is None:
+    language = LANGUAGES.get(language_of(program.sources[0].path))
+    made_for = "" if language is None else language.maker
+    if not made_for:
         return []
     where = f"{program.path}: a program for {made_for}"
     judged = f"its words of configuration are judged as those of {made_for} wherever the arm can have them"

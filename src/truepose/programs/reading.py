@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from truepose._io.files import check_regular, path_exists, recover
 from truepose.errors import FileError
@@ -19,18 +19,38 @@ from truepose.programs.robot_base import standing
 
 _KRL: Final = (".src", ".dat")
 _RAPID: Final = (".mod", ".prg", ".sys", ".modx")
-_DIALECTS: Final = {
-    **dict.fromkeys(_KRL, "krl"),
-    **dict.fromkeys(_RAPID, "rapid"),
-    ".ls": "tp",
-    ".script": "urscript",
-    ".jbi": "inform",
-    ".dtx": "val3",
-    ".csv": "table",
-    **dict.fromkeys((".apt", ".cls"), "apt"),
-    **dict.fromkeys((".nc", ".ngc", ".gcode", ".tap", ".cnc"), "gcode"),
+
+
+class Language(NamedTuple):
+    """A language of programs.
+
+    Attributes
+    ----------
+    reader : str
+        The module of its reader; `read` takes a path, the frames and the options, and returns a `Program`.
+    endings : tuple of str
+        The endings of its files, in lower case.
+    maker : str
+        The maker of its controllers; empty if it belongs to no maker.
+    """
+
+    reader: str
+    endings: tuple[str, ...]
+    maker: str = ""
+
+
+LANGUAGES: Final = {
+    "krl": Language("truepose.programs.krl.reader", _KRL, "KUKA"),
+    "rapid": Language("truepose.programs.rapid.reader", _RAPID, "ABB"),
+    "tp": Language("truepose.programs.tp", (".ls",), "FANUC"),
+    "urscript": Language("truepose.programs.urscript", (".script",), "Universal Robots"),
+    "inform": Language("truepose.programs.inform", (".jbi",), "Yaskawa"),
+    "val3": Language("truepose.programs.val3", (".dtx",), "Stäubli"),
+    "table": Language("truepose.programs.table", (".csv",)),
+    "apt": Language("truepose.programs.apt", (".apt", ".cls")),
+    "gcode": Language("truepose.programs.gcode", (".nc", ".ngc", ".gcode", ".tap", ".cnc")),
 }
-_READERS: Final = {"krl": "krl.reader", "rapid": "rapid.reader"}
+"""The languages by name, which is that of the language, not of the maker."""
 _TASK: Final = re.compile(r"TASK\d+", re.I)
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
@@ -40,13 +60,14 @@ _REFUSED: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What reading several programs gave.
+    """The programs of several files and folders.
 
     Attributes
     ----------
     programs : list of Program
+        The programs that were read.
     unreadable : list of FileError
-        Of the others.
+        The errors of the others.
     """
 
     programs: list[Program]
@@ -98,20 +119,20 @@ def _read_file(
 ) -> Program:
     if path_exists(path):
         check_regular(path)
-    dialect = dialect_of(path)
-    if not dialect:
+    name = language_of(path)
+    if not name:
         if not path.exists():
             raise FileError(path, "no such file")
         if why := _REFUSED.get(path.suffix.lower()):
             raise FileError(path, why)
-        raise FileError(path, f"is no robot program of a known language; known endings: {', '.join(_DIALECTS)}")
-    module = importlib.import_module(f"truepose.programs.{_READERS.get(dialect, dialect)}")
-    if dialect == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
+        raise FileError(path, f"is no robot program of a known language; known endings: {_endings()}")
+    module = importlib.import_module(LANGUAGES[name].reader)
+    if name == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
         raise FileError(path, "is empty; name a program")
     options = options or ReadOptions()
-    frames = standing(frames or FrameTable(), path, dialect)
-    whole = {"folder": folder} if dialect == "val3" and folder is not None else {}
-    return _again(partial(module.read, path, frames, options, **whole), options, dialect)
+    frames = standing(frames or FrameTable(), path, name)
+    whole = {"folder": folder} if name == "val3" and folder is not None else {}
+    return _again(partial(module.read, path, frames, options, **whole), options, name)
 
 
 def _is_folder(path: Path) -> bool:
@@ -119,9 +140,13 @@ def _is_folder(path: Path) -> bool:
     return os.path.isdir(path)  # noqa: PTH112
 
 
-def dialect_of(path: Path) -> str:
-    """Return the language that the ending of a file names; empty where it names none."""
-    return _DIALECTS.get(path.suffix.lower(), "")
+def language_of(path: Path) -> str:
+    """Return the name of the language of a file, by its ending; empty where the ending is not known."""
+    return next((name for name, language in LANGUAGES.items() if path.suffix.lower() in language.endings), "")
+
+
+def _endings() -> str:
+    return ", ".join(ending for language in LANGUAGES.values() for ending in language.endings)
 
 
 def read_programs(
@@ -253,11 +278,11 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
         if endings[file] in _KRL and (file.stem.lower() in sources or endings[file] == ".src" or _is_data_list(file))
     ]
     rapid = [f for f in found if endings[f] in _RAPID]
-    others = [f for f in found if endings[f] in _DIALECTS and endings[f] not in (*_KRL, *_RAPID, ".csv")]
+    others = [f for f in found if language_of(f) not in ("", "krl", "rapid", "table")]
     if not (krl or rapid or others):
         others = [f for f in found if endings[f] == ".csv" and ".corrections." not in f.name]
     if not (krl or rapid or others):
-        raise FileError(folder, f"holds no robot program; known endings: {', '.join(_DIALECTS)}")
+        raise FileError(folder, f"holds no robot program; known endings: {_endings()}")
     return krl, rapid, others
 
 

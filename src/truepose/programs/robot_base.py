@@ -30,7 +30,7 @@ _RECORD: Final = re.compile(r"(?m)^\s*$")
 _VALUE: Final = re.compile(r"-(\w+)(?:\s+(\"[^\"]*\"|[^\s-][^\s]*|-[\d.][^\s]*))?")
 
 
-def standing(frames: FrameTable, path: Path, dialect: str) -> FrameTable:
+def standing(frames: FrameTable, path: Path, language: str) -> FrameTable:
     """Return the frames as seen from the robot that a program belongs to.
 
     Parameters
@@ -38,8 +38,8 @@ def standing(frames: FrameTable, path: Path, dialect: str) -> FrameTable:
     frames : FrameTable
     path : Path
         The program, or the folder of a project.
-    dialect : str
-        As `truepose.programs.reading.dialect_of` names it.
+    language : str
+        The name of the language.
 
     Raises
     ------
@@ -48,22 +48,22 @@ def standing(frames: FrameTable, path: Path, dialect: str) -> FrameTable:
     DataError
         If files disagree with each other or with what the user states, or several robots stand in different places.
     """
-    for file in _files(path, dialect):
-        tf_world_base = robot_root(file) if dialect == "krl" else _of_moc(file)
+    for file in _files(path, language):
+        tf_world_base = robot_root(file) if language == "krl" else _of_moc(file)
         if tf_world_base is not None:
             frames = frames.standing_at(tf_world_base, str(file))
     return frames
 
 
-def _files(path: Path, dialect: str) -> list[Path]:
+def _files(path: Path, language: str) -> list[Path]:
     """Return the files about the robot's base that belong to a program or a folder of them."""
-    if (name := _NAMES.get(dialect)) is None:
+    if (name := _NAMES.get(language)) is None:
         return []
     found = list(_within(path, name)) if path.is_dir() else []
     here = path.resolve() if path.is_dir() else path.resolve().parent
     above = iter([here, *here.parents][: _LEVELS + 1])
     while not found and (folder := next(above, None)) is not None:
-        found = [file for beside in _BESIDE[dialect] for file in _named(folder / beside, name)]
+        found = [file for beside in _BESIDE[language] for file in _named(folder / beside, name)]
     return found
 
 

@@ -248,8 +248,8 @@ class KrlJudge(Judge):
             return Frame(value.text, None, make_transform(euler("kuka", value.pose[3:]), value.pose[:3]).tobytes())
         number = value.number
         if number not in getattr(self._frames, table):
-            remedy = f"give it in [frames] of the cell file, or a $config.dat with {data}[{number}]"
-            raise NotCorrected("refuse", f"{which} {number} is not known; {remedy}")
+            reason = f"{which} {number} is not known; give it in [frames] of the cell file"
+            raise NotCorrected("refuse", f"{reason}, or a $config.dat with {data}[{number}]")
         changed = self._numbers_changed
         if number and (place := changed.get((which, number)) or changed.get((which, None))):
             raise NotCorrected("refuse", f"{value.text} is changed by the program ({at(place)})")
