@@ -1,4 +1,4 @@
-"""Whether a map belongs to a program and to a cell file: the maker of the robot, and what a cell file says of it."""
+"""Checks that a map belongs to the robot of a program and of a cell file."""
 
 from __future__ import annotations
 
@@ -16,16 +16,9 @@ _OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")
 
 
 def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
-    """Refuse a cell file of another robot; return which of its tables differ from the map's and have no effect.
+    """Refuse a cell file of another robot; return warnings about its tables that differ from the map's.
 
-    Parameters
-    ----------
-    own : Cell
-        The cell that the map was fitted with.
-    robot : Robot
-        The robot of the map.
-    cell : Cell
-        The cell file that is used instead.
+    Such tables have no effect on a correction.
 
     Raises
     ------
@@ -43,25 +36,12 @@ def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
 
 
 def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) -> list[str]:
-    """Refuse a program of another maker than the robot's; return what a user should know where that is allowed.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot of the map.
-    program : Program
-    other_maker : bool
-        Accept another maker.
-
-    Returns
-    -------
-    list of str
-        Warnings; empty where the makers agree, and for programs that no maker's controller reads.
+    """Refuse a program of another maker than the robot's; return the warnings where it is accepted.
 
     Raises
     ------
     RefusedError
-        If the makers differ.
+        If the makers differ and `other_maker` is False.
     """
     language = LANGUAGES.get(language_of(program.sources[0].path))
     made_for = "" if language is None else language.maker

@@ -1,7 +1,7 @@
 """APT / CL data (.apt, .cls): ``GOTO/x,y,z,i,j,k`` in the frame and with the orientation rule that the user states.
 
-The rule (`ReadOptions.angles`) says whether the tool's z lies along the axis i, j, k ("z") or against it ("-z"). The
-axis leaves the turn about itself open: the tool's x is taken as near to the frame's x as it can be.
+The rule (`ReadOptions.angles`) states whether the tool's z lies along the axis i, j, k ("z") or against it ("-z"). The
+axis leaves the turn about itself open: the tool's x is taken as near to the frame's x as possible.
 """
 
 from __future__ import annotations

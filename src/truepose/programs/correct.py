@@ -1,7 +1,7 @@
-"""A program with its targets corrected: what each target becomes, the patches, and the proof.
+"""Correct the targets of a program.
 
-The error map speaks of the robot's base frame; the difference command − target is turned into each target's own frame
-and added to its digits. Nothing else changes, which `truepose.programs.proof` requires on every run.
+The error map predicts errors in the robot's base frame. The difference command − target is turned into each target's
+own frame and added to its digits. `truepose.programs.proof` requires on every run that nothing else changes.
 """
 
 from __future__ import annotations
@@ -66,41 +66,42 @@ def correct_program(
     accept_weak_map: bool = False,
     progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
-    """Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
+    r"""Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
 
     Parameters
     ----------
     path : str or Path, or Program
-        A program, or one that was read already.
+        The path of a program, or a program from `read_program`.
     error_map : Corrector
-        Such as `truepose.ErrorMap`.
+        The error map, such as `truepose.ErrorMap`.
     cell : Cell, optional
-        The cell whose tools, bases, limits and policy hold; by default the map's own. A limit that it does not state
-        is that of the map's own cell.
+        The cell with tools, bases, limits and policy; by default the map's own. A limit that it does not state is
+        that of the map's own cell.
     frames : FrameTable, optional
         The tools and bases, instead of the cell's.
     on_guard : {"refuse", "skip", "clip"}, optional
-        What happens when a target is refused: no program at all, or that target stays as it is. ``clip`` also shortens
-        corrections that are too long. By default the cell's ``on_guard``; without a cell ``refuse``.
+        The policy for refused targets: ``refuse`` the program, ``skip`` such targets, or skip and ``clip`` corrections
+        that are too long. By default the cell's ``on_guard``; without a cell ``refuse``.
     resolution : float [mm]
-        Step of a correction, where the number in the file is not finer.
+        The step of corrections, where the number in the file is not finer.
     options : ReadOptions, optional
-        What the reader may allow. A program that was read already keeps the frames and options that it was read with.
+        The options of reading. A program from `read_program` keeps its own.
     orientation : bool
-        Correct orientations, too. Without it their digits never change.
+        Whether to correct orientations, too. Without it their digits never change.
     require : float or str, optional
-        The share of the program's motion targets that must be corrected, such as 0.95 or "95%". By default that of
-        the cell's ``[correction]``, or of the map's own cell.
+        The share of the motion targets that must be corrected, such as 0.95 or "95%". By default that of the cell's
+        ``[correction]``, or of the map's own cell.
     other_maker : bool
-        Correct a program of another maker than that of the map's robot.
+        Whether to accept a program of another maker than that of the map's robot.
     accept_weak_map : bool
-        Use a map although nothing shows that it is better than no map; see `truepose.ErrorMap.correct`.
+        Whether to use a map that is not shown to be better than no map; see `truepose.ErrorMap.correct`.
     progress : callable
-        Takes how many targets are done, and how many there are, as it goes on.
+        A function that is called with the number of targets that are done, and the number of all.
 
     Returns
     -------
     CorrectedProgram
+        The corrected program, proven.
 
     Raises
     ------
@@ -111,8 +112,25 @@ def correct_program(
         apply to the map.
     RefusedError
         If a target or a path is refused under ``refuse``, nothing can be corrected, fewer targets than `require` are
-        corrected, the program was corrected already, the map is weak, or it is of another robot than the program or
-        the cell.
+        corrected, the program was corrected already, the map is weak, or it is of another robot than the program or the
+        cell.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from types import SimpleNamespace
+    >>> class Shift:
+    ...     def correct(self, poses, **_):  # every error is 0.5 mm along x
+    ...         p, n = poses[:, :3, 3], len(poses)
+    ...         e = np.tile([0.5, 0.0, 0.0], (n, 1))
+    ...         return SimpleNamespace(
+    ...             p_target=p, p_command=p - e, e=e, std=np.full((n, 3), 0.05),
+    ...             verdict=np.full(n, "correct"), reason=[""] * n)
+    >>> path = Path(tempfile.mkdtemp()) / "a.src"
+    >>> _ = path.write_text("DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
+    >>> print(correct_program(path, Shift()).diff().splitlines()[-2])
+    +LIN {X 0.5,Y 2,Z 3,A 0,B 0,C 0}
     """
     if on_guard not in (None, "refuse", "skip", "clip"):
         raise DataError(f'on_guard is {on_guard!r}, expected "refuse", "skip" or "clip"')
@@ -163,14 +181,14 @@ def correct_program(
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:
-    """Return the limits that hold; those of a corrector other than a map are what the cells state."""
+    """Return the limits in force; for a corrector without limits of its own, those of the cells."""
     if isinstance(error_map, LimitsCorrections):
         return error_map.limits_in_force(cell, **options)
     return stated_limits(CorrectionContext.of(error_map).cell, cell, options)
 
 
 def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool) -> list[str]:
-    """Refuse a program or a cell of another robot than the map's; return what a user should know."""
+    """Refuse a program or a cell of another robot than the map's; return the warnings."""
     known = CorrectionContext.of(error_map)
     if known.robot is None:
         return []
@@ -204,7 +222,7 @@ _Asked = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8], dict[int, s
 
 
 def _weakness(error_map: Corrector) -> list[str]:
-    """Return the warning of a weak map that is used all the same."""
+    """Return the warning of a weak map that is used."""
     if isinstance(error_map, KnowsWorth) and error_map.worth.weak:
         return [f"a weak map was accepted: {error_map.worth.words}"]
     return []
@@ -213,7 +231,7 @@ def _weakness(error_map: Corrector) -> list[str]:
 def _ask(
     error_map: Corrector, columns: TargetColumns, on_guard: Policy, orientation: bool, more: Mapping[str, Any]
 ) -> _Asked:
-    """Ask the map about some targets: change in their own frames (n, 3 or 6), e, std, codes, and reasons by row."""
+    """Ask the map about targets; return changes in their frames (n, 3 or 6), e, std, codes, and reasons by row."""
     known = CorrectionContext.of(error_map)
     poses, tools = columns.poses_base(), columns.tf_flange_tool(known.tf_flange_tool)
     answer = error_map.correct(
@@ -251,7 +269,7 @@ def _ask(
 
 
 def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> None:
-    """Turn changes (the first 3 or 6 columns of `after`) into what is written, in place."""
+    """Replace the changes in `after` (the first 3 or 6 columns) by the numbers that are written."""
     corrected = outcomes.corrected
     for rows, columns in program.correctable_columns():
         change = outcomes.after[rows, :size]
@@ -262,7 +280,7 @@ def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: f
 
 
 def _digits(program: Program, columns: TargetColumns, change: FloatArray, resolution: float) -> FloatArray:
-    """Return the numbers of targets as they are written when they change so, (n, 3 or 3 + k)."""
+    """Return the written numbers of targets after a change, (n, 3 or 3 + k)."""
     data = next(source.data for source in program.sources if source.path == columns.path)
     before, wanted = columns.values[:, :3], columns.values[:, :3] + change[:, :3]
     if change.shape[1] > 3:

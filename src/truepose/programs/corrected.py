@@ -63,22 +63,22 @@ class CorrectedProgram:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
 
     def content(self, source: Source) -> Iterator[bytes]:
-        """Yield a file as it becomes, piece by piece."""
+        """Yield a corrected file, piece by piece."""
         for _, _, piece, _ in self.targets.pieces(source, self.resolution):
             yield piece
 
     @property
     def files(self) -> dict[Path, bytes]:
-        """Every file of the program by its original path, changed or not."""
+        """The corrected files by their original paths, changed or not."""
         return {source.path: b"".join(self.content(source)) for source in self.program.sources}
 
     @property
     def coverage(self) -> CorrectedShare:
-        """How many motion targets there are, and how many of them are corrected."""
+        """The number of motion targets, and of those that are corrected."""
         return CorrectedShare.of([self.targets])
 
     def summary(self) -> dict[str, Any]:
-        """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
+        """Return the counts of the verdicts, and the largest correction and standard deviation [mm]."""
         return {**self.targets.summary(), "motion_targets": self.coverage.targets}
 
     def to_dict(self) -> dict[str, Any]:
@@ -130,7 +130,7 @@ class CorrectedProgram:
         return head_csv(self.targets) + "".join(lines)
 
     def diff(self) -> str:
-        """Return what changes as a unified diff, decoded as latin-1."""
+        """Return the changes as a unified diff, decoded as latin-1."""
         files = self.files
         return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
 
@@ -140,28 +140,29 @@ class CorrectedProgram:
         Parameters
         ----------
         out_dir : str or Path
+            The folder.
         force : bool
-            Overwrite the results of an earlier run. The program itself is never overwritten.
+            Whether to overwrite the results of an earlier run. The program itself is never overwritten.
 
         Raises
         ------
         FileError
-            If a file exists already, is the program itself, or cannot be written; the folder is as it was then.
+            If a file exists already, is the program itself, or cannot be written; the folder is then unchanged.
         """
         return write([self], Path(out_dir), force=force)
 
     def write_in_place(self, *, force: bool = False) -> list[Path]:
-        """Write over the program; each file that changes is kept as it was beside it, with ``.original`` added.
+        """Write over the program; keep each changed file beside it, with ``.original`` added to its name.
 
         Parameters
         ----------
         force : bool
-            Overwrite the record of an earlier run. A kept original is never overwritten.
+            Whether to overwrite the record of an earlier run. A kept original is never overwritten.
 
         Raises
         ------
         FileError
-            If a kept original or a record is there already, or a file cannot be written; the program is as it was then.
+            If a kept original or a record exists already, or a file cannot be written; the program is then unchanged.
         """
         return write_in_place([self], force=force)
 

@@ -1,4 +1,4 @@
-"""The contract of a corrector, such as an error map, and what a corrector may know besides its corrections."""
+"""The contract of a corrector, such as an error map, and its optional abilities."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class FromFile(Protocol):
 
 @runtime_checkable
 class LimitsCorrections(Protocol):
-    """A corrector that states limits of its corrections, and that takes them when it corrects."""
+    """A corrector with limits, which `correct` then takes as an argument."""
 
     def limits_in_force(self, cell: Cell | None = None, **options: Any) -> LimitsInForce:
         """Return the limits, those of a cell file and of options included."""
@@ -149,7 +149,7 @@ class KnowsWorth(Protocol):
 
 @dataclass(frozen=True)
 class CorrectionContext:
-    """What a corrector knows of itself; None where it does not say."""
+    """The cell, robot, file and tool that a corrector was made for; None where it does not state them."""
 
     cell: Cell | None
     robot: Robot | None
@@ -158,7 +158,7 @@ class CorrectionContext:
 
     @classmethod
     def of(cls, corrector: Corrector) -> Self:
-        """Return what a corrector knows of itself."""
+        """Return the context of a corrector."""
         return cls(
             corrector.cell if isinstance(corrector, KnowsCell) else None,
             corrector.robot if isinstance(corrector, KnowsRobot) else None,

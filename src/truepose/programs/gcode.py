@@ -1,6 +1,6 @@
 """G-code of robots in machining: ``G1 X Y Z A B C`` in the frame and with the orientation rule that the user states.
 
-The frame is ``--base``, or G54 … G59 by name in the frame table. `ReadOptions.angles` says whose angles A, B, C are.
+The frame is ``--base``, or G54 … G59 by name in the frame table. `ReadOptions.angles` names the convention of A, B, C.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class _Reader(Reader):
         return self.program(known, unit=self._unit or 1.0, tool=Frame(AS_MEASURED), lexer=LEXER)
 
     def _follow_returns(self) -> None:
-        """Read again what a jump back repeats, with what is in force at the jump; refuse what differs then."""
+        """Read again the lines that a jump back repeats, with its settings; refuse targets that then differ."""
         returns = {back.label: back for back in self._returns}  # of many to one label, the last
         if self.options.calls_keep_frames or not returns:
             return
@@ -142,13 +142,14 @@ class _Reader(Reader):
         return other.problem is None and one.values == other.values and frames[0] == frames[1]
 
     def _come_back(self, line: int, word: str, label: str | None, *, anywhere: bool = False) -> None:
+        """Note a jump that may go back to a label, or to any line."""
         state = {name: getattr(self, name) for name in _MODAL} | {"_angles": dict(self._angles)}
         if anywhere:
             state["_problem"] = Problem("refuse", f"line {line} ({word}) may come to any line")
         self._returns.append(_Return(line, word, label, state))
 
     def _in_frame(self, use: Use) -> Use:
-        """Leave the work offset to the user's base where the program has only one and the table none of its name."""
+        """Replace the work offset by the user's base if the program has only one and the table does not name it."""
         named = use.frame is not None and use.frame.key is not None and frame_key(use.frame.key) in self.frames.bases
         return use if named or len(self._offsets) > 1 else use._replace(frame=None)
 
@@ -188,7 +189,7 @@ class _Reader(Reader):
             point.spans = tuple([spans.get(key, NOT_HERE) for key in _AXES])
 
     def _control(self, line: int, word: str, code: bytes) -> None:
-        """Take a jump, loop or condition: what is in force behind it depends on the way."""
+        """Take a jump, loop or condition; the settings behind it depend on the way."""
         for jump in _JUMP.finditer(code):
             label = _name(jump[1])
             computed = label is None and jump[0].upper() != b"GOTOS"
@@ -285,7 +286,7 @@ class _Reader(Reader):
     def _parse(
         self, line: int, code: bytes, start: int
     ) -> tuple[list[tuple[str, float]], dict[str, Span], dict[str, bytes]]:
-        """Return the words with numbers, the spans of the axes, and what stands for numbers or words otherwise."""
+        """Return the words with numbers, the spans of the axes, and all other texts in place of numbers or words."""
         words: list[tuple[str, float]] = []
         spans: dict[str, Span] = {}
         strange: dict[str, bytes] = {}

@@ -1,8 +1,8 @@
-"""What was corrected before, wherever it lies: a program that holds corrected digits is known again by its content.
+"""Lists of corrected programs, so that a program with corrected digits is recognised by its content.
 
 Every correction that is written adds a line of JSON to two files: ``MAP.corrected`` beside the map, and
-``corrected.jsonl`` in the user's own state folder (``TRUEPOSE_STATE``, else the system's place for it). A line holds
-the hash of the program before and after, and a hash of each corrected position, so that a copy under another name, in
+``corrected.jsonl`` in the user's own state folder (``TRUEPOSE_STATE``, or else the usual place of the system). A line
+holds the hash of the program before and after, and a hash of each corrected position. So a copy under another name, in
 another folder, for another map, or with some lines edited is recognised.
 """
 
@@ -54,7 +54,7 @@ class Remembered(Protocol):
 
 
 def stores(map_path: Path | None) -> list[Path]:
-    """Return the files that remember corrections: the user's own, and the one beside the map if it came from a file."""
+    """Return the list in the user's state folder, and the list beside the map if it was read from a file."""
     beside = [] if map_path is None else [map_path.with_name(f"{map_path.name}.corrected")]
     return [*_own(), *beside]
 
@@ -73,12 +73,12 @@ def _own() -> list[Path]:
 
 
 def remember(corrected: Sequence[Remembered]) -> None:
-    """Add programs to the stores; before they are written, so that none is ever there unrecorded.
+    """Add programs to the lists. This comes before they are written, so that none is ever written without it.
 
     Raises
     ------
     FileError
-        If no store can be written.
+        If no list can be written.
     """
     for one in corrected:
         if not (lines := "".join(_lines(one))):
@@ -150,15 +150,15 @@ def _append(path: Path, lines: str) -> None:
 
 
 def check(program: Program, map_path: Path | None) -> None:
-    """Refuse a program that holds what a correction wrote.
+    """Refuse a program that holds corrected targets.
 
     Raises
     ------
     RefusedError
-        If a file of it is the result of a correction, or three of its positions (of up to four targets half of
-        them) are.
+        If a file of it is the result of a correction, or if three of its positions are (of up to four targets, half of
+        them).
     FileError
-        If a store is there and cannot be read.
+        If a list exists and cannot be read.
     """
     after = {source.sha256: source.path for source in program.sources}
     found = [_hashes(columns.values[:, :3]) for _, columns in program.correctable_columns()]

@@ -1,8 +1,8 @@
 """The proof of a corrected program, on every run before anything is written.
 
-Two readings that do not rely on each other. The first splits the old and the new bytes into words by one expression of
-the language and requires that only corrected numbers differ (`truepose.programs.core.source.prove`). The second gives
-the new bytes to the full reader, as if they came from disk, and requires every target to be what was meant.
+Two independent readings. The first splits the old and the new bytes into words by one expression of the language and
+requires that only corrected numbers differ (`truepose.programs.core.source.prove`). The second gives the new bytes to
+the full reader, as if they were on the disk, and requires that every target is as intended.
 """
 
 from __future__ import annotations
@@ -31,17 +31,12 @@ _REMEDY: Final = "nothing was written; please report this program"
 
 
 def proven_hashes(outcomes: Outcomes, resolution: float) -> dict[Path, str]:
-    """Prove a corrected program; return the SHA-256 of every file as it becomes.
-
-    Parameters
-    ----------
-    outcomes : Outcomes
-    resolution : float [mm]
+    """Prove a corrected program; return the SHA-256 of every corrected file.
 
     Raises
     ------
     RefusedError
-        If anything but corrected numbers changed, or the corrected program reads otherwise than was meant.
+        If anything but corrected numbers changed, or if the corrected program does not have the intended targets.
     """
     program = outcomes.program
     contents = {source.path: _corrected(source, outcomes, resolution) for source in program.sources}
@@ -50,7 +45,7 @@ def proven_hashes(outcomes: Outcomes, resolution: float) -> dict[Path, str]:
 
 
 def _corrected(source: Source, outcomes: Outcomes, resolution: float) -> bytes:
-    """Return a file as it becomes, proven word by word."""
+    """Return a corrected file, proven word by word."""
     whole = io.BytesIO()  # a list of pieces and their sum would hold a long program twice
     for start, end, piece, patches in outcomes.pieces(source, resolution):
         prove(source, start, end, piece, patches, outcomes.program.lexer)
@@ -59,16 +54,10 @@ def _corrected(source: Source, outcomes: Outcomes, resolution: float) -> bytes:
 
 
 def prove_meaning(outcomes: Outcomes, contents: Mapping[Path, bytes]) -> None:
-    """Read the corrected bytes with the full reader and compare every target with what was meant.
+    """Read the corrected bytes with the full reader and compare every target with the intended one.
 
-    Corrected targets must have the numbers of `outcomes`, which lie within half a digit of the correction; all others,
-    and everything else of a target, must be as before.
-
-    Parameters
-    ----------
-    outcomes : Outcomes
-    contents : mapping of Path to bytes
-        Every file of the program as it becomes.
+    Corrected targets must have the numbers of `outcomes`, which are within half a digit of the correction. All other
+    targets, and all other data of a target, must be unchanged. `contents` are the corrected files by path.
 
     Raises
     ------

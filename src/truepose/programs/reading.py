@@ -1,4 +1,4 @@
-"""Reading programs: a file by its ending, a folder as everything in it."""
+"""Read programs: a file by its ending, a folder as all programs in it."""
 
 from __future__ import annotations
 
@@ -152,17 +152,18 @@ def _endings() -> str:
 def read_programs(
     paths: Iterable[str | Path], frames: FrameTable | None = None, options: ReadOptions | None = None
 ) -> Reading:
-    """Read programs and folders of programs; one that cannot be read does not keep the others from it.
+    """Read programs and folders of programs; one that cannot be read does not stop the others.
 
     All KRL modules of a folder are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
     TASK2 … of a controller's backup. RAPID modules that are named together are one task, too. Links in a folder are
-    left alone; its CSV files are taken only where there is nothing else, because most tables are no targets.
+    ignored; its CSV files are read only if it holds nothing else, because most tables are no targets.
 
     Parameters
     ----------
     paths : iterable of str or Path
+        The paths of files and folders.
     frames, options
-        As in `read_program`.
+        The tools and bases, and the options, as in `read_program`.
 
     Raises
     ------
@@ -207,7 +208,7 @@ def read_programs(
 
 
 def _named_together(files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
-    """Read the modules of a task that were named one by one; it is called after the first."""
+    """Read the modules of a task that were named one by one; the task is named after the first."""
     root = files[0].parent
     if any(file.parent != root for file in files):
         files = [file.parent.resolve() / file.name for file in files]  # a link stays one
@@ -226,7 +227,7 @@ def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOpt
 
 
 def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions) -> list[Program]:
-    """Read RAPID tasks; each program keeps how, so that it can be read again."""
+    """Read RAPID tasks that know how to read themselves again."""
     from truepose.programs.rapid.reader import read_tasks
 
     def again(k: int) -> Program:

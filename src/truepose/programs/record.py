@@ -1,6 +1,7 @@
-"""The record that stands beside a corrected program: what was done to each target, and the hashes of both versions.
+"""The record of a corrected program: the outcome of each target, and the hashes of both versions.
 
-By the hashes a program that is corrected already is known again, and refused: errors would be corrected twice.
+By the hashes a program that is already corrected is recognised, and refused, because its errors would be corrected
+twice.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def _texts(numbers: FloatArray) -> list[list[str]]:
 
 
 def _templates(target: Target, angles: int) -> tuple[str, str]:
-    """Return the forms of a line of JSON and of CSV for targets that share all but name, line and numbers."""
+    """Return the templates of a line of JSON and of CSV for targets that share all data but name, line and numbers."""
     file, motion, frame, tool, configuration = (
         text.replace("%", "%%")
         for text in (str(target.path), target.motion, target.frame, target.tool, target.configuration)
@@ -101,7 +102,7 @@ def _templates(target: Target, angles: int) -> tuple[str, str]:
 
 
 def _cell(text: str) -> str:
-    """Return a cell of CSV, in quotes where it needs them; no spreadsheet takes it for a formula."""
+    """Return a cell of CSV, in quotes where it needs them, that no spreadsheet takes for a formula."""
     text = escaped(text)
     if any(mark in text for mark in ',"\r\n'):
         return '"' + text.replace('"', '""') + '"'
@@ -109,14 +110,14 @@ def _cell(text: str) -> str:
 
 
 def check_not_corrected(program: Program, map_path: Path | None) -> None:
-    """Refuse a program that a record beside it names as a result, or that a store knows (`truepose.programs.history`).
+    """Refuse a program that a record beside it names as a result, or that a list holds (`truepose.programs.history`).
 
     Raises
     ------
     RefusedError
-        If a file of it is what a correction changed, or holds what one wrote.
+        If a file of it is the result of a correction, or holds corrected targets.
     FileError
-        If a record cannot be read: nobody knows then.
+        If a record cannot be read.
     """
     hashes = {source.sha256: source.path for source in program.sources}
     for folder in {program.folder, *(source.path.parent for source in program.sources)}:

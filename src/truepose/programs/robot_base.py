@@ -1,7 +1,7 @@
-"""Where a robot stands in the world of its controller: $ROBROOT of KUKA's $machine.dat, base frames of ABB's MOC.cfg.
+"""The place of a robot in its controller's world: $ROBROOT of KUKA's $machine.dat, base frames of ABB's MOC.cfg.
 
-Bases and work objects are given in that world, error maps in the robot's own base. Where both are the same, which is
-usual, nothing changes; elsewhere every frame that is given in the world is turned into the robot's base.
+Bases and workobjects are given in that world, error maps in the robot's own base. Usually both are the same, and
+nothing changes. Otherwise every frame that is given in the world is turned into the robot's base.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ _VALUE: Final = re.compile(r"-(\w+)(?:\s+(\"[^\"]*\"|[^\s-][^\s]*|-[\d.][^\s]*))
 
 
 def standing(frames: FrameTable, path: Path, language: str) -> FrameTable:
-    """Return the frames as seen from the robot that a program belongs to.
+    """Return the frames relative to the base of the robot that a program belongs to.
 
     Parameters
     ----------
     frames : FrameTable
+        The controller's tools and bases.
     path : Path
         The program, or the folder of a project.
     language : str
@@ -46,7 +47,7 @@ def standing(frames: FrameTable, path: Path, language: str) -> FrameTable:
     FileError
         If a file about the robot's base cannot be understood.
     DataError
-        If files disagree with each other or with what the user states, or several robots stand in different places.
+        If files disagree with each other or with the user's statement, or if several robots have different places.
     """
     for file in _files(path, language):
         tf_world_base = robot_root(file) if language == "krl" else _of_moc(file)

@@ -1,8 +1,8 @@
-"""Plain targets in CSV: one row per target, units in the names of the columns.
+"""Targets in CSV: one row for each target, with units in the names of the columns.
 
 Columns: ``name``; ``x_mm, y_mm, z_mm`` (or ``x_m`` …); the orientation as ``a_deg, b_deg, c_deg`` (KUKA), ``q1 … q4``
-(ABB), ``w_deg, p_deg, r_deg`` (FANUC) or ``rx_rad, ry_rad, rz_rad`` (Universal Robots); ``rx_deg, ry_deg, rz_deg`` say
-with `ReadOptions.angles` whose they are. ``frame``, ``tool`` and ``motion`` may be given in each row. Others are kept.
+(ABB), ``w_deg, p_deg, r_deg`` (FANUC) or ``rx_rad, ry_rad, rz_rad`` (Universal Robots); ``rx_deg, ry_deg, rz_deg`` with
+the convention of `ReadOptions.angles`. ``frame``, ``tool`` and ``motion`` are optional. Other columns are kept.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 
 
 def _meaning(source: Source, line: int, columns: list[str], options: ReadOptions) -> tuple[list[str], float, str]:
-    """Return the columns of a pose, the unit of its position [mm], and whose angles they are."""
+    """Return the columns of a pose, the unit of its position [mm], and the convention of its angles."""
     units = [unit for unit in _UNITS if all(f"{axis}_{unit}" in columns for axis in "xyz")]
     if len(units) != 1:
         raise source.error(line, "expected columns x_mm, y_mm, z_mm (or x_m, y_m, z_m); name them so, once")

@@ -1,7 +1,7 @@
 """FANUC TP (.ls): instructions under /MN, positions with their own frame numbers under /POS.
 
-UF and UT of a position say in which frames it was taught, and the controller stops when others are in force. So the
-position is taken at its word, unless UFRAME_NUM or UTOOL_NUM is certainly another where it is moved to.
+UF and UT of a position are the frames in which it was taught, and the controller stops if others are in force. So they
+are used, unless UFRAME_NUM or UTOOL_NUM is certainly another where a motion goes to the position.
 """
 
 from __future__ import annotations
@@ -273,7 +273,7 @@ class _Reader(Reader):
             self.changed.setdefault((which, int(m[3]) if m[3] else None), line)
 
     def _attach(self) -> None:
-        """Give each position the motions to it, now that what is in force at each is known."""
+        """Give each position the motions to it, now that the frames in force at each are known."""
         for word, line, node in self._indirect:
             self._moves += [_Move(p, word, line, node, None) for p in self._positions.values() if p.values]
         number = {id(point): n for n, point in self._positions.items()}

@@ -1,7 +1,7 @@
-"""URScript (.script): poses ``p[…]`` in m and rad, targets only where a motion goes to them.
+"""URScript (.script): poses ``p[…]`` in m and rad, which are targets only where a motion goes to them.
 
-The frame is the robot's base. The tool is what the last ``set_tcp(p[…])`` says, followed through the program; where the
-program sets none it is the one that the user names, or that of the measurements.
+The frame is the robot's base. The tool is that of the last ``set_tcp(p[…])``, followed through the program. Where the
+program sets none, it is the one that the user names, or that of the measurements.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class _Reader(Reader):
         return routines
 
     def _key(self, name: str) -> str:
-        """Return what a name means here: a parameter or local variable is of its routine, all else of the program."""
+        """Return the variable that a name means here: that of the routine if parameter or local, else of the program."""
         routine = self._routine
         while routine and name not in self._locals[routine]:
             routine = self._outer[routine]
@@ -227,7 +227,7 @@ class _Reader(Reader):
             flow.leave()
 
     def _handed(self, name: str, statement: _Statement, start: int, masked: bytearray) -> None:
-        """List the poses that a function is given which the language does not have: it may move there."""
+        """List the poses that are arguments of a function that the language does not have: it may move there."""
         for k, (a, b) in enumerate(_arguments(bytes(masked), start), 1):
             argument = masked[a:b].decode("latin-1")
             if (key := self._key(argument)) in self._named:

@@ -1,8 +1,8 @@
 """Stäubli VAL3 (.dtx): points of an application's data, with the frames and tools of the same file.
 
-What the application does with a point is read from the programs (.pgx) beside the file. Without any, every point is
-one that is moved to. Other applications use public data as `library:name`, so public points are judged over a folder
-and refused in a file that is read alone. The XML is never written again: only digits of attributes change.
+The uses of a point are read from the programs (.pgx) beside the file. Without any, every point counts as one that is
+moved to. Other applications use public data as `library:name`, so public points are judged over a folder and refused in
+a file that is read alone. The XML is never written again: only digits of attributes change.
 """
 
 from __future__ import annotations
@@ -66,15 +66,7 @@ class _Value:
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path | None = None) -> Program:
-    """Read a .dtx file.
-
-    Parameters
-    ----------
-    path : Path
-    frames : KnownFrames
-    options : ReadOptions
-    folder : Path, optional
-        Holds all applications that may use public data of the file.
+    """Read a .dtx file; `folder` holds all applications that may use its public data.
 
     Raises
     ------
@@ -211,7 +203,7 @@ class _FrameChain:
         self._table = {name.lower(): value for name, value in table.items()}
 
     def named(self, father: str) -> Frame | None:
-        """Return what a fatherId names; None if it names nothing."""
+        """Return the frame that a fatherId names; None if it names none."""
         m = _FATHER.fullmatch(father.strip())
         if m is None:
             return None
@@ -270,7 +262,7 @@ def _foreign_uses(
 def _uses(
     path: Path, named: dict[str, list[Point]], tools: _FrameChain, frames: dict[str, _Value]
 ) -> dict[tuple[str, Key | None], int]:
-    """Replace the points' uses by what the programs beside the file say; return the frames that they change."""
+    """Replace the points' uses by those in the programs beside the file; return the frames that they change."""
     changed: dict[tuple[str, Key | None], int] = {}
     programs = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == ".pgx" and p.is_file())
     if not programs or not named:

@@ -27,7 +27,7 @@ VERDICTS: Final = ("correct", "skip", "refuse")
 
 
 class Stretch(Protocol):
-    """Consecutive targets of one file that are alike but for their numbers, read from its bytes when asked for."""
+    """Consecutive targets of one file that differ only in their numbers, which are read from its bytes when needed."""
 
     @property
     def like(self) -> Target:
@@ -36,7 +36,7 @@ class Stretch(Protocol):
     def __len__(self) -> int: ...
 
     def columns(self, alike: Sequence[Target], kind: int) -> TargetColumns:
-        """Return them; `kind` is the place of what they share in `alike`."""
+        """Return the targets; `kind` is the place of their shared data in `alike`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +46,17 @@ class TargetColumns:
     Attributes
     ----------
     alike : sequence of Target
-        What targets share, without name, line and numbers.
+        The data that targets share, without name, line and numbers.
     kind : (n,) array of int
-        Place in `alike`.
+        The place of each target's shared data in `alike`.
     line, status, turn : (n,) arrays of int
-        Status and Turn are −1 where the target does not name them.
+        The line, and the Status and Turn; −1 where the target does not name them.
     values : (n, k) array [mm; the controller's angles]
-        Position and orientation; NaN where there are none.
+        The positions and orientations; NaN where there are none.
     spans : (n, k, 2) array of int
-        Bytes of these numbers; −1 where there are none.
+        The first and last byte of each number; −1 where there is none.
     names : sequence of n str or None
-        None: the target is named by its motion and line.
+        The names; None where the target is named by its motion and line.
     """
 
     alike: Sequence[Target]
@@ -70,7 +70,7 @@ class TargetColumns:
 
     @classmethod
     def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> TargetColumns:
-        """Pack targets; what they share is added to `alike`, `known` holds where it is."""
+        """Pack targets; add their shared data to `alike`, whose places are kept in `known`."""
         kinds = np.empty(len(targets), np.int64)
         width = 3 + orientations.count(targets[0].controller)
         values = np.full((len(targets), width), np.nan)
@@ -202,8 +202,9 @@ class ProgramTargets(Sequence[Target]):
     Parameters
     ----------
     items : iterable of Target or Stretch
-        In that order.
+        The targets in that order.
     motions : Motions
+        The motions to them.
     """
 
     def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
@@ -278,7 +279,7 @@ class ProgramTargets(Sequence[Target]):
 
 
 def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
-    """Return the place of what a target shares with others."""
+    """Return the place of the data that a target shares with others."""
     key = (
         target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
         target.tool_number, target.controller, target.configuration, target.unit,

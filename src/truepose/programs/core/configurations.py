@@ -1,8 +1,8 @@
-"""Words of configuration before and after: a correction must not carry a joint over the border of its word.
+"""Compare words of configuration before and after a correction.
 
 The word in the program (KUKA's S and T, ABB's confdata, FANUC's CONFIG) stays as it is, so the joints at the corrected
-pose must still have it. Joints are those of the nominal robot; a word that does not fit the pose even before is not
-judged.
+pose must still have it. Joints are those of the nominal robot. A word that does not fit the pose even before the
+correction is not judged.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ _HAIR: Final = 0.02  # [mm]
 def changed_words(
     robot: Robot, columns: TargetColumns, poses: FloatArray, commands: FloatArray, tools: FloatArray
 ) -> dict[int, str]:
-    """Return which targets would change their word of configuration, each with the reason.
+    """Return the reasons why targets would change their words of configuration, by index.
 
     Parameters
     ----------
     robot : Robot
-        Nominal.
+        The nominal robot.
     columns : TargetColumns
         The n targets.
     poses, commands : (n, 4, 4) arrays [mm]
-        Base to tool, as programmed and as corrected.
+        The poses, base to tool, as programmed and as corrected.
     tools : (n, 4, 4) array [mm]
-        Flange to tool.
+        The transforms from flange to tool.
     """
     controller = columns.controller
     words = words_of(columns)

@@ -1,6 +1,6 @@
-"""Numbers of a program by the thousand: their digits read, moved and written again, in arrays.
+"""Read, move and write the numbers of a program in arrays.
 
-The plain style (``-40.25``) is handled here; any other number (an exponent, a column's blanks, a plus, no leading zero)
+The plain style (``-40.25``) is handled here. Any other number (an exponent, a column's blanks, a plus, no leading zero)
 goes through `truepose.programs.core.source.format_number`, which defines the result for both.
 """
 
@@ -75,17 +75,7 @@ def values_at(data: bytes, spans: IntArray) -> FloatArray:
 
 
 def moved(data: bytes, spans: IntArray, values: FloatArray, delta: FloatArray, resolution: float) -> FloatArray:
-    """Return the values that numbers have when they are written moved by `delta`, (n,).
-
-    Parameters
-    ----------
-    data : bytes
-    spans : (n, 2) array of int
-    values, delta : (n,) arrays
-        Of the numbers, and what is to be added.
-    resolution : float
-        As in `format_number`, whose results these are.
-    """
+    """Return the values of number tokens after they are written moved by `delta`, (n,); see `format_number`."""
     after = values.copy()
     changed = np.rint(delta / resolution) != 0
     gained = decimals_of(resolution)
@@ -102,7 +92,7 @@ def moved(data: bytes, spans: IntArray, values: FloatArray, delta: FloatArray, r
 
 
 def written(data: bytes, spans: IntArray, values: FloatArray, after: FloatArray, resolution: float) -> list[bytes]:
-    """Return numbers with new values, as `moved` found them, in the style of the old ones; see `format_number`.
+    """Return the tokens of numbers with new values from `moved`, in the style of the old tokens; see `format_number`.
 
     The sixteenth digit of a number that has so many is that of a difference of doubles.
     """

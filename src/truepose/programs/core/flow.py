@@ -1,8 +1,8 @@
-"""Which tool and base may be in force at a motion: the program's ways through, followed for constants.
+"""Follow the ways through a program, to find the tools and bases that may be in force at each motion.
 
-Nodes are pieces of program between two changes; an edge is a way that control may take. Each node has the set of values
-that may have reached it for $TOOL, $BASE, $IPO_MODE and FDAT_ACT. One value in the set: it is in force. Two: it depends
-on the way through the program, and nothing is guessed.
+A node is a piece of program between two changes, an edge is a way that control may take. Each node has the set of
+values that may have reached it for $TOOL, $BASE, $IPO_MODE and FDAT_ACT. If the set has one value, that is in force. If
+it has two, the value depends on the way through the program, and nothing is guessed.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ class InForce(NamedTuple):
     Attributes
     ----------
     kind : {"number", "literal", "unset", "call", "unknown"}
+        The kind of value.
     text : str
-        As the program says it, or why it is not known.
+        The text of the program, or the reason why the value is not known.
     number : int, optional
-        Of TOOL_DATA or BASE_DATA.
+        The number in TOOL_DATA or BASE_DATA.
     pose : tuple of 6 float, optional
         X, Y, Z [mm], A, B, C [deg] of a literal.
     """
@@ -32,7 +33,7 @@ class InForce(NamedTuple):
 
 
 class FdatFrames(NamedTuple):
-    """What an FDAT names: tool, base, and who carries the workpiece ("BASE", "TCP", or a reason why not known)."""
+    """The tool and base that an FDAT names, and its IPO_FRAME ("BASE", "TCP", or the reason why it is not known)."""
 
     tool: InForce
     base: InForce
@@ -40,14 +41,14 @@ class FdatFrames(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Something that shifts motions at run time: a conveyor, a sensor, a compliant axis.
+    """A source of shifts at run time: a conveyor, a sensor, a compliant axis.
 
     Attributes
     ----------
     kind : str
-        What ends it ends all of its kind.
+        The kind; an instruction ends all shifts of one kind.
     text : str
-        As the program says it, with its line.
+        The text of the program, with its line.
     """
 
     kind: str
@@ -55,7 +56,7 @@ class Shift(NamedTuple):
 
 
 class State(NamedTuple):
-    """All that may be in force at a node."""
+    """The values that may be in force at a node."""
 
     tool: frozenset[InForce]
     base: frozenset[InForce]
@@ -64,7 +65,7 @@ class State(NamedTuple):
     shifts: frozenset[Shift] = frozenset()
 
     def join(self, other: State) -> State:
-        """Return what may be in force where two ways meet."""
+        """Return the values that may be in force where two ways meet."""
         return State(
             self.tool | other.tool,
             self.base | other.base,
@@ -107,7 +108,7 @@ class _Block:
 
 @dataclass(slots=True)
 class _Part:
-    """Nodes that control may enter from anywhere; `returns` hand back to where it came from."""
+    """Nodes that control may enter from anywhere, and those in `returns` where it goes back."""
 
     first: int
     last: int = -1
@@ -115,13 +116,13 @@ class _Part:
 
 
 class BlockError(Exception):
-    """A block that is closed but not open, or left open."""
+    """A block that is closed without being open, or that is left open."""
 
 
 class Flow:
-    """The graph of one module; built statement by statement, then solved.
+    """The graph of one program, built statement by statement and then solved.
 
-    The methods are called in the order of the text. `node` is where control is now.
+    The methods are called in the order of the text. `node` is the current node.
     """
 
     def __init__(self) -> None:
@@ -154,11 +155,11 @@ class Flow:
         return self.node
 
     def _advance(self) -> int:
-        """Start a node behind the present one."""
+        """Start a node behind the current one."""
         return self._new(self.node)
 
     def begin_routine(self, name: str, *, outside: bool) -> None:
-        """Enter DEF; `outside` if other modules may call it."""
+        """Begin a routine; `outside` if other modules may call it."""
         if name in self._routines:
             raise BlockError(f"{name} is defined twice; give one another name")
         entry = self._new()
@@ -170,7 +171,7 @@ class Flow:
         self._advance()
 
     def end_routine(self) -> None:
-        """Leave at END."""
+        """End the routine."""
         if self._blocks:
             block = self._blocks[-1]
             raise BlockError(f"{block.kind} of line {block.line} is not closed")
@@ -186,18 +187,18 @@ class Flow:
         self._new()
 
     def part(self) -> None:
-        """Begin what control may enter from anywhere: an error handler, behind the body that ends before it."""
+        """Begin an error handler or another part that control may enter from anywhere; the body before it ends."""
         self._close_part()
         self._exits.append(self.node)
         self._parts.append(_Part(self._new()))
 
     def interrupt_program(self) -> None:
-        """Say of the routine that begins here that an interrupt may call it from anywhere, and that it goes back."""
+        """Mark the routine that begins here as one that an interrupt may call from anywhere."""
         self._interrupting = True
         self._parts.append(_Part(self._advance()))
 
     def resume(self) -> None:
-        """Go back to where control came from: RETRY and the like."""
+        """Return to the place that control came from: RETRY and similar."""
         if self._parts and self._parts[-1].last < 0:
             self._parts[-1].returns.append(self.node)
         self._new()
@@ -218,7 +219,7 @@ class Flow:
         self._nodes[self.node].applies_fdat = True
 
     def shift(self, kind: str, text: str) -> None:
-        """Begin something that shifts motions at run time; see `Shift`."""
+        """Begin a shift of motions at run time; see `Shift`."""
         self._advance()
         self._nodes[self.node].begins = Shift(kind, text)
 
@@ -228,7 +229,7 @@ class Flow:
         self._nodes[self.node].ends = kind
 
     def call(self, name: str, text: str) -> None:
-        """Call a subprogram; whether it is in this file turns out at the end. `text` says so where it is not."""
+        """Call a subprogram; `text` is the reason why tool and base are unknown if it is not in this program."""
         before = self.node
         after = self._new()
         self._calls.append((name, before, after, text))
@@ -244,7 +245,7 @@ class Flow:
         self._calls += [(name, before, after, "") for name in names]
 
     def stop(self) -> None:
-        """End the program, or leave it by an error: nothing follows."""
+        """End the program, or leave it by an error; nothing follows."""
         self._new()
 
     def begin(self, kind: str, line: int) -> None:
@@ -281,12 +282,12 @@ class Flow:
 
     @property
     def section(self) -> int:
-        """A number that changes where a routine or a part of one begins."""
+        """Return a number that changes where a routine or a part of one begins."""
         return len(self._routines) + len(self._parts)
 
     @property
     def innermost(self) -> str:
-        """What opened the innermost block; empty outside all."""
+        """Return the opening word of the innermost block; empty outside all blocks."""
         return self._blocks[-1].kind if self._blocks else ""
 
     def exit(self) -> None:
@@ -298,14 +299,14 @@ class Flow:
                 break
 
     def leave(self) -> None:
-        """RETURN or RESUME."""
+        """Leave the routine: RETURN or RESUME."""
         self._exits.append(self.node)
         if self._interrupting:
             self._parts[-1].returns.append(self.node)
         self._new()
 
     def again(self) -> None:
-        """Begin the routine that ends here over again: a main program runs in cycles."""
+        """Begin the current routine again: a main program runs in cycles."""
         for node in [*self._exits, self.node]:
             self._nodes[node].followers.append(self._routines[self._routine][0])
 
@@ -314,17 +315,17 @@ class Flow:
         self._labels[name] = self._advance()
 
     def goto(self, name: str) -> None:
-        """Jump within the routine."""
+        """Jump to a label of the routine."""
         self._gotos.append((name, self.node))
         self._new()
 
     def may_go(self, name: str) -> None:
-        """Jump within the routine, or not: a condition decides."""
+        """Jump to a label of the routine, or not, depending on a condition."""
         self._gotos.append((name, self.node))
         self._advance()
 
     def solve(self) -> State:
-        """Follow all ways until nothing new arrives; return what interrupt handlers may set, which holds everywhere."""
+        """Follow all ways to the end; return the values that interrupt handlers may set, which count everywhere."""
         called, changing = set(), self._changing()
         for name, before, after, text in self._calls:
             if name in self._routines:
@@ -351,7 +352,7 @@ class Flow:
         return ambient
 
     def _follow(self, first: set[int]) -> None:
-        """Follow all ways from some nodes until nothing new arrives."""
+        """Follow all ways from some nodes until no new value arrives."""
         self.states = [NOWHERE] * len(self._nodes)
         before_node = [NOWHERE] * len(self._nodes)
         waiting = [(node, START) for node in first]
@@ -365,9 +366,9 @@ class Flow:
             waiting += [(follower, out) for follower in self._nodes[node].followers]
 
     def _connect_started(self) -> set[int]:
-        """Let control enter what `start` named from every node that may follow; return where it enters.
+        """Connect the routines of `start` with every node that may follow; return their entries.
 
-        It does not go back: what it sets for others is that of `_ambient`.
+        The way back is not followed: the values that they set for others are in `_ambient`.
         """
         entries = {name: self._routines[name][0] for name, _ in self._started if name in self._routines}
         done: set[tuple[int, int]] = set()
@@ -392,7 +393,7 @@ class Flow:
         return found
 
     def _changing(self) -> set[str]:
-        """Return the routines of this file that may change what is in force, by themselves or by what they call."""
+        """Return the routines of this program that may change a value in force, directly or by a call."""
         ranges = {name: (entry, self._last.get(name, len(self._nodes))) for name, (entry, _) in self._routines.items()}
         changing = {
             name
@@ -413,7 +414,7 @@ class Flow:
         return changing
 
     def _connect_parts(self, changing: set[str]) -> None:
-        """Let control enter the parts from every node, and go back to every node where they change what is in force."""
+        """Connect every node with the parts, and the parts with every node if they change a value in force."""
         if not self._parts:
             return
         nodes, n = self._nodes, len(self._nodes)

@@ -1,7 +1,7 @@
-"""Turned orientations in a controller's own numbers, as near to the old numbers as they can be.
+"""Turn orientations in a controller's own numbers, staying as near to the old numbers as possible.
 
 One orientation has many names: Euler angles come in pairs and repeat every 360°, a quaternion has two signs, a rotation
-vector repeats every 2π along itself. What is written is the name next to the one that the program had.
+vector repeats every 2π along itself. The name nearest to the one in the program is written.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ def turned(controller: str, before: FloatArray, turn: Rotation) -> FloatArray:
     Parameters
     ----------
     controller : str
-        See `truepose.geometry.euler`; or of `AXES`.
+        The convention of the numbers: a name of `truepose.geometry.euler`, or of `AXES`.
     before : (n, k) array
         The controller's numbers.
     turn : Rotation of length n
-        In the frame of the numbers: R_after = turn · R_before. Where it is none, the numbers stay.
+        The turn in the frame of the numbers: R_after = turn · R_before. Numbers with an identity turn do not change.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What was done to the targets of a program, by columns, and the corrected bytes that follow from it."""
+"""The outcomes of a program's targets as columns, and the corrected bytes."""
 
 from __future__ import annotations
 
@@ -27,20 +27,22 @@ _CORRECTED: Final = (1, 2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What was done to a target.
+    """The outcome of a target.
 
     Attributes
     ----------
     target : Target
+        The target of the original program.
     verdict : {"correct", "clip", "skip", "below uncertainty"}
+        The verdict on it.
     reason : str
-        Why not ``correct``; empty where it is.
+        The reason of the verdict; empty where it is ``correct``.
     p_after : (3,) array [mm], the target's own frame
-        As written; NaN where the target has no position.
+        The position that is written; NaN where the target has none.
     angles_after : (k,) array, the controller's angles
-        As written; NaN where the target has none.
+        The orientation that is written; NaN where the target has none.
     e, std : (3,) arrays [mm], base frame
-        Predicted error at the command and its standard deviation; NaN where nothing was predicted.
+        The predicted error at the command and its standard deviation; NaN where nothing was predicted.
     """
 
     target: Target
@@ -53,12 +55,12 @@ class Outcome:
 
     @property
     def name(self) -> str:
-        """Of the target."""
+        """The name of the target."""
         return self.target.name
 
     @property
     def line(self) -> int:
-        """Of the target."""
+        """The line of the target."""
         return self.target.line
 
     @property
@@ -68,7 +70,7 @@ class Outcome:
 
     @property
     def correction(self) -> FloatArray:
-        """What was added, (3,) [mm], the target's own frame."""
+        """The correction, (3,) [mm], the target's own frame."""
         return self.p_after - self.p_before
 
 
@@ -79,14 +81,15 @@ class Outcomes(Sequence[Outcome]):
     Attributes
     ----------
     program : Program
+        The original program.
     code : (n,) array of int
-        Verdicts by their places in `DONE`.
+        The verdicts by their places in `DONE`.
     after : (n, 3 or 3 + k) array [mm; the controller's angles], each target's own frame
-        What is written, positions or positions and orientations; NaN where a target is not corrected.
+        The positions, or positions and orientations, that are written; NaN where a target is not corrected.
     e, std : (n, 3) arrays [mm], base frame
-        NaN where nothing was predicted.
+        The predicted errors and their standard deviations; NaN where nothing was predicted.
     why : dict of int to str
-        Reasons that the program itself does not give.
+        The reasons that the program itself does not give.
     """
 
     program: Program
@@ -98,7 +101,7 @@ class Outcomes(Sequence[Outcome]):
 
     @classmethod
     def none(cls, program: Program, width: int = 3) -> Outcomes:
-        """Return outcomes where nothing was done yet; `width` numbers of each target may change."""
+        """Return the outcomes before any correction; `width` numbers of each target may change."""
         n = len(program.targets)
         after, e, std = (np.full((n, columns), np.nan) for columns in (width, 3, 3))
         return cls(program, np.zeros(n, np.int8), after, e, std)
@@ -130,11 +133,11 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def corrected(self) -> BoolArray:
-        """Which targets are corrected, (n,)."""
+        """Whether each target is corrected, (n,)."""
         return np.isin(self.code, _CORRECTED)
 
     def leave(self, rows: IntArray, why: str) -> None:
-        """Leave corrected targets of some rows as they are, for a reason."""
+        """Leave the corrected targets of some rows as they are, with a reason."""
         for i in rows[self.corrected[rows]].tolist():
             self.code[i], self.after[i], self.why[i] = 0, 0.0, why
 
@@ -147,7 +150,7 @@ class Outcomes(Sequence[Outcome]):
             self.why[j] = f"its circle's other point {self.program.targets[i].name} is not corrected"
 
     def summary(self) -> dict[str, Any]:
-        """Return how many targets were corrected, skipped, refused, and the largest correction and deviation [mm]."""
+        """Return the counts of the verdicts, and the largest correction and standard deviation [mm]."""
         skipped, correct, clipped, refused, below = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
         correction = std = 0.0
         for first, columns in self.program.targets.chunks():  # a million rows are not copied
@@ -167,9 +170,9 @@ class Outcomes(Sequence[Outcome]):
         }
 
     def pieces(self, source: Source, resolution: float) -> Iterator[tuple[int, int, bytes, list[Span]]]:
-        """Yield a file as it becomes: start and end in the original, the new bytes, and the spans that changed.
+        """Yield a corrected file in pieces: start and end in the original, the new bytes, and the spans that changed.
 
-        Pieces end at a line end of the original, so that the lexer may read them one by one.
+        Pieces end at a line end of the original, so that the lexer can read them one by one.
         """
         data, done = source.data, 0
         spans: list[Span] = []
@@ -190,7 +193,7 @@ class Outcomes(Sequence[Outcome]):
     def _patches(
         self, source: Source, first: int, columns: TargetColumns, resolution: float
     ) -> tuple[list[Span], list[bytes]]:
-        """Return what changes among some targets, in the order of the file."""
+        """Return the spans and new texts of some targets, in the order of the file."""
         after = self.after[first : first + len(columns)]
         k = after.shape[1]
         before = columns.values[:, :k]
@@ -212,7 +215,7 @@ def _end(span: Span) -> int:
 
 
 def digit_step(columns: TargetColumns, axis: int, resolution: float) -> tuple[float, float]:
-    """Return the unit of one of the target's numbers [mm; 1 for angles], and the step that it is written in.
+    """Return the unit of one of the target's numbers [mm; 1 for angles], and the step of its digits.
 
     The step is `resolution` [mm] in a power of ten of the digits' own unit.
     """
@@ -227,14 +230,14 @@ def _longest(vectors: FloatArray) -> float:
 
 
 class CorrectedShare(NamedTuple):
-    """How many targets motions go to, and how many of them are corrected."""
+    """The number of motion targets, and of those that are corrected."""
 
     corrected: int
     targets: int
 
     @classmethod
     def of(cls, programs: Iterable[Outcomes]) -> CorrectedShare:
-        """Count the motion targets of programs; a point that no motion goes to is none."""
+        """Count the motion targets of programs; points that no motion goes to do not count."""
         corrected = targets = 0
         for outcomes in programs:
             done = outcomes.corrected
@@ -251,14 +254,7 @@ class CorrectedShare(NamedTuple):
         return f"{self.corrected} of {self.targets} motion targets corrected, {nominal} {stay} nominal"
 
     def check(self, required: float, where: object) -> None:
-        """Refuse a program that has too few corrected targets.
-
-        Parameters
-        ----------
-        required : float
-            The share of the motion targets, 0 to 1.
-        where : object
-            The program, for the message.
+        """Refuse a program with a smaller share of corrected targets than `required` (0 to 1).
 
         Raises
         ------

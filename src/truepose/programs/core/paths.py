@@ -1,9 +1,9 @@
-"""Paths that a correction bends: judged over all consecutive motion targets, corrected or not.
+"""Judge the bends that a correction makes in the paths of a program.
 
-The arm's errors change evenly in space, and so do the corrections of neighbouring targets. Where one of them is left
-nominal between corrected ones, or where the map itself is uneven, the commanded path has a kink that the original has
-not. A path is a row of targets that straight, circular or spline motions join; it ends at a joint motion, at a target
-whose place is not known, and with its routine.
+The errors of an arm change evenly in space, and so do the corrections of neighbouring targets. If one target stays
+nominal between corrected ones, or if the map itself is uneven, the commanded path has a kink that the original does not
+have. A path is a row of targets joined by straight, circular or spline motions. It ends at a joint motion, at a target
+whose position is not known, and at the end of its routine.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ _SHOWN: Final = 3  # paths that a message names
 
 @dataclass(frozen=True, eq=False)
 class Continuity:
-    """What a correction does to the paths through the targets.
+    """The changes that a correction makes to the paths through the targets.
 
     Attributes
     ----------
     bend : (n,) array [mm]
-        Distance between a target's correction and that of its neighbours, interpolated; the largest of its motions.
-        NaN where a target lies in no path, as in the others.
+        The distance between the correction of a target and the interpolated correction of its neighbours, the largest
+        of its motions. NaN where a target is in no path; this holds for all three arrays.
     direction : (n,) array [deg]
-        Change that the correction makes to the turn of the path at the target.
+        The change of the turn of the path at the target.
     spacing : (n,) array [mm]
-        Change that it makes to the distance from the target before.
+        The change of the distance from the target before.
     limit : float [mm]
-        Largest bend that is allowed.
+        The largest allowed bend.
     slope : float
-        Bends below this share of the spacing are allowed, too.
+        The share of the spacing below which a bend is allowed, too.
     """
 
     bend: FloatArray
@@ -73,9 +73,11 @@ class Kink:
     Attributes
     ----------
     target : int
+        The index of the target.
     bend : float [mm]
+        The bend at the target.
     path : (k,) array of int
-        All targets of its path.
+        The targets of its path.
     """
 
     target: int
@@ -89,11 +91,12 @@ class Paths:
     Parameters
     ----------
     program : Program
+        The program.
     outcomes : Outcomes
-        With the changes of targets in their own frames in `after`.
+        The outcomes, with the changes of targets in their own frames in `after`.
     limit : float [mm], optional
-        Largest bend. Default: four times the RMS standard deviation of the corrected targets, at least 0.1 mm; a bend
-        that is small for the spacing of its targets is allowed then, too.
+        The largest allowed bend. Default: four times the RMS standard deviation of the corrected targets, at least
+        0.1 mm. With the default, a bend that is small for the spacing of its targets is allowed, too.
     """
 
     def __init__(self, program: Program, outcomes: Outcomes, limit: float | None = None) -> None:
@@ -103,14 +106,14 @@ class Paths:
 
     @property
     def origin(self) -> str:
-        """How the default limit was found, for the record."""
+        """The origin of the default limit, for the record."""
         least = f"at least {SMALLEST_LIMIT:g} mm"
         return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets, {least}"
 
     def settle(self, outcomes: Outcomes, on_guard: str) -> Continuity:
         """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
 
-        A point of such a path may lie in other paths, which are judged again then.
+        A point of such a path may be in other paths, which are then judged again.
 
         Raises
         ------
@@ -143,13 +146,7 @@ class Paths:
         )
 
     def judge(self, corrected: BoolArray) -> tuple[Continuity, list[Kink]]:
-        """Return what the corrections of some targets do to the paths, and the worst bend of each path if too large.
-
-        Parameters
-        ----------
-        corrected : (n,) array of bool
-            The others stay as they are.
-        """
+        """Return the changes of the paths by the corrections, and the worst bend of each path that bends too much."""
         bend, direction, spacing = np.full((3, self._n), np.nan)
         row, path = self._rows(corrected)
         worst: dict[int, tuple[float, int]] = {}

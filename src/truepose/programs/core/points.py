@@ -1,7 +1,7 @@
-"""What readers share: points with their numbers, what a program does with them, and the verdict that follows.
+"""Points with their numbers and uses, and the judge that turns them into targets with verdicts.
 
-A dialect's reader makes a `Point` for each target that it finds, and `Judge` gives the verdicts of the catalogue
-(docs/programs.md) when the whole program is read.
+The reader of a language makes a `Point` for each target that it finds. When the whole program is read, `Judge` gives
+the verdicts (docs/programs.md).
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ def at(place: Place) -> str:
 
 
 class Visit(NamedTuple):
-    """A motion to a target, as it stands in the order of the text.
+    """A motion to a target, with its place in the text.
 
     Attributes
     ----------
     file : str
-        Empty where there is one.
+        The name of the file; empty where there is one.
     line, order : int
-        The line, and the place among the motions of a line.
+        The line, and the place among the motions of the line.
     section : int
-        Another one from the motion before: control does not go from there to here.
+        The number of the section. Control does not go from one section into the next.
     item : int
-        The target, or the stretch of targets.
+        The target, or the run of targets.
     word : str
-        Of the motion.
+        The word of the motion.
     """
 
     file: str
@@ -66,7 +66,7 @@ class Visit(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Why a target is not corrected."""
+    """The reason why a target is not corrected."""
 
     verdict: Verdict
     reason: str
@@ -103,11 +103,11 @@ class Frame(NamedTuple):
     Attributes
     ----------
     text : str
-        For people.
+        The name for messages.
     key : int or str, optional
-        In the frame table.
+        The key in the frame table.
     tf : bytes, optional
-        Its (4, 4) array [mm] where the program itself gives the values; the table wins.
+        The (4, 4) array [mm] if the program itself gives the values; the frame table takes precedence.
     """
 
     text: str
@@ -116,7 +116,7 @@ class Frame(NamedTuple):
 
 
 class Use(NamedTuple):
-    """A motion to a point; without tool or frame, the one that the user says is in force.
+    """A motion to a point; without tool or frame, those count that the user states as in force.
 
     `section` and `order` are those of `Visit`.
     """
@@ -137,20 +137,22 @@ class Use(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Point:
-    """A target and what the program does with it.
+    """A target and the uses that the program makes of it.
 
     Attributes
     ----------
     name : str
+        The name.
     source : Source
+        The file.
     line : int
-        Where its numbers stand.
+        The line of its numbers.
     values, spans : tuples
-        Position and orientation in the controller's own numbers, and their bytes; empty where there are none.
+        The position and orientation in the controller's own numbers, and their bytes; empty where there are none.
     problem : Problem, optional
-        That lies in the numbers themselves.
+        The reason, in the numbers themselves, why it is not corrected.
     configuration : str
-        As the program says it.
+        The word of configuration.
     status, turn : int, optional
         The configuration as KUKA names it.
     shared : Problem, optional
@@ -158,7 +160,9 @@ class Point:
     objection : Problem, optional
         The reason that counts where nothing else is against a correction.
     uses : list of Use
+        The motions to it.
     reads, writes : list of (place, how)
+        The places that use it other than by a motion, each with a phrase for the reason.
     """
 
     name: str
@@ -193,7 +197,7 @@ HELD: Final = Problem(
 
 
 def leave_held(points: Sequence[Point]) -> None:
-    """Leave out points whose orientation another line gives, and those whose orientation others take over."""
+    """Leave out points whose orientation is in another line, and those whose orientation other points take over."""
     for k, point in enumerate(points):
         if NOT_HERE in point.spans:
             point.problem = point.problem or HELD
@@ -209,15 +213,17 @@ class Judge:
     Parameters
     ----------
     frames : KnownFrames
+        The controller's tools and bases.
     options : ReadOptions
+        The options of reading.
     controller : str
-        Whose orientation numbers the points have.
+        The convention of the orientation numbers.
     unit : float [mm]
-        Of the position's digits.
+        The unit of the position's digits.
     tool_default, frame_default : Frame, optional
-        What a motion that names none has, if the user says nothing else. None: such a target is refused.
+        The tool and base of motions that name none, if the user states none. None: such a target is refused.
     changed : mapping of ("tool" or "base", key or None) to place
-        Where the program changes a frame; None: some frame.
+        The places where the program changes a tool or base; None: some of them.
     """
 
     def __init__(
@@ -355,8 +361,9 @@ class Judge:
         Parameters
         ----------
         points : sequence of Point
+            The points.
         circles : iterable of sequences of Point
-            Corrected together or not at all.
+            Points that are corrected together or not at all.
         runs : sequence of (Use, Stretch)
             Runs of motions, each with its first motion.
         sources : sequence of Source
@@ -386,17 +393,8 @@ def in_order(
 ) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
     """Return a program's targets in the order of the text, file by file, and its circles by their places there.
 
-    A target whose circle has a point that is left out is left out for that.
-
-    Parameters
-    ----------
-    items : sequence of Target or Stretch
-    circles : iterable of sequences of int
-        Places in `items`.
-    sources : sequence of Source
-        In the order of the files.
-    visits : iterable of Visit
-        The motions to the items.
+    A target whose circle has another point that is left out is left out, too. `circles` and `visits` refer to places in
+    `items`; `sources` gives the order of the files.
     """
     rank = {source.path: k for k, source in enumerate(sources)}
 

@@ -135,7 +135,7 @@ class Program:
 
     @property
     def folder(self) -> Path:
-        """The folder that its files lie under."""
+        """The folder of its files."""
         return self.path.parent if self.root is None else self.root
 
     def names(self) -> list[Path]:
@@ -148,11 +148,11 @@ class Program:
 
     @property
     def width(self) -> int:
-        """How many numbers a target has: three of its position and those of its orientation."""
+        """The number of values of a target: three of its position and those of its orientation."""
         return next((columns.values.shape[1] for _, columns in self.targets.chunks()), 6)
 
     def counts(self) -> dict[Verdict, int]:
-        """Return how many targets have each verdict."""
+        """Return the number of targets with each verdict."""
         verdicts = self.targets.verdicts()
         correct, skip, refuse = (int(np.count_nonzero(verdicts == k)) for k in range(3))
         return {"correct": correct, "skip": skip, "refuse": refuse}
@@ -176,7 +176,7 @@ class Program:
     def tools(self, measured: FloatArray = IDENTITY) -> FloatArray:
         """Return the tools of the correctable targets, flange to tool, (n, 4, 4) [mm].
 
-        `measured`, (4, 4) [mm], stands where the program names none.
+        `measured`, (4, 4) [mm], is the tool of targets that name none.
         """
         tools = [columns.tf_flange_tool(measured) for _, columns in self.correctable_columns()]
         return np.concatenate(tools) if tools else np.empty((0, 4, 4))

@@ -1,8 +1,8 @@
 """Instructions that shift motions at run time: conveyor tracking, sensors, compliance, path offsets.
 
-What they add to a target is known only when the program runs, so a correction computed for the target alone would be
-wrong. `truepose.programs.core.flow.Flow` follows which of them may be active at each motion; the targets in their reach
-are refused by name. What a calling program has switched on is not seen.
+The amount of such a shift is known only at run time, so a correction for the target alone would be wrong.
+`truepose.programs.core.flow.Flow` follows which shifts may be active at each motion, and the targets in their reach are
+refused by name. Shifts that a calling program has switched on are not seen.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ RAPID: Final = (
 
 
 def follow(flow: Flow, kinds: Iterable[ShiftKind], code: bytes, place: Place) -> None:
-    """Note in the flow what an instruction begins or ends."""
+    """Tell the flow which shifts an instruction begins or ends."""
     for k, kind in enumerate(kinds):
         if kind.ends is not None and kind.ends.search(code):
             flow.unshift(str(k))
@@ -96,7 +96,7 @@ def follow(flow: Flow, kinds: Iterable[ShiftKind], code: bytes, place: Place) ->
 
 
 def begun(kinds: Iterable[ShiftKind], instructions: Iterable[tuple[int, bytes]]) -> list[Shift]:
-    """Return all that instructions (line, code) begin, wherever it may end."""
+    """Return all shifts that instructions begin, wherever they may end."""
     kinds = tuple(kinds)
     return [
         Shift("anywhere", f"{_begun(m)} (line {line})")
@@ -107,7 +107,7 @@ def begun(kinds: Iterable[ShiftKind], instructions: Iterable[tuple[int, bytes]])
 
 
 def problem_of(shifts: Iterable[Shift]) -> Problem | None:
-    """Return why a target in reach of shifts is refused; None without any."""
+    """Return the reason why a target in reach of shifts is refused; None without shifts."""
     texts = sorted(shift.text for shift in shifts)
     return (
         Problem("refuse", f"{texts[0]} may shift it at run time; corrections do not know by how much")

@@ -56,13 +56,7 @@ _REPLACED: ContextVar[Mapping[Path, bytes] | None] = ContextVar("replaced", defa
 
 @contextmanager
 def replaced(contents: Mapping[Path, bytes]) -> Iterator[None]:
-    """Let `Source.read` find other bytes in files than are on disk, while the context is open.
-
-    Parameters
-    ----------
-    contents : mapping of Path to bytes
-        By the paths that programs name their files by.
-    """
+    """Let `Source.read` find other bytes than those on the disk, by path, while the context is open."""
     token = _REPLACED.set(contents)
     try:
         yield
@@ -72,13 +66,14 @@ def replaced(contents: Mapping[Path, bytes]) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    r"""One file of a program, as it is on disk.
+    r"""One file of a program, as it is on the disk.
 
     Parameters
     ----------
     path : Path
-        As the user named it.
+        The path as the user gave it.
     data : bytes
+        The bytes of the file.
 
     Examples
     --------
@@ -166,7 +161,7 @@ def parse_number(token: bytes) -> float:
 
 
 def is_broken(text: bytes) -> bool:
-    """Return whether what stands for a number is neither one nor an expression: nothing, ``1.2.3``, ``--5``, ``12mm``.
+    """Return whether a text in place of a number is neither a number nor an expression, such as ``1.2.3`` or ``12mm``.
 
     Examples
     --------
@@ -180,18 +175,18 @@ def is_broken(text: bytes) -> bool:
 def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes:
     """Return a number token moved by `delta`, in the style of the original.
 
-    Decimals are kept, and gained where the correction needs them at the resolution. A token keeps an explicit plus and
-    a missing leading zero; leading blanks, where the caller takes them as part of the column, take up the change of
-    width. An exponent becomes plain decimals. The token itself comes back when the change is none at the resolution.
+    Decimals are kept, and gained if the correction needs them at the resolution. A token keeps an explicit plus and a
+    missing leading zero. Leading blanks, if the token includes its column, take up the change of width. An exponent
+    becomes plain decimals. If the change is none at the resolution, the token itself is returned.
 
     Parameters
     ----------
     token : bytes
         The number, with blanks in front where a column is to be kept.
     delta : float
-        In the token's unit.
+        The change in the token's unit.
     resolution : float
-        Step that a correction is rounded to, unless the token is finer.
+        The step of corrections, unless the token is finer.
 
     Examples
     --------
@@ -237,12 +232,12 @@ def decimals_of(resolution: float) -> int | None:
 def apply_patches(
     data: bytes, spans: Sequence[Span], texts: Sequence[bytes], start: int = 0, end: int | None = None
 ) -> bytes:
-    """Return the bytes from `start` to `end` with texts in place of what stands at spans.
+    """Return the bytes from `start` to `end` with the bytes of each span replaced by a text.
 
     Raises
     ------
     ValueError
-        If spans overlap, lie outside, or are not in order.
+        If spans overlap, are outside, or are not in order.
     """
     end = len(data) if end is None else end
     borders = [start, *chain.from_iterable(spans), end]
@@ -257,23 +252,25 @@ def apply_patches(
 def prove(
     original: Source, start: int, end: int, patched: bytes, spans: Sequence[Span], lexer: re.Pattern[bytes]
 ) -> None:
-    """Read a patched piece of a file again and require every token outside the patches to be as it was.
+    """Read a patched piece of a file again and require that every token outside the patches is unchanged.
 
     Parameters
     ----------
     original : Source
+        The original file.
     start, end : int
         The piece of the original; it ends at a line end or with the file.
     patched : bytes
+        The new bytes of the piece.
     spans : sequence of (start, end)
-        Of the patches, in order.
+        The spans of the patches in the original, in order.
     lexer : pattern
-        Of the dialect; see the module.
+        The lexer of the language; see the module.
 
     Raises
     ------
     RefusedError
-        If a token changed that is not a corrected number, or tokens were joined or split.
+        If a token changed that is not a corrected number, or if tokens were joined or split.
     """
     before, after = lexer.findall(original.data, start, end), lexer.findall(patched)
     if before == after:

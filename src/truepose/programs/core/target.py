@@ -1,4 +1,4 @@
-"""One target of a program: where its numbers stand, what it is, and what may be done with it."""
+"""One target of a program with its verdict."""
 
 from __future__ import annotations
 
@@ -24,34 +24,37 @@ class Target:
     Attributes
     ----------
     name : str
-        Of the point; an inline target is named by its motion and line.
+        The name of the point; an inline target is named by its motion and line.
     path : Path
+        The file.
     line : int
-        Where its numbers stand.
+        The line of its numbers.
     motions : tuple of str
         The motion word of every use.
     verdict : {"correct", "skip", "refuse"}
+        The verdict.
     reason : str
-        Why not ``correct``; empty where it is.
+        The reason of the verdict; empty where it is ``correct``.
     frame, tool : str
-        What the controller calls them; empty where not known.
+        The controller's names of frame and tool; empty where not known.
     frame_number, tool_number : int, optional
+        Their numbers, if they have any.
     xyz : tuple of 3 float [mm], optional
-        Position in its own frame.
+        The position in its own frame.
     angles : tuple of float, optional
-        Orientation in its own frame, in the controller's numbers.
+        The orientation in its own frame, in the controller's numbers.
     controller : str
-        Whose angles they are, for `truepose.programs.core.orientations.rotation`.
+        The convention of the angles; see `truepose.programs.core.orientations.rotation`.
     tf_base_frame, tf_flange_tool : (4, 4) array [mm], optional
-        No tool: that of the measurements.
+        The frame and the tool. Without a tool, that of the measurements counts.
     status, turn : int, optional
-        Configuration, where the target names it as KUKA does.
+        The configuration, where the target names it as KUKA does.
     configuration : str
-        As other controllers name it.
+        The configuration as other controllers name it.
     spans : tuple of (start, end)
-        Bytes of the numbers X, Y, Z and the angles, with the blanks in front where the column is kept.
+        The bytes of the numbers, with the blanks in front where the column is kept.
     unit : float [mm]
-        Of the position's digits.
+        The unit of the position's digits.
     """
 
     name: str
@@ -87,7 +90,7 @@ class Target:
 
     @property
     def uses(self) -> dict[str, int]:
-        """How often each kind of motion goes to it."""
+        """The number of motions of each kind that go to it."""
         return dict(Counter(self.motions))
 
     @property
@@ -114,5 +117,5 @@ class Target:
 
     @property
     def where(self) -> str:
-        """File and line."""
+        """The file and line."""
         return f"{self.path}:{self.line}"

@@ -1,4 +1,4 @@
-"""Statements that set tool, base and who carries the workpiece: $TOOL, $BASE, BAS(…), FDAT_ACT, WITH."""
+"""Statements that set tool, base and IPO_MODE: $TOOL, $BASE, BAS(…), FDAT_ACT, WITH."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _INTEGER = re.compile(rb"\+?\d{1,4}(?:\.0*)?")
 def frame_value(
     source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, FdatFrames]
 ) -> InForce:
-    """Return what an expression on the right of $TOOL or $BASE says: a constant, or that the run time decides."""
+    """Return the value of an expression on the right of $TOOL or $BASE: a constant, or unknown until run time."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
     unknown = InForce("unknown", f"${which.upper()}={shown(source.data, start, end)} (line {line})")
@@ -47,7 +47,7 @@ def frame_value(
 
 
 def ipo_value(code: bytes, fdats: Mapping[str, FdatFrames]) -> str:
-    """Return ``BASE``, ``TCP``, or the code where the run time decides."""
+    """Return ``BASE``, ``TCP``, or the code if only the run time knows."""
     code = code.strip().upper()
     if m := _WITH_FUNCTION.fullmatch(code):
         frames = fdats.get(m[2].decode())
@@ -56,7 +56,7 @@ def ipo_value(code: bytes, fdats: Mapping[str, FdatFrames]) -> str:
 
 
 def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[str, FdatFrames]) -> FdatFrames:
-    """Return the frames of what is assigned to FDAT_ACT."""
+    """Return the frames of a value that is assigned to FDAT_ACT."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
     known = fdats.get(code.decode("latin-1").upper())
@@ -69,7 +69,7 @@ def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[s
 
 
 def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
-    """Follow a call of BAS, `start` behind its name: the basis package's commands that concern frames."""
+    """Follow a call of BAS, `start` behind its name: the commands of the basis package that set frames."""
     m = _BAS.fullmatch(source.data, start, end)
     command = m[1].decode().upper() if m else ""
     argument = (m[2] or b"").strip() if m else b""

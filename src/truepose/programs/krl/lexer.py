@@ -1,4 +1,4 @@
-"""KRL's words: a lossless lexer, statements one by one, and aggregates such as ``{X 812.5,Y -40.25,…}``.
+"""KRL's words: a lossless lexer, statements, and aggregates such as ``{X 812.5,Y -40.25,…}``.
 
 A statement ends with its line, unless the line ends with a backslash. ``;`` starts a comment, ``&`` a header line.
 """
@@ -63,7 +63,7 @@ CARTESIAN: Final = ("X", "Y", "Z", "A", "B", "C")
 
 
 class Statement(NamedTuple):
-    """The first word of a statement in upper case (empty if there is none), and where its code lies."""
+    """The first word of a statement in upper case (empty if there is none), and the place of its code."""
 
     word: str
     line: int
@@ -78,13 +78,13 @@ class Aggregate(NamedTuple):
     Attributes
     ----------
     prefix : str
-        Type before a colon, in upper case.
+        The type before a colon, in upper case.
     values : dict of str to float
-        Components that are numbers, by name in upper case.
+        The components that are numbers, by name in upper case.
     spans : dict of str to (start, end)
-        Their bytes.
+        The bytes of these numbers.
     loose : dict of str to bytes
-        Components that are anything else: expressions, enumerations, texts.
+        All other components: expressions, enumerations, texts.
     """
 
     prefix: str
@@ -99,7 +99,7 @@ class Aggregate(NamedTuple):
         return self.prefix in ("AXIS", "E6AXIS") or not keys.isdisjoint(JOINT_KEYS - POSE_KEYS)
 
     def integer(self, key: str) -> int | None:
-        """Return a whole number, decimal or as ``'B010'`` or ``'H0A'``; None where it is absent or an expression."""
+        """Return an integer, decimal or as ``'B010'`` or ``'H0A'``; None if it is absent or an expression."""
         if key in self.values:
             value = self.values[key]
             return int(value) if value == int(value) else None
@@ -110,7 +110,7 @@ class Aggregate(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Whole lines of motions that are alike; see `truepose.programs.krl.runs`."""
+    """Whole lines of motions of one form; see `truepose.programs.krl.runs`."""
 
     line: int
     start: int
@@ -119,7 +119,7 @@ class Lines(NamedTuple):
 
 
 def statements(source: Source) -> Iterator[Statement]:
-    """Yield the statements that have code; comments and headers have none.
+    """Yield the statements with code; comments and headers have none.
 
     Raises
     ------
@@ -132,15 +132,16 @@ def statements(source: Source) -> Iterator[Statement]:
 
 
 def pieces(source: Source, find_run: FindRun, fewest: int) -> Iterator[Statement | Lines]:
-    """Yield the statements as `statements` does, but runs of alike lines in one piece.
+    """Yield the statements as `statements` does, but runs of lines of one form as one piece.
 
     Parameters
     ----------
     source : Source
+        The file.
     find_run : callable
-        The file's bytes and a position to where a run that starts there ends, and how many lines it has.
+        A function of the bytes and a position that returns the end of a run that starts there, and its number of lines.
     fewest : int
-        Lines of a run; fewer come one by one.
+        The smallest number of lines of a run.
     """
     data, line = source.data, 0
     position = looked = 3 if data.startswith(b"\xef\xbb\xbf") else 0
@@ -253,7 +254,7 @@ def closing_brace(source: Source, start: int, end: int, line: int) -> int:
 
 
 def split_commas(data: bytes, start: int, end: int) -> list[Span]:
-    """Return the pieces between commas that stand in no bracket, without blanks at their ends.
+    """Return the pieces between commas outside brackets, without blanks at their ends.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """One module of a KRL program: its .dat and its .src, statement by statement.
 
-Points gather what the program does with them, `Flow` what may be in force; verdicts come when everything is read (see
+Points collect their uses, `Flow` the values in force. The verdicts follow when everything is read (see
 `truepose.programs.krl.reader`).
 """
 
@@ -58,21 +58,24 @@ _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL
 
 @dataclass(eq=False)
 class Shared:
-    """What the modules of a program have in common.
+    """Data that the modules of a program share.
 
     Attributes
     ----------
     options : ReadOptions
+        The options of reading.
     project : bool
-        Whether the modules are all that there are: points and routines that are GLOBAL are known then.
+        Whether all modules that exist are read, so that all uses of GLOBAL points and routines are known.
     flow : Flow
+        The ways through the program.
     numbers : list of Numbers
+        Every literal that may be a target.
     points : dict of str to PointVariable
-        GLOBAL ones.
+        The GLOBAL points.
     changed : dict of ("tool" or "base", number or None) to place
-        Where the program changes a numbered frame.
+        The places where the program changes a numbered frame.
     moved : list of str
-        Where the program changes the place of the robot in the world.
+        The statements that change the place of the robot in the world.
     """
 
     options: ReadOptions
@@ -90,12 +93,17 @@ class KrlModule:
     Attributes
     ----------
     src, dat : Source, optional
+        The files.
     name : str
+        The name in upper case.
     names : Names
+        The symbol table.
     motions : KrlMotionReader, optional
+        The reader of its motions, if it has a .src.
     variables : list of PointVariable
-        Of its routines.
+        The points that its routines declare.
     runs : list of (Numbers, Lines)
+        The runs of motions of one form, each with its first point.
     """
 
     def __init__(self, src: Source | None, dat: Source | None, shared: Shared) -> None:
@@ -196,7 +204,7 @@ class KrlModule:
             self._other(statement)
 
     def _control(self, statement: Statement) -> bool:
-        """Follow a statement that steers the program; False if it is none."""
+        """Follow a statement of the control flow; False if it is none."""
         word, line, _, rest, end = statement
         flow = self._flow
         if word in ("IF", "SWITCH", "FOR", "WHILE", "LOOP", "REPEAT"):
@@ -255,7 +263,7 @@ class KrlModule:
             self._scan(statement)
 
     def _scan(self, statement: Statement) -> None:
-        """Take any other statement: what it reads and calls, and whether a motion hides in it."""
+        """Take any other statement: its reads and calls, and a motion inside it."""
         _, line, start, _, end = statement
         data = self._src.data
         self._stray(statement)

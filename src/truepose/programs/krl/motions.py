@@ -1,4 +1,4 @@
-"""KRL motions: PTP, LIN, CIRC, their spline relatives, and where each of them goes."""
+"""KRL motions: PTP, LIN, CIRC, their spline versions, and their targets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _BRACES = re.compile(rb"\{[^{}]*\}")
 
 
 class Settings(NamedTuple):
-    """What WITH sets for one motion or for a spline block."""
+    """The settings of WITH for one motion or for a spline block."""
 
     tool: InForce | None = None
     base: InForce | None = None
@@ -49,15 +49,16 @@ Goal = Numbers | Point | Element
 
 
 class KrlMotionReader:
-    """Reads motion statements of one .src.
+    """Reads the motion statements of one .src.
 
     Attributes
     ----------
     others : list of Point
-        Motions whose target is in no file: left as they are, or refused.
+        The motions whose target is in no file.
     circles : list of list of Goal
+        The goals of circles.
     block : Settings
-        Of the spline block that is open.
+        The settings of the open spline block.
     """
 
     def __init__(self, source: Source, names: Names, flow: Flow, *, named: bool = False) -> None:
@@ -96,7 +97,7 @@ class KrlMotionReader:
         return self._general(statement)
 
     def first_of(self, lines: Lines) -> Numbers:
-        """Return the first point of a run of alike motions."""
+        """Return the first point of a run of motions of one form."""
         m = _FIRST.match(self._source.data, lines.start)
         assert m is not None
         word = m[1].decode().upper()

@@ -1,4 +1,4 @@
-"""KRL's names: declared points with their numbers, FDATs, and what statements do with them."""
+"""KRL's names: declared points with their numbers, FDATs, and their uses in statements."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ class Names:
     numbers : list of Numbers
         Every literal that may be a target, in the order of reading.
     fdats : dict of str to FdatFrames
+        The FDATs of the .dat by name.
     public : bool
-        The data list is PUBLIC: other modules may import its points.
+        Whether the data list is PUBLIC, so that other modules may import its points.
     """
 
     def __init__(self, numbers: list[Numbers], everywhere: dict[str, PointVariable] | None = None) -> None:
@@ -42,12 +43,12 @@ class Names:
         self._imports: list[tuple[str, str, str]] = []
 
     def find(self, name: str) -> PointVariable | None:
-        """Return the point of a name in upper case; None if it is anything else."""
+        """Return the point with a name in upper case; None if the name is of anything else."""
         found = self.local.get(name) or self.module.get(name)
         return found or (self.everywhere or {}).get(name) or self.elsewhere.get(name)
 
     def take_imports(self, modules: Mapping[str, Names]) -> None:
-        """Let imported names stand for the points of other modules, where those are known."""
+        """Resolve imported names to the points of other modules, where those are known."""
         for name, module, original in self._imports:
             if module in modules and (variable := modules[module].module.get(original)) is not None:
                 self.module[name] = variable
@@ -99,7 +100,7 @@ class Names:
                 self.assign(source, variable, (), d.end(), b, line)
 
     def assign(self, source: Source, variable: PointVariable, index: Index, start: int, end: int, line: int) -> None:
-        """Take the value of a point: numbers that may be corrected, or something that the run time decides."""
+        """Take the value of a point: numbers that may be corrected, or a value that only the run time knows."""
         start, end = strip(source.data, start, end, BLANK)
         parameter = variable.origin == "src" and not variable.type
         if source.data[start : start + 1] != b"{" or parameter:
@@ -133,7 +134,7 @@ class Names:
 
 
 def element(variable: PointVariable, brackets: bytes | None) -> Index:
-    """Return the element that ``[3]`` names; None if only the run time knows, or the whole array is meant."""
+    """Return the element that ``[3]`` names; None if only the run time knows it, or if the whole array is meant."""
     if brackets is not None and brackets.startswith(b"["):
         try:
             return tuple([int(n) for n in brackets.strip(b"[] \t").split(b",")])

@@ -57,7 +57,7 @@ class KrlMotion(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class PointVariable:
-    """A point or an array of points, and what the program does with each element.
+    """A point or an array of points, with the uses of each element.
 
     `literals` are the numbers that are assigned to it; `fdats` are those of its file.
     """
@@ -257,7 +257,7 @@ class KrlJudge(Judge):
 
 
 def _as_taught(taught: InForce, possible: set[InForce]) -> set[InForce]:
-    """Return what may be in force at a point that was taught under an FDAT."""
+    """Return the values that may be in force at a point that was taught under an FDAT."""
     # what only a call may have changed counts less than what the point was taught with
     others = {value for value in possible if value.kind not in ("unset", "call")} - {taught}
     if not others:
@@ -269,7 +269,7 @@ def _as_taught(taught: InForce, possible: set[InForce]) -> set[InForce]:
 
 
 def _problem_of(numbers: Numbers) -> Problem | None:
-    """Return why the numbers of a literal are no target to correct."""
+    """Return the reason why the numbers of a literal are no target to correct."""
     aggregate = numbers.aggregate
     if aggregate.is_joint or (numbers.variable and numbers.variable.type in JOINTS):
         return JOINT_TARGET
@@ -283,7 +283,7 @@ def _problem_of(numbers: Numbers) -> Problem | None:
 
 
 def _shared(variable: PointVariable) -> Problem | None:
-    """Return why a point may be used by modules that are not at hand."""
+    """Return the reason why modules that are not at hand may use a point."""
     if variable.is_global:
         return Problem("refuse", "GLOBAL: other modules may use it under other frames; give the whole project")
     if variable.is_public:

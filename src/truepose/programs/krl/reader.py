@@ -1,4 +1,4 @@
-"""KUKA KRL: a .src with its .dat, or a whole project of modules, as targets."""
+"""Read KUKA KRL: a .src with its .dat, or a whole project of modules."""
 
 from __future__ import annotations
 
@@ -21,14 +21,9 @@ _HOME: Final = re.compile(r"X?HOME\d*", re.I)
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a KRL program.
+    """Read a KRL program: a .src, or a .dat with the .src beside it.
 
-    Parameters
-    ----------
-    path : Path
-        The .src, or the .dat beside it. A .src with inline targets alone needs no .dat.
-    frames : KnownFrames
-    options : ReadOptions
+    A .src with inline targets alone needs no .dat.
 
     Raises
     ------
@@ -48,15 +43,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 
 
 def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read the modules of a folder as one program, whose GLOBAL points and routines all of them may use.
-
-    Parameters
-    ----------
-    folder : Path
-    files : iterable of Path
-        Every .src and .dat.
-    frames : KnownFrames
-    options : ReadOptions
+    """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
 
     Raises
     ------
@@ -100,7 +87,7 @@ def _partner(path: Path, suffix: str) -> Path | None:
 
 
 def _check_pair(module: KrlModule) -> None:
-    """Require the .dat if the program moves to points that only it can declare."""
+    """Require the .dat if the program moves to points that no file at hand declares."""
     if module.dat is not None or module.src is None:
         return
     for variable in module.names.elsewhere.values():
@@ -112,7 +99,7 @@ def _check_pair(module: KrlModule) -> None:
 
 
 def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: KnownFrames) -> Program:
-    """Judge what was read, and put it in order."""
+    """Judge the points of all modules, and put them in order."""
     ambient = shared.flow.solve()
     whole = shared.project or shared.options.whole_task
     states, changed = shared.flow.states, shared.changed
@@ -153,7 +140,7 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
 
 
 def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, Run]]:
-    """Yield the runs of alike motions of a module, each with its first motion."""
+    """Yield the runs of motions of a module, each with its first motion."""
     for first, lines in module.runs:
         point = judge.point(first)
         assert point is not None  # a motion goes to it

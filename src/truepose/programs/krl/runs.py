@@ -1,7 +1,7 @@
-"""Long runs of motions in one dress, such as ``LIN {X 1.5,Y -2.25,Z 300,A 0,B 90,C 180} C_DIS``, line after line.
+"""Long runs of motions of one form, such as ``LIN {X 1.5,Y -2.25,Z 300,A 0,B 90,C 180} C_DIS``, line after line.
 
-Programs of offline systems are little else. A run is recognised by one expression and its numbers are found in arrays;
-what it accepts, `krl_lexer` and `krl_motions` read to the same targets (tests/programs/test_krl_runs.py).
+Programs of offline systems are almost nothing else. A run is recognised by one expression and its numbers are found in
+arrays. `krl.lexer` and `krl.motions` read the same lines to the same targets (tests/programs/test_krl_runs.py).
 """
 
 from __future__ import annotations
@@ -46,14 +46,15 @@ class Run:
     Attributes
     ----------
     source : Source
+        The file.
     start, end : int
-        Of the bytes, whole lines.
+        The first byte, and the byte behind the last; whole lines.
     line : int
-        The first one.
+        The first line.
     count : int
-        Of the lines.
-    like : Target, optional
-        The first one, judged.
+        The number of lines.
+    like : Target
+        The first target, judged.
     """
 
     source: Source
@@ -79,7 +80,7 @@ class Run:
 
 
 def find_run(data: bytes, position: int) -> tuple[int, int]:
-    """Return where a run that starts at a line's start ends, and how many lines it has; 0 lines where there is none."""
+    """Return the end of a run that starts at a line's start, and its number of lines; 0 lines where there is none."""
     for pattern in _RUNS:
         if m := pattern.match(data, position):
             return m.end(), data.count(b"\n", position, m.end())

@@ -24,7 +24,7 @@ def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, li
     Raises
     ------
     FileError
-        If it has not the numbers of one, or they are broken.
+        If it does not have the numbers of a robtarget, or if they are broken.
     """
     groups = [group for group in parsed if isinstance(group, list)]
     sizes = [len(group) if is_list(group) else 0 for group in groups]
@@ -62,7 +62,7 @@ def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, li
 
 
 def frame_data(kind: str, text: str, parsed: Value) -> tuple[str, Frame, Problem | None]:
-    """Return a tool or workobject that this file declares, and why it cannot be used."""
+    """Return a tool or workobject that a module declares, and the reason why it cannot be used."""
     problem = None
     head = [_word(item) for item in parsed] if is_list(parsed) else []
     if kind == "tooldata":

@@ -1,6 +1,6 @@
 """One RAPID module: first its declarations, then its statements.
 
-All modules of a task declare before any is read, because data may be declared behind their use and in another module.
+All modules of a task declare before any is read, because data may be declared behind their use or in another module.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ class RapidModule:
     Attributes
     ----------
     source : Source
+        The file.
     name : str
-        In upper case.
+        The name in upper case.
     """
 
     def __init__(self, source: Source, task: RapidTask) -> None:
@@ -151,7 +152,7 @@ class RapidModule:
         self._names.inner = Scope(others={parameter.name for parameter in routine.parameters})
 
     def _control(self, statement: list[Token], line: int) -> bool:
-        """Follow a statement that steers the program; False if it is none."""
+        """Follow a statement of the control flow; False if it is none."""
         flow, word, rest = self._flow, statement[0].text, statement[1:]
         is_mark = statement[-1].text == ":"
         if word == "IF" and statement[-1].text != "THEN":

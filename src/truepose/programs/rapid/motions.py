@@ -1,4 +1,4 @@
-"""RAPID's motions: where each goes, and the tool and workobject that it names."""
+"""RAPID's motions: their targets, tools and workobjects."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class RapidMotionReader:
         return after_goal[zones[-1] + 1] if zones else after_goal[-1]
 
     def _frame(self, kind: str, items: list[Token]) -> tuple[Frame | None, Problem | None]:
-        """Return the tool or workobject that an argument names, and why it cannot be used."""
+        """Return the tool or workobject that an argument names, and the reason why it cannot be used."""
         what = "tool" if kind == "tooldata" else "workobject"
         if len(items) != 1 or items[0].kind != "word" or self._names.is_inner(items[0].text):
             shown = self._names.shown(items)
@@ -91,7 +91,7 @@ class RapidMotionReader:
         return Frame(text, text), None
 
     def _goal(self, items: list[Token], line: int, use: Use, k: int, goals: int) -> list[Point]:
-        """Take where a motion goes; return the points that it may be."""
+        """Take the goal of a motion; return the points that it may be."""
         suffix = ("", "") if goals == 1 else (" auxiliary", " end")
         name = f"{use.word}:{line}{suffix[k]}"
         parsed = syntax.value(items)

@@ -1,7 +1,7 @@
-"""RAPID's names: robtargets, tools, workobjects and routines, each seen by those that may see it.
+"""RAPID's names: robtargets, tools, workobjects and routines, and the statements that may see them.
 
-What a module declares without LOCAL belongs to the task: every other module may use it. A LOCAL name hides one of the
-task, a name of a routine hides both.
+Data that a module declares without LOCAL belong to the task: every other module may use them. A LOCAL name hides one of
+the task, a name of a routine hides both.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class RobtargetVariable:
 
 
 class Datum(NamedTuple):
-    """A tool or a workobject that a module declares, and why it cannot be used."""
+    """A tool or a workobject that a module declares, and the reason why it cannot be used."""
 
     kind: str
     frame: Frame
@@ -41,7 +41,7 @@ class Datum(NamedTuple):
 
 
 class Routine(NamedTuple):
-    """A routine; `key` tells LOCAL ones of one name apart."""
+    """A routine; `key` distinguishes LOCAL routines of one name."""
 
     key: str
     kind: str
@@ -50,7 +50,7 @@ class Routine(NamedTuple):
 
 
 class RapidMotion(NamedTuple):
-    """A motion to a point, and where in the program's flow."""
+    """A motion to a point, with its place in the program's flow."""
 
     point: Point
     use: Use
@@ -58,7 +58,7 @@ class RapidMotion(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Something that reads a point without moving to it."""
+    """A statement that reads a point without moving to it."""
 
     variable: RobtargetVariable
     place: Place
@@ -67,7 +67,7 @@ class Read(NamedTuple):
 
 @dataclass(eq=False)
 class Scope:
-    """Names that are declared in one place: in the task, in a module with LOCAL, or in a routine.
+    """The names that are declared in one place: in the task, in a module with LOCAL, or in a routine.
 
     `others` are names of a routine whose value only the run time knows: parameters, tools, workobjects.
     """
@@ -80,27 +80,28 @@ class Scope:
 
 @dataclass(eq=False)
 class RapidTask:
-    """What the modules of a task have in common.
+    """Data that the modules of a task share.
 
     Attributes
     ----------
     options : ReadOptions
+        The options of reading.
     whole : bool
-        The modules are all that there are.
+        Whether all modules of the task are read.
     named : bool
-        There are several files, so that places name them.
+        Whether there are several files, so that places name them.
     files : frozenset of str
-        Names of the files, in lower case.
+        The names of the files, in lower case.
     scope : Scope
-        What every module sees.
+        The names that every module sees.
     routines : list of Routine
-        All of them, LOCAL ones included.
+        All routines, LOCAL ones included.
     points : list of Point
-        In the order of reading.
+        The points in the order of reading.
     changed : dict of ("tool" or "base", key or None) to place
-        Where a tool or a workobject may be changed; None: some of them.
+        The places where a tool or a workobject may be changed; None: some of them.
     loads : str
-        How the task may take up modules that are not here; empty if it does not.
+        The statement that may load modules that are not at hand; empty if there is none.
     """
 
     options: ReadOptions
@@ -134,14 +135,14 @@ def _bare(key: str) -> str:
 
 
 def late_bound(expression: list[Token]) -> tuple[str, bool]:
-    """Return what is known of the name in a late-bound call: its beginning, and whether that is all of it."""
+    """Return the known beginning of the name in a late-bound call, and whether that is the whole name."""
     if expression and expression[0].kind == "text":
         return expression[0].text[1:-1].upper(), len(expression) == 1
     return "", False
 
 
 class ModuleNames:
-    """The names that one module sees, and what its statements do with them.
+    """The names that one module sees, and the uses that its statements make of them.
 
     Parameters
     ----------
@@ -230,7 +231,7 @@ class ModuleNames:
 
 
 def _in_brackets(items: list[Token]) -> list[Token]:
-    """Return what stands between the bracket that comes first and the one that closes it."""
+    """Return the tokens between the first bracket and the one that closes it."""
     depth = 0
     for k, token in enumerate(items):
         depth += (token.text == "(") - (token.text == ")")

@@ -129,7 +129,7 @@ def _attach(task: RapidTask) -> None:
 
 
 def _shifts(state: State) -> Iterator[str]:
-    """Yield what may shift a motion."""
+    """Yield the displacements that may be active."""
     yield from (text for text in state.ipo if text != "BASE")
     yield from (value.text for value in state.tool if value != UNSET)
 

@@ -24,7 +24,7 @@ _OPERATORS: Final = frozenset(["AND", "OR", "NOT", "XOR", "DIV", "MOD"])
 
 
 class Token(NamedTuple):
-    """A word (in upper case), number, text or mark, and where it lies."""
+    """A word (in upper case), number, text or mark, and its place."""
 
     kind: str
     text: str
@@ -159,7 +159,7 @@ def split_compact_if(statement: list[Token]) -> tuple[list[Token], list[Token]]:
 
 
 def split(items: list[Token]) -> list[list[Token]]:
-    """Return the pieces between commas that stand in no bracket."""
+    """Return the pieces between commas outside brackets."""
     pieces: list[list[Token]] = [[]]
     depth = 0
     for token in items:
@@ -242,7 +242,7 @@ def constant_index(items: list[Token]) -> tuple[int, ...] | None:
 
 
 def position_of(mark: str, items: list[Token]) -> int:
-    """Return where a mark stands outside brackets; 0 if it does not."""
+    """Return the position of a mark outside brackets; 0 if there is none."""
     depth = 0
     for i, token in enumerate(items):
         if token.kind == "mark":
@@ -253,7 +253,7 @@ def position_of(mark: str, items: list[Token]) -> int:
 
 
 class RoutineParameter(NamedTuple):
-    """A routine's parameter; `writable` if the routine may change what it is given."""
+    """A routine's parameter; `writable` if the routine may change the argument."""
 
     name: str
     type: str
