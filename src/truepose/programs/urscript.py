@@ -151,7 +151,7 @@ class _Reader(Reader):
         return routines
 
     def _key(self, name: str) -> str:
-        """Return the variable that a name means here: that of the routine if parameter or local, else of the program."""
+        """Return the variable that a name means here: that of the routine if it is its own, else of the program."""
         routine = self._routine
         while routine and name not in self._locals[routine]:
             routine = self._outer[routine]
