@@ -44,13 +44,14 @@ def columns(theta: FloatArray, fixed: FloatArray, twists: FloatArray, outputs: O
     rotations = [(k, i - 3) for k, i in used if i >= 3]
     rotated = twists[:, 3:][present[:, 3:]]
     out = np.empty((len(theta), rows, twists.shape[2]))
+    memory = np.empty((len(used), 3, min(len(theta), _CHUNK)))
     for start in range(0, len(theta), _CHUNK):
         part = out[start : start + _CHUNK]
         n = len(part)
         base = np.broadcast_to(np.eye(3)[..., None], (3, 3, n)), np.zeros((3, n))
         frames = [base, *walk(theta[start : start + _CHUNK], fixed)]
         arms = {k: frames[-1][1] - frames[k][1] for k, _ in rotations}
-        moved = np.empty((len(used), 3, n))
+        moved = memory[..., :n]
         for row, (k, i) in zip(moved, used, strict=True):
             if i < 3:
                 row[:] = frames[k][0][i]
