@@ -74,7 +74,7 @@ def test_pickled_array_is_refused(packed):
 
     manifest["sha256"]["arrays/q.npy"] = hashlib.sha256(buffer.getvalue()).hexdigest()
     forged = rewrite(rewrite(packed, "arrays/q.npy", buffer.getvalue()), "manifest.json", json.dumps(manifest).encode())
-    with pytest.raises(FileError, match=r"arrays/q\.npy is no plain array"):
+    with pytest.raises(FileError, match=r"arrays/q\.npy is not a plain array"):
         archive.unpack(forged, "m.truepose")
 
 

@@ -106,10 +106,10 @@ def test_only_plain_files_are_written(tmp_path):
     with contextlib.suppress(PermissionError):  # only root makes a device; never try this on a real one
         os.mknod(tmp_path / "device", stat.S_IFCHR | 0o600, os.makedev(1, 3))
     for path, message in (
-        (link, "is a link; name the file that it leads to"),
+        (link, "is a link; name the file that it points to"),
         (dangling, "is a link"),
-        (pipe, "is no plain file but a device or a pipe"),
-        *((path, "is no plain file but a device or a pipe") for path in tmp_path.glob("device")),
+        (pipe, "is a device or a pipe, not a file"),
+        *((path, "is a device or a pipe, not a file") for path in tmp_path.glob("device")),
         (tmp_path, "is a folder"),
     ):
         before = os.lstat(path)

@@ -97,8 +97,8 @@ def test_negated_errors_are_refused(parts):
 
 def test_a_part_that_nobody_reads_is_refused(parts):
     content, arrays = parts
-    assert "'more', which is no part" in refused(archive.pack(content, {**arrays, "more": np.zeros(3)}))
-    assert "'more', which is no part" in refused(archive.pack({**content, "more": 1}, arrays))
+    assert "'more', which is not part" in refused(archive.pack(content, {**arrays, "more": np.zeros(3)}))
+    assert "'more', which is not part" in refused(archive.pack({**content, "more": 1}, arrays))
 
 
 @pytest.mark.promise("A value of another type anywhere in the content of a map file is refused")
@@ -216,7 +216,7 @@ def test_only_members_of_the_manifest_are_read(good):
     members = members_of(good)
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
     assert "was added" in refused(zipped(members | {"extra.txt": b"x"}, sha256=hashes))
-    assert "no part of a map" in refused(zipped(members | {"../../evil": b"x"}))
+    assert "not part of a map" in refused(zipped(members | {"../../evil": b"x"}))
     assert "100 members" in refused(zipped(members | {f"arrays/a{k}.npy": b"" for k in range(3000)}))
     for odd in (None, [], {"content.json": 1}, "x"):
         refused(zipped(members, sha256=odd))
@@ -229,7 +229,7 @@ def test_other_packing_is_refused(good):
         with zipfile.ZipFile(io.BytesIO(good)) as old, zipfile.ZipFile(out, "w", method) as made:
             for name in old.namelist():
                 made.writestr(name, old.read(name))
-        assert "packed by another method" in refused(out.getvalue())
+        assert "unknown compression method" in refused(out.getvalue())
 
 
 @pytest.mark.promise("No flipped bit, cut or doubled member of a map file gives anything but the map or one error")

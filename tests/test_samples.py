@@ -146,7 +146,7 @@ def test_columns_are_appended_and_replaced(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ([], "is empty; a header line"),
+        ([], "is empty; expected a header line"),
         (["# only a comment"], "is empty"),
         ([HEADER], "samples.csv:1: has a header but no rows"),
         ([HEADER, *ROWS, "10,1,2,3"], "samples.csv:5: has 4 fields, the header has 9"),

@@ -1,8 +1,7 @@
-"""Typed exceptions: what was wrong, what came, what was expected, where, and what to do.
+"""Exceptions and warnings of truepose.
 
-Every error that a user can cause derives from `TrueposeError`. The command line prints its message on one line and
-exits with 1, so a message stands alone: it names the file with its row or line, or the target, and ends with the
-remedy.
+Every error that a user can cause is a `TrueposeError`. The command line prints its message on one line and exits with
+1. A message says what is wrong, where (file with row or line, or target), what was expected, and what to do.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ _LONGEST: Final = 4000
 
 
 def one_line(text: str) -> str:
-    r"""Return a text as one line that any terminal and any encoding can show.
+    r"""Return a text as one printable line.
 
-    Line ends become blanks. Control characters, and bytes of a file name that are not UTF-8, become
-    escapes such as ``\x1b`` and ``\xff``. The middle of a very long text is left out.
+    Line ends become blanks. Control characters and undecodable bytes of file names become escapes such as ``\x1b``
+    and ``\xff``. The middle of a very long text is left out.
 
     Examples
     --------
@@ -37,23 +36,23 @@ def _escaped(character: str) -> str:
 
 
 class TrueposeError(ValueError):
-    """Base of all errors that the input, not the program, causes; the message is one printable line."""
+    """The base class of all errors caused by the input; the message is one printable line."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
 
 
 class FileError(TrueposeError):
-    """A file that cannot be read, understood or written.
+    """An error of a file that cannot be read, interpreted or written.
 
     Parameters
     ----------
     path : str or Path
-        The file, as the user named it.
+        The file as the user named it.
     message : str
-        What is wrong and what to do.
+        The problem and its remedy.
     line : int, optional
-        Line of the file, counted from 1.
+        The line of the file, from 1.
     """
 
     def __init__(self, path: str | Path, message: str, *, line: int | None = None) -> None:
@@ -64,31 +63,31 @@ class FileError(TrueposeError):
 
 
 class DataError(TrueposeError):
-    """Arrays or samples that cannot be right: NaN, wrong shape, wrong unit, duplicates that contradict each other."""
+    """An error of arrays, samples or settings: NaN, wrong shape or unit, contradicting duplicates, invalid values."""
 
 
 class RobotError(TrueposeError):
-    """A robot that is not known or not supported, joints beyond limits, poses out of reach."""
+    """An error of a robot: unknown or unsupported, joints beyond limits, poses out of reach."""
 
 
 class IdentifiabilityError(TrueposeError):
-    """The data cannot tell what was asked of them: rank, condition number, and the names that cannot be told apart."""
+    """The data do not determine the parameters: rank, condition number, and the names that cannot be separated."""
 
 
 class KrigingError(TrueposeError):
-    """A variogram or Kriging system that cannot be fitted or solved."""
+    """An error of a variogram or Kriging system that cannot be fitted or solved."""
 
 
 class RefusedError(TrueposeError):
-    """A correction that a guard forbids under the policy in force."""
+    """A correction or file operation that a guard refuses under the current policy."""
 
 
 class IllConditionedWarning(UserWarning):
-    """A system that was solved, but with few digits left: its condition number, and the remedy."""
+    """A system that was solved with few remaining digits: its condition number, and the remedy."""
 
 
 class RecoveryWarning(UserWarning):
-    """A run that was stopped while it wrote files, and what was done with them: finished, undone, or removed."""
+    """An earlier run was interrupted while it wrote files; they were completed, restored or removed."""
 
 
 class VariogramWarning(UserWarning):

@@ -47,7 +47,7 @@ def test_reflectors_and_a_plan_in_the_controllers_words(run, folder):
     args = ["import", folder / "cell.toml", folder / "turns.txt", "--plan", folder / "plan.script", "--out"]
     done = run(*args, folder / "c.csv", "--reflectors", folder / "tool.txt")
     assert done.code == 0, done.err
-    assert "Each pose is put together from 3 reflectors." in done.out
+    assert "Each pose is combined from 3 reflectors." in done.out
     poses = read_samples(folder / "c.csv")
     assert poses.rotation_meas is not None
     assert np.linalg.norm(poses.p_meas - measured.p_meas, axis=1).max() < 0.3

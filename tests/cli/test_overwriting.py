@@ -50,7 +50,7 @@ def test_existing_files_stay(run, cell_files, tmp_path, k):
         in run(*command, result).failed()
     )
     assert f"{link}: is a link" in run(*command, link, "--force").failed()
-    assert f"{pipe}: is no plain file" in run(*command, pipe, "--force").failed()
+    assert f"{pipe}: is a device or a pipe, not a file" in run(*command, pipe, "--force").failed()
     assert result.read_bytes() == b"mine"
     assert len(list(tmp_path.iterdir())) == 3
 

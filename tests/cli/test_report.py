@@ -15,9 +15,13 @@ def test_report_in_german_as_pdf_and_page(run, cell_files, tmp_path):
 def test_report_refuses(run, cell_files, tmp_path):
     out = tmp_path / "r.html"
     assert (
-        "no locale 'fr'; there are en, de, zh" in run("report", cell_files.map, "--locale", "fr", "--out", out).failed()
+        "expected a locale of en, de, zh; got 'fr'"
+        in run("report", cell_files.map, "--locale", "fr", "--out", out).failed()
     )
-    assert "name a .html or a .pdf file" in run("report", cell_files.map, "--out", tmp_path / "r.odt").failed()
+    assert (
+        "expected a name that ends in .html or .pdf"
+        in run("report", cell_files.map, "--out", tmp_path / "r.odt").failed()
+    )
     bad = run("report", cell_files.map, "--program", cell_files.cell, "--out", out).failed()
     assert "is not the record of a corrected program" in bad
     assert not out.exists()

@@ -229,7 +229,7 @@ def test_going_there_and_back_is_no_bend(tmp_path: Path, make_map: Any) -> None:
 
 def test_pipes_folders_and_links(tmp_path: Path, make_map: Any) -> None:
     os.mkfifo(tmp_path / "a.nc")
-    with pytest.raises(FileError, match="is no file but a device or a pipe"):
+    with pytest.raises(FileError, match="is a device or a pipe, not a file"):
         read_program(tmp_path / "a.nc")
     (tmp_path / "b.ls").mkdir()
     with pytest.raises(FileError, match="holds no robot program"):

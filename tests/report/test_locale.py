@@ -44,7 +44,7 @@ def test_translations_are_translations():
 
 
 def test_unknown_locale_names_the_known_ones():
-    with pytest.raises(DataError, match=r"no locale 'fr'; there are en, de, zh"):
+    with pytest.raises(DataError, match=r"expected a locale of en, de, zh; got 'fr'"):
         load_locale("fr")
 
 

@@ -204,7 +204,9 @@ def test_names_in_other_characters(error_map, study, sidecar, no_figures):
     assert b"TrueposeSans" in to_pdf(made, DATE)
     assert "@font-face" in to_html(made)
     lost = replace(made, title="\U00013000")  # a hieroglyph
-    with pytest.raises(FileError, match=r"r\.pdf: cannot be set: .*\U00013000.*; install a font that has it"):
+    with pytest.raises(
+        FileError, match=r"r\.pdf: cannot be typeset: .*\U00013000.*; install a font with this character"
+    ):
         to_pdf(lost, DATE, "r.pdf")
 
 
@@ -301,7 +303,7 @@ def test_names_are_text_not_markup(error_map, study, sidecar, no_figures):
     [
         ("no json", r"panel.json: is not the record of a corrected program \(Invalid JSON"),
         ("[]", r"panel.json: is not the record of a corrected program \("),
-        ("{}", r"\(program: Field required\); name the .json that 'truepose correct' wrote"),
+        ("{}", r"\(program: Field required\); name a .json file written by 'truepose correct'"),
         (json.dumps(record("a", targets=[{"name": 3}])), r"\(targets.0.name: Input should be a valid string\)"),
     ],
 )
@@ -314,11 +316,11 @@ def test_files_that_are_no_records(tmp_path, content, message):
 
 
 def test_bad_input(error_map, study, tmp_path):
-    with pytest.raises(FileError, match=r"report.docx: ends in '.docx'; name a .html or a .pdf file"):
+    with pytest.raises(FileError, match=r"report.docx: expected a name that ends in .html or .pdf, got .docx"):
         write_report(error_map, tmp_path / "report.docx", study=study)
-    with pytest.raises(FileError, match=r"ends in 'nothing'"):
+    with pytest.raises(FileError, match=r"got no ending"):
         write_report(error_map, tmp_path / "report", study=study)
-    with pytest.raises(DataError, match=r"no locale 'xx'; there are en, de, zh"):
+    with pytest.raises(DataError, match=r"expected a locale of en, de, zh; got 'xx'"):
         write_report(error_map, tmp_path / "report.html", study=study, locale="xx")
     with pytest.raises(FileError, match=r"gone.json: no such file"):
         write_report(error_map, tmp_path / "report.html", study=study, sidecars=[tmp_path / "gone.json"])

@@ -203,7 +203,7 @@ def test_a_header_that_does_not_fit_its_rows(tmp_path: Path) -> None:
         ),
         (["X [mm],Y [mm],Z [mm],U(95) [mm],Q0,Q1,Q2,Q3", "1,2,3,4,,,,"], ":2: has a position but no orientation"),
         (["Pos 1", "Pos 2"], "has blocks but no samples in them"),
-        (["Element Name,Number,Deviation,MX Coord.,MY Coord.,MZ Coord."], "is empty; a header line"),
+        (["Element Name,Number,Deviation,MX Coord.,MY Coord.,MZ Coord."], "is empty; expected a header line"),
     ],
 )
 def test_what_a_layout_refuses(tmp_path: Path, lines: list[str], message: str) -> None:

@@ -160,7 +160,7 @@ def test_gross_readings_are_kept_and_named(rng: np.random.Generator, p_cmd: Floa
     samples, summary = match(readings_of(p), plan_of(p_cmd))
     assert len(samples) == 60
     assert summary.outliers == (11, 40)
-    assert "Rows 11, 40 lie far from where the others put them; look at them." in summary.sentences()
+    assert "Rows 11, 40 lie far from their expected positions; check them." in summary.sentences()
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "metres"), (1 / 25.4, "inches")])
@@ -184,7 +184,7 @@ def test_several_reflectors(rng: np.random.Generator, p_cmd: FloatArray) -> None
 
 
 def test_too_few_and_no_positions(rng: np.random.Generator, p_cmd: FloatArray) -> None:
-    with pytest.raises(DataError, match="2 readings for 60 rows of the plan; at least 3 are needed"):
+    with pytest.raises(DataError, match="2 readings for 60 rows of the plan; at least 3 are required"):
         match(readings_of(measured(rng, p_cmd)[:2]), plan_of(p_cmd))
     with pytest.raises(DataError, match=r"plan\.csv: has no commanded positions"):
         match(readings_of(measured(rng, p_cmd)), Poses(q=np.zeros((60, 6)), source="plan.csv"))
@@ -287,7 +287,7 @@ def test_another_load_is_no_move() -> None:
     _, summary = match(readings_of(samples.p_meas), replace(plan_of(samples.p_cmd), load=load))
     assert summary.samples == 100
     with pytest.raises(
-        DataError, match=r"the tracker was moved before line 5[01], .* or allow two stations if something"
+        DataError, match=r"the tracker was moved before line 5[01], .* or allow two stations if the tracker did not"
     ):
         match(readings_of(samples.p_meas), plan_of(samples.p_cmd))
     _, allowed = match(readings_of(samples.p_meas), plan_of(samples.p_cmd), two_stations=True)

@@ -92,7 +92,7 @@ def test_tidy_table_with_and_without_joints(tmp_path: Path) -> None:
         (["Nr,MX,MY", "Plane,1,2.5,7"], "unit=mm'. Known are: SpatialAnalyzer"),
         (["Element Name,Number,MX Coord.", "Plane,1,2.5,7"], "readings.txt:1: has no column 'MY Coord.'; there are"),
         (["nothing of use"], "unknown layout: 3 columns between blanks, as in 'nothing of use'"),
-        ([""], "is empty; a header line"),
+        ([""], "is empty; expected a header line"),
         ([*HEADER], "has a header but no readings"),
         ([*HEADER, "Main, 5.0, 6.0"], "readings.txt:3: expected names, x, y, z and an optional date, got"),
         ([*HEADER, *POINTS, "S, 1, 5, 6, 7"], "readings.txt:5: has 2 names before x, y, z, the first reading has 3"),

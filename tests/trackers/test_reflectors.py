@@ -37,7 +37,7 @@ def test_poses_from_three_reflectors(tmp_path: Path, cell: VirtualCell, plan: Po
     path = in_turn(tmp_path / "readings.txt", cell.read_reflectors(plan.q, 3, seed=5), left_out=(31,))
     samples, summary = import_readings(path, plan, reflectors=cell.reflector_positions(3), missing=True)
     assert summary.missing == (10,)
-    assert "Each pose is put together from 3 reflectors; 1 poses lack one." in summary.sentences()
+    assert "Each pose is combined from 3 reflectors; 1 poses lack one." in summary.sentences()
     direct = cell.measure(plan.q, seed=5, reflectors=3)[np.arange(30) != 10]
     np.testing.assert_allclose(samples.p_meas, direct.p_meas, atol=2e-4)
     assert samples.rotation_meas is not None
@@ -52,11 +52,11 @@ def test_one_of_three_reflectors_kept(tmp_path: Path, cell: VirtualCell, plan: P
 
 def test_reflectors_not_told(tmp_path: Path, cell: VirtualCell, plan: Poses) -> None:
     path = in_turn(tmp_path / "r.txt", cell.read_reflectors(plan.q, 3, seed=5))
-    with pytest.raises(DataError, match="3 for each row, and no repeats; several reflectors per pose\\? Say where"):
+    with pytest.raises(DataError, match="3 for each row, and no repeats; several reflectors per pose\\? State their"):
         import_readings(path, plan)
-    with pytest.raises(DataError, match=r"3 reflectors; say which to keep \(1 to 3\), or where they sit"):
+    with pytest.raises(DataError, match=r"3 reflectors; state which to keep \(1 to 3\), or their positions"):
         import_readings(path, plan, reflectors=3)
-    with pytest.raises(DataError, match="90 readings are no multiple of 4 reflectors"):
+    with pytest.raises(DataError, match="90 readings are not a multiple of 4 reflectors"):
         import_readings(path, plan, reflectors=4, keep=1)
     with pytest.raises(DataError, match=r"reflectors have shape \(3, 3\); expected .* not on a line"):
         import_readings(path, plan, reflectors=np.outer(np.arange(3), [50.0, 0, 0]))
@@ -65,11 +65,13 @@ def test_reflectors_not_told(tmp_path: Path, cell: VirtualCell, plan: Poses) -> 
 def test_reflectors_in_another_order_or_gross(tmp_path: Path, cell: VirtualCell, plan: Poses) -> None:
     p = cell.read_reflectors(plan.q, 3, seed=5)
     other = cell.reflector_positions(3) * [1.0, 1.2, 1.0]
-    with pytest.raises(DataError, match=r"reflectors lie .* mm from each other, on the tool .* mm; another order"):
+    with pytest.raises(
+        DataError, match=r"measured distances between reflectors are .* mm, expected .* mm; another order"
+    ):
         import_readings(in_turn(tmp_path / "r.txt", p), plan, reflectors=other)
     p[4, 1] += 3.0
     with pytest.raises(
-        DataError, match=r"poses from line 13 on have reflectors up to .* mm from where the tool has them"
+        DataError, match=r"distances between reflectors are wrong by up to .* mm in the poses that start at line 13"
     ):
         import_readings(in_turn(tmp_path / "r.txt", p), plan, reflectors=cell.reflector_positions(3))
 
@@ -122,9 +124,9 @@ def test_plans_as_controllers_write_them(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("j1;j2\n0,5;0,25", "plan.txt:1: says no unit of the joints; write j1_deg … or j1_rad"),
-        ("j1;j3\n0,5;0,25", "plan.txt:1: is no plan; known are plan.csv (q1_deg"),
-        ("hello\nworld", "plan.txt:1: is no plan; known are"),
+        ("j1;j2\n0,5;0,25", "plan.txt:1: has no unit of the joints; write j1_deg … or j1_rad"),
+        ("j1;j3\n0,5;0,25", "plan.txt:1: is not a plan; expected plan.csv (q1_deg"),
+        ("hello\nworld", "plan.txt:1: is not a plan; expected"),
         ("j1_deg;j2_deg\n5;x", "plan.txt:2: j2_deg is 'x', which is not a number"),
     ],
 )

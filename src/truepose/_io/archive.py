@@ -3,9 +3,9 @@
 Layout: ``manifest.json`` names the format, the schema version and the SHA-256 of each other member; ``content.json``
 holds everything that is not an array; ``arrays/NAME.npy`` the arrays. The same content always gives the same bytes.
 
-The hashes show damage, not intent: anyone can write a file whose hashes agree. So a reader trusts nothing that the file
-says about itself. Sizes are bounded before anything is unpacked, only members of the manifest are read, an array's
-header is compared with the one form that is written here, and `truepose.error_map.encoding` checks what the parts say.
+The hashes detect damage, not intent: anyone can write a file with matching hashes. Therefore the reader trusts nothing
+in the file. Sizes are limited before unpacking, only members of the manifest are read, an array's header must have
+exactly the form written here, and `truepose.error_map.encoding` checks the values.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from truepose.errors import DataError, FileError
 FORMAT: Final = "truepose map"
 SCHEMA: Final = 1
 LARGEST_MAP: Final = 2**30
-"""Bytes of a map file, packed or unpacked."""
+"""The largest size of a map file in bytes, packed or unpacked."""
 
 _MANIFEST, _CONTENT = "manifest.json", "content.json"
-_LARGEST_RATIO: Final = 100  # of all members together; measured numbers hardly shrink
-_SMALL: Final = 2**20  # bytes that are unpacked at any ratio
+_LARGEST_RATIO: Final = 100  # of all members together; measured data compress little
+_SMALL: Final = 2**20  # bytes that may be unpacked at any ratio
 _MOST_MEMBERS: Final = 100
 _METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_END: Final = 22  # bytes of the end record of a zip without comment; the directory's size stands at 12 to 16 of it
+_END: Final = 22  # bytes of the end record of a zip without comment; bytes 12 to 16 are the size of the directory
 _WIDEST: Final = 1000  # columns of an array; its rows are bounded by the file's size
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _HEADER: Final = re.compile(
@@ -54,14 +54,14 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byte
     Parameters
     ----------
     content : mapping
-        Anything that JSON can hold; NaN and infinity are refused.
+        The values that JSON can represent; NaN and infinity are refused.
     arrays : mapping of str to array
-        Finite floats, whole numbers, truth values or text.
+        The arrays of finite floats, integers, booleans or text.
 
     Raises
     ------
     DataError
-        If an array is of another type.
+        If an array has another type.
     """
     members = {_CONTENT: _json(content)}
     for name, array in sorted(arrays.items()):
@@ -82,18 +82,19 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byte
 
 
 def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return content and arrays of a map file; the inverse of `pack`.
+    """Return the content and the arrays of a map file; the inverse of `pack`.
 
     Parameters
     ----------
     data : bytes
+        The content of the file.
     path : str or Path
-        Named in the errors.
+        The file, for messages.
 
     Raises
     ------
     FileError
-        If the file is not a map, is truncated, was changed since it was written, comes from a newer version, or would
+        If the file is not a map, is truncated, was changed after it was written, is of a newer version, or would
         unpack to more than `LARGEST_MAP` bytes or 100 times its own size.
     """
     try:
@@ -102,12 +103,12 @@ def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDA
             members = _read_members(archive, path, len(data))
     except FileError:
         raise
-    # zlib.error is no OSError, and damaged headers raise errors of struct and of codecs
+    # zlib.error is not an OSError, and damaged headers raise errors of struct and codecs
     except Exception as error:
         raise FileError(path, f"is not a map file, or is truncated ({error}); fit and save the map again") from None
     content = _parse(members.pop(_CONTENT, b""), path, _CONTENT)
     if not isinstance(content, dict):
-        raise FileError(path, f"{_CONTENT} does not hold an object; fit and save the map again")
+        raise FileError(path, f"{_CONTENT} is not an object; fit and save the map again")
     return content, {
         name.removeprefix("arrays/").removesuffix(".npy"): _array(m, path, name) for name, m in members.items()
     }
@@ -115,17 +116,17 @@ def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDA
 
 def _json(content: Any) -> bytes:
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    return text.encode("utf-8", "backslashreplace")  # bytes of a file name that are not UTF-8, as \udcff: JSON again
+    return text.encode("utf-8", "backslashreplace")  # undecodable bytes of a file name as \udcff
 
 
 def _native(name: str, array: NDArray[Any]) -> NDArray[Any]:
     if array.dtype.kind != "U" and array.dtype.str[1:] not in _TYPES:
-        raise DataError(f"{name} is an array of {array.dtype}, which a map does not hold")
+        raise DataError(f"{name} is an array of {array.dtype}, which a map cannot contain")
     return array.astype(array.dtype.newbyteorder("<"), copy=False)
 
 
 def _check_directory(data: bytes) -> None:
-    """Refuse a zip whose directory is long, before `zipfile` builds an object of each entry."""
+    """Refuse a zip with a long directory before `zipfile` creates an object per entry."""
     end = data[-_END:]
     if len(end) < _END or not end.startswith(b"PK\x05\x06") or data[-_END - 20 : -_END].startswith(b"PK\x06\x07"):
         raise zipfile.BadZipFile("no end record of a small zip at its end")
@@ -134,15 +135,15 @@ def _check_directory(data: bytes) -> None:
 
 
 def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int) -> dict[str, bytes]:
-    """Return the members that the manifest names, by name."""
+    """Return the members of the manifest by name."""
     infos = {info.filename: info for info in archive.infolist()}
     if len(infos) != len(archive.infolist()):
-        raise FileError(path, "holds a member twice: it was not written by truepose; fit and save the map again")
+        raise FileError(path, "contains a member twice: it was not written by truepose; fit and save the map again")
     unpacked = sum(info.file_size for info in infos.values())
     if unpacked > min(LARGEST_MAP, max(_SMALL, _LARGEST_RATIO * size)):
         raise FileError(path, f"would unpack from {size} to {unpacked} bytes: not a truepose map")
     if any(info.compress_type not in _METHODS for info in infos.values()):
-        raise FileError(path, "is packed by another method than truepose's: it was not written by truepose")
+        raise FileError(path, "uses an unknown compression method: it was not written by truepose")
     hashes = _hashes(_member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b"", path)
     if stray := sorted(infos.keys() - hashes.keys() - {_MANIFEST}):
         raise FileError(path, f"was changed after it was written ({stray[0]} was added); fit and save the map again")
@@ -155,13 +156,13 @@ def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int) -> dict
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
-    """Return a member; what unpacks to more than its entry says is read no further."""
+    """Return the content of a member, at most one byte more than its stated size."""
     with archive.open(info) as member:
         return member.read(info.file_size + 1)
 
 
 def _hashes(manifest: bytes, path: str | Path) -> dict[str, str]:
-    """Return the SHA-256 of each member, as the manifest says."""
+    """Return the SHA-256 of each member by the manifest."""
     found = _parse(manifest, path, _MANIFEST)
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise FileError(path, "is a zip but not a truepose map; name the file that 'truepose fit' wrote")
@@ -173,9 +174,9 @@ def _hashes(manifest: bytes, path: str | Path) -> dict[str, str]:
         )
     hashes = found.get("sha256")
     if not isinstance(hashes, dict) or not all(isinstance(value, str) for value in hashes.values()):
-        raise FileError(path, f"{_MANIFEST} holds no hashes; fit and save the map again")
+        raise FileError(path, f"{_MANIFEST} contains no hashes; fit and save the map again")
     if odd := [name for name in hashes if name != _CONTENT and not re.fullmatch(r"arrays/[\w.]+\.npy", name)]:
-        raise FileError(path, f"{_MANIFEST} names {odd[0]}, which is no part of a map; fit and save the map again")
+        raise FileError(path, f"{_MANIFEST} names {odd[0]}, which is not part of a map; fit and save the map again")
     return hashes
 
 
@@ -183,26 +184,26 @@ def _parse(data: bytes, path: str | Path, name: str) -> Any:
     try:
         return parse_json(data)
     except ValueError as error:
-        raise FileError(path, f"{name} is missing or is no JSON ({error}): not a truepose map, or damaged") from None
+        raise FileError(path, f"{name} is missing or not JSON ({error}): not a truepose map, or damaged") from None
 
 
 def _array(data: bytes, path: str | Path, name: str) -> NDArray[Any]:
-    """Return an array whose header, length and values are as `pack` writes them."""
+    """Return an array after a check that its header, length and values are as `pack` writes them."""
     header = _HEADER.match(data)
     if header is None or int.from_bytes(header[1], "little") != header.end() - 10:
-        raise FileError(path, f"{name} is no plain array of this program; fit and save the map again")
+        raise FileError(path, f"{name} is not a plain array of truepose; fit and save the map again")
     kind = header[2].decode()
     shape = tuple(map(int, header[3].split(b", "))) if header[3] else ()
     if len(data) - header.end() != math.prod(shape) * np.dtype(kind).itemsize or max(shape[1:], default=1) > _WIDEST:
-        raise FileError(path, f"{name} does not hold {kind} of shape {shape}, as it says; fit and save the map again")
+        raise FileError(path, f"{name} does not contain {kind} of shape {shape} as stated; fit and save the map again")
     array = np.frombuffer(data, kind, offset=header.end()).reshape(shape)
     if not _plausible(array):
-        raise FileError(path, f"{name} holds values that are none of {kind}, or not finite; fit and save the map again")
+        raise FileError(path, f"{name} contains values that are not finite or not {kind}; fit and save the map again")
     return array.copy()
 
 
 def _plausible(array: NDArray[Any]) -> bool:
-    """Return whether numbers are finite and within `LARGEST`, truth values 0 or 1, and letters such of Unicode."""
+    """Return whether numbers are finite and within `LARGEST`, booleans 0 or 1, and characters valid Unicode."""
     if array.dtype.kind == "f":
         return bool((np.abs(array) <= LARGEST).all())
     if array.dtype.kind == "b":

@@ -18,7 +18,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
 LONGEST_LINE: Final = 20_000
-"""Characters of a line of a table."""
+"""The largest number of characters in a line of a table."""
 MOST_COLUMNS: Final = 500
 COMMENTS: Final = ("#", "//", "%")
 _LARGEST_TABLE: Final = 2**31  # bytes of a table's fields
@@ -121,7 +121,7 @@ def decode(data: bytes, path: str | Path) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = data.decode("utf-16", errors="replace")
     elif not data.strip():
-        raise FileError(path, "is empty; a header line with column names and one line per pose are expected")
+        raise FileError(path, "is empty; expected a header line with column names and one line per pose")
     elif b"\0" in data[:4096] or data.startswith(b"PK\x03\x04"):
         raise FileError(path, "is not a text file; export the table as ASCII or CSV")
     else:
@@ -164,7 +164,7 @@ def parse(
         (number, line) for number, line in lines[skip or 0 :] if line.strip() and not line.lstrip().startswith(COMMENTS)
     ]
     if not kept:
-        raise FileError(path, "is empty; a header line with column names and one line per pose are expected")
+        raise FileError(path, "is empty; expected a header line with column names and one line per pose")
     delimiter = delimiter or find_delimiter(kept[0][1])
     head = kept[:1] if skip is None else lines[:skip][-1:]
     body = kept[1:] if skip is None else kept
@@ -200,7 +200,7 @@ def _fields(lines: Sequence[tuple[int, str]], delimiter: str, path: str | Path) 
     reader = csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
     rows = [[field.strip() for field in row] for row in reader]
     if len(rows) != len(lines):
-        raise FileError(path, "has a quoted field that runs over the end of its line; remove the quotation marks")
+        raise FileError(path, "has a quoted field without an end on its line; remove the quotation marks")
     return rows
 
 
@@ -225,7 +225,7 @@ def check_lines(lines: Sequence[tuple[int, str]], path: str | Path) -> None:
     """
     for number, line in lines:
         if len(line) > LONGEST_LINE:
-            what = f"has {len(line)} characters, at most {LONGEST_LINE} are read; is it a table of poses or readings?"
+            what = f"has {len(line)} characters, expected at most {LONGEST_LINE}; is it a table of poses or readings?"
             raise FileError(path, what, line=number)
 
 
@@ -238,7 +238,7 @@ def text_array(rows: Sequence[Sequence[str]], path: str | Path, numbers: IntArra
         If there are too many columns, or the array is too large: every field takes the memory of the longest one.
     """
     if len(rows[0]) > MOST_COLUMNS:
-        what = f"has {len(rows[0])} columns, at most {MOST_COLUMNS} are read"
+        what = f"has {len(rows[0])} columns, expected at most {MOST_COLUMNS}"
         raise FileError(path, f"{what}; is it a table of poses or readings?", line=int(numbers[0]))
     width = [max(map(len, row)) for row in rows]
     if 4 * max(width) * len(rows) * len(rows[0]) > _LARGEST_TABLE:

@@ -1,4 +1,4 @@
-"""Reading and writing whole files: clear errors, never a half-written result, and nothing overwritten unasked."""
+"""Read and write whole files: clear errors, no partly written results, nothing overwritten without permission."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ __all__ = [
 ]
 
 LARGEST_FILE: Final = 2**28
-"""Bytes of a table, a program or a file of readings that is read: 256 MiB, some million rows."""
+"""The largest size of a table, a program or a measurement file in bytes: 256 MiB, some million rows."""
 LARGEST_CONFIG: Final = 2**20
-"""Bytes of a cell file, a robot file or a mapping of columns that is read: 1 MiB."""
+"""The largest size of a cell file, a robot file or saved columns in bytes: 1 MiB."""
 
 
 @dataclass
 class Watch:
-    """What a command read, and whether it may overwrite what is there."""
+    """The files that a command has read, and whether it may overwrite existing ones."""
 
     force: bool = False
     read: set[tuple[int, int]] = field(default_factory=set)
@@ -48,7 +48,7 @@ _WATCH: ContextVar[Watch | None] = ContextVar("watch", default=None)
 
 @contextlib.contextmanager
 def watched() -> Iterator[Watch]:
-    """Within the block, refuse to write over files that were read in it, and over any other unless `force` is set."""
+    """Within the block, refuse to overwrite files that were read in it, and other files unless `force` is set."""
     token = _WATCH.set(watch := Watch())
     written.clear()
     try:
@@ -58,7 +58,7 @@ def watched() -> Iterator[Watch]:
 
 
 def overwrite(force: bool) -> None:
-    """Set whether the command that is watched may overwrite existing files; inputs it may not."""
+    """Set whether the watched command may overwrite existing files; inputs are never overwritten."""
     if (watch := _WATCH.get()) is not None:
         watch.force = force
 
@@ -69,13 +69,14 @@ def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
     Parameters
     ----------
     path : str or Path
+        The file.
     largest : int
-        Bytes; a larger file is not opened.
+        The largest size in bytes; a larger file is not opened.
 
     Raises
     ------
     FileError
-        If there is no such file, it is a folder, a device or a pipe, it is too large, or it may not be read.
+        If the file does not exist, is a folder, a device or a pipe, is too large, or cannot be read.
     """
     try:
         check_regular(path, largest)
@@ -94,12 +95,12 @@ def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def path_exists(path: str | Path) -> bool:
-    """Return whether there is such a file or folder.
+    """Return whether a file or folder exists.
 
     Raises
     ------
     FileError
-        If the path cannot be followed: a circle of links, a name too long, a zero byte in it.
+        If the path cannot be resolved: a loop of links, a name that is too long, a zero byte.
     """
     try:
         Path(path).stat()
@@ -111,23 +112,23 @@ def path_exists(path: str | Path) -> bool:
 
 
 def check_regular(path: str | Path, largest: int = LARGEST_FILE) -> None:
-    """Refuse what is no regular file, before it is opened: opening a pipe would wait for ever.
+    """Refuse a path that is not a regular file before it is opened: opening a pipe could wait for ever.
 
     Raises
     ------
     FileError
         If it is a folder, a device, a pipe or a socket, or larger than `largest` bytes.
     OSError, ValueError
-        If there is no such file, or its path cannot be followed.
+        If the file does not exist, or its path cannot be resolved.
     """
     status = Path(path).stat()
     if stat.S_ISDIR(status.st_mode):
         raise FileError(path, "is a folder; name a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise FileError(path, "is no file but a device or a pipe; save what it holds as a file")
+        raise FileError(path, "is a device or a pipe, not a file; save its content as a file")
     if status.st_size > largest:
         size = f"{status.st_size / 2**20:,.0f} MiB"
-        raise FileError(path, f"has {size}, at most {largest / 2**20:,.0f} MiB are read; is it the right file?")
+        raise FileError(path, f"has {size}, expected at most {largest / 2**20:,.0f} MiB; is it the right file?")
 
 
 def read_text(path: str | Path, largest: int = LARGEST_FILE) -> str:
@@ -139,21 +140,21 @@ def read_text(path: str | Path, largest: int = LARGEST_FILE) -> str:
 
 
 def check_outputs(*paths: str | Path, force: bool = True, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse outputs that must not be written; what a run that was stopped left in their folders is settled before.
+    """Refuse outputs that must not be written, after recovery from interrupted runs in their folders.
 
     Parameters
     ----------
     paths : str or Path
-        The files that are to be written.
+        The files to write.
     force : bool
-        Existing files may be overwritten. Within a command (`watched`), only if the command, too, was told so.
+        Whether existing files may be overwritten; within a command (`watched`), its own permission is also required.
     inputs : iterable of str or Path
-        Files that are never overwritten, by whatever name or link; those that the command read are added.
+        Further files that are never overwritten, under any name or link, besides those that the command has read.
 
     Raises
     ------
     FileError
-        If an output is a folder, a link, no plain file, an input, or exists and may not be overwritten.
+        If an output is a folder, a link, not a regular file, an input, or exists and may not be overwritten.
     """
     for folder in dict.fromkeys(Path(path).parent for path in paths):
         recover(folder)
@@ -167,11 +168,11 @@ def check_outputs(*paths: str | Path, force: bool = True, inputs: Iterable[str |
         except OSError as error:
             raise FileError(path, f"cannot be written: {error.strerror}; choose another output path") from None
         if stat.S_ISLNK(status.st_mode):
-            raise FileError(path, "is a link; name the file that it leads to")
+            raise FileError(path, "is a link; name the file that it points to")
         if stat.S_ISDIR(status.st_mode):
             raise FileError(path, "is a folder; name a file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise FileError(path, "is no plain file but a device or a pipe; choose another output path")
+            raise FileError(path, "is a device or a pipe, not a file; choose another output path")
         if _identity(status) in kept:
             raise FileError(path, "is an input, and inputs are never overwritten; choose another output path")
         if not (force and watch.force):
@@ -185,7 +186,7 @@ def _identity(status: os.stat_result) -> tuple[int, int]:
 
 
 def write_atomic(path: str | Path, content: bytes | str) -> None:
-    """Write a file so that it holds either its old content or all of the new; see `writing`."""
+    """Write a file so that it contains either the old or the complete new content; see `writing`."""
     write_all({Path(path): content})
 
 
@@ -198,14 +199,14 @@ def write_all(contents: Mapping[Path, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def writing(*paths: str | Path, force: bool = True) -> Iterator[list[BinaryIO]]:
-    """Open files to be written all together or not at all; see `truepose._io.commits.Commit`.
+    """Open files that are written all together or not at all; see `truepose._io.commits.Commit`.
 
-    Folders above them are made.
+    Missing folders are created.
 
     Raises
     ------
     FileError
-        If a file must not be written (see `check_outputs`) or cannot be; nothing is changed then.
+        If a file must not (see `check_outputs`) or cannot be written; no file is changed then.
     """
     goals = [Path(path) for path in paths]
     with Commit() as commit, contextlib.ExitStack() as stack:

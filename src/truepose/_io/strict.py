@@ -1,6 +1,6 @@
-"""Strict reading of numbers, JSON and TOML from files of unknown origin: bounded in size, depth and number of digits.
+"""Strict reading of numbers, JSON and TOML from untrusted files, with limits on depth and number of digits.
 
-A number is ASCII: ``1_000`` and digits of other scripts, which Python's own ``float`` takes, are text here.
+Numbers are ASCII: ``1_000`` and digits of other scripts, which Python's ``float`` accepts, are refused.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any, Final
 from truepose.errors import FileError
 
 LARGEST: Final = 1e12
-"""A finite number of a table or a map beyond this, in any unit, is a mistake: 10⁹ m, 30,000 years."""
+"""The largest number in a table or map; in any unit a larger one is a mistake (10⁹ m, 30,000 years)."""
 DEEPEST: Final = 32
-"""Levels of brackets or dotted keys in a JSON or TOML text."""
+"""The largest number of nested brackets or dotted keys in JSON or TOML."""
 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+")
 _NOT_FINITE: Final = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _MOST_DIGITS: Final = 40
 _OPEN, _CLOSED = "[{", "]}"
-# a string that does not end runs to the end of the text, or of its line: no second way to match, so no quadratic time
+# an unterminated string matches up to the end of the text or line, in one way only: no quadratic time
 _JSON_MARK: Final = re.compile(r'"(?:[^"\\]|\\.)*+"?+|[\[{]|[\]}]', re.DOTALL)
 _TOML_TOKEN: Final = re.compile(
     r'"""(?:[^"\\]|\\.|"(?!""))*+(?:""")?+' + r"|'''(?:[^']|'(?!''))*+(?:''')?+"
@@ -34,12 +34,12 @@ _UNDERSCORED: Final = re.compile(r"[+-]?[0-9][0-9a-fA-Fxob.eE+-]*_[0-9a-fA-F_.eE
 
 
 def to_float(text: str) -> float:
-    """Return the number that a text is, ``nan`` and ``inf`` among them.
+    """Return the number in a text, including ``nan`` and ``inf``.
 
     Raises
     ------
     ValueError
-        If it is none: ASCII digits with a decimal point and an exponent are expected.
+        If it is not a number: ASCII digits, optionally with a decimal point and an exponent, are expected.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def to_float(text: str) -> float:
 
 
 def is_whole(text: str) -> bool:
-    """Return whether a text is a whole number without sign, in ASCII digits, that is no longer than any real one.
+    """Return whether a text is an unsigned whole number in ASCII digits, of plausible length.
 
     Examples
     --------
@@ -69,8 +69,8 @@ def parse_json(data: bytes) -> Any:
     Raises
     ------
     ValueError
-        If it is not UTF-8 or JSON, is nested deeper than `DEEPEST`, says a key twice, or holds a number that is not
-        finite or too long.
+        If the text is not UTF-8 or JSON, is nested deeper than `DEEPEST`, repeats a key, or contains a number that is
+        not finite or too long.
     """
     text = data.decode("utf-8")
     depth = 0
@@ -84,7 +84,7 @@ def parse_json(data: bytes) -> Any:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ValueError("holds a key twice")
+        raise ValueError("repeats a key")
     return found
 
 
@@ -102,13 +102,13 @@ def _int(text: str) -> int:
 
 
 def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
-    """Return the tables of a TOML text; `path` stands in messages.
+    """Return the content of a TOML text; `path` is used in messages.
 
     Raises
     ------
     FileError
-        If it is not TOML, is nested deeper than `DEEPEST`, or a number has underscores or too many digits; with the
-        line.
+        If the text is not TOML, is nested deeper than `DEEPEST`, or has a number with underscores or too many digits;
+        with the line.
     """
     _check_toml(text, path)
     try:
@@ -120,16 +120,16 @@ def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
 
 
 def _check_toml(text: str, path: str | Path) -> None:
-    """Refuse what tomllib reads differently than people, or reads in unbounded time."""
+    """Refuse text that tomllib reads differently than people do, or in unbounded time."""
     depth, dots, line = 0, 0, 1
     for match in _TOML_TOKEN.finditer(text):
         token = match[0]
         depth = max(0, depth + (token in _OPEN) - (token in _CLOSED))
         dots = 0 if token in "[]{},=\n" else dots + (token.count(".") if token[0] not in "\"'#" else 0)
         if depth > DEEPEST or dots > DEEPEST:
-            raise FileError(path, f"is not TOML that is read here: nested more than {DEEPEST} deep", line=line)
+            raise FileError(path, f"is nested more than {DEEPEST} deep; simplify the TOML", line=line)
         if _UNDERSCORED.fullmatch(token) and not re.match(r"[ \t]*+=", text[match.end() : match.end() + 80]):
             raise FileError(path, f"{token[:_MOST_DIGITS]} is not a number; write it without underscores", line=line)
         if len(token) > _MOST_DIGITS and _NUMBER.fullmatch(token):
-            raise FileError(path, f"a number has {len(token)} characters, at most {_MOST_DIGITS} are read", line=line)
+            raise FileError(path, f"a number has {len(token)} characters, expected at most {_MOST_DIGITS}", line=line)
         line += token.count("\n")

@@ -1,4 +1,4 @@
-"""One self-contained page about a map: what was measured, what was found, what was corrected."""
+"""The report of an error map: one self-contained page or a PDF."""
 
 from truepose.report.page import write_report
 

@@ -108,6 +108,8 @@ def _directions(part: StudyPart, say: Locale) -> str:
     if part.directional is None:
         return say("finding.directions_flat")
     ranges = part.directional.practical_ranges
+    if all(a > extent for a, extent in zip(ranges, part.extent.tolist(), strict=True)):
+        return say("finding.directions_beyond")
     listed = say("finding.list").join(
         say("finding.range" if a <= extent else "finding.range_beyond", axis=axis, range=a, unit=part.unit)
         for axis, a, extent in zip(part.axes, ranges, part.extent.tolist(), strict=True)

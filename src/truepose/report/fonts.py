@@ -1,4 +1,4 @@
-"""The font that comes with the report: figures are drawn with it, and pages carry its Chinese characters."""
+"""The font of the report, used in figures and embedded in pages for Chinese characters."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Final
 
 FAMILY: Final = "Truepose Sans"
-_FIRST_CHINESE: Final = 0x2E80  # where the blocks of Chinese characters and punctuation start
+_FIRST_CHINESE: Final = 0x2E80  # start of the Chinese characters and punctuation
 
 
 def folder() -> Path:
-    """Return the folder that holds the font."""
+    """Return the folder of the font."""
     return Path(str(resources.files("truepose.report").joinpath("fonts")))
 
 
 @cache
 def use_in_figures() -> list[str]:
-    """Make the font known to matplotlib, and return the families to draw text with."""
+    """Register the font with matplotlib and return the font families of figures."""
     from matplotlib import font_manager
 
     font_manager.fontManager.addfont(_path())
@@ -30,7 +30,7 @@ def use_in_figures() -> list[str]:
 
 @cache
 def characters() -> frozenset[str]:
-    """Return the characters that the font has."""
+    """Return the characters of the font."""
     from fontTools.ttLib import TTFont
 
     with TTFont(_path(), lazy=True) as font:
@@ -38,7 +38,7 @@ def characters() -> frozenset[str]:
 
 
 def embedded(text: str) -> str:
-    """Return a font with the Chinese characters of a text, as base64 of WOFF; nothing when there are none."""
+    """Return a font with the Chinese characters of a text, as WOFF in base64; empty without such characters."""
     from fontTools import subset
 
     wanted = "".join(sorted(set(_chinese(text)) & characters()))

@@ -1,7 +1,7 @@
-"""Joint-wise similarity: how alike the errors of one joint at two of its angles are (theory, similarity, (10)).
+"""Joint-wise similarity: semivariograms of each joint's own error over its angle (theory (10)).
 
-What a joint's own error does is not seen by itself, so it is taken from kinematic Kriging: its variance s_j² and its
-range l_j, by restricted likelihood, and the curve that the samples tell. Drawn as semivariograms in mrad² over degrees.
+A joint's own error cannot be measured alone. Kinematic Kriging estimates its variance s_j² and range l_j by restricted
+likelihood, and the error curve itself.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ LAGS: Final = 61
 
 @dataclass(frozen=True, eq=False)
 class JointSimilarity:
-    """Semivariogram of one joint's own error; m lags.
+    """The semivariogram of one joint's own error; m lags.
 
     Attributes
     ----------
     joint : int
-        Counted from 0.
+        The joint, from 0.
     model : VariogramModel
-        Of the error [mrad²] over the chord between two angles.
+        The model of the error [mrad²] over the chord between two angles.
     lag : (m,) array [rad]
-        Angle between two positions of the joint.
+        The angle between two positions of the joint.
     found : (m,) array [mrad²]
-        Semivariance of the curve that the samples tell, smoother than the error itself.
+        The semivariance of the estimated curve, which is smoother than the error itself.
     """
 
     joint: int
@@ -44,17 +44,17 @@ class JointSimilarity:
 
     @property
     def semivariance(self) -> FloatArray:
-        """γ_j(Δ) [mrad²] of the model, (m,)."""
+        """The semivariance γ_j(Δ) of the model, (m,) [mrad²]."""
         return self.model.semivariance(2 * np.sin(self.lag / 2))
 
     @property
     def std_mrad(self) -> float:
-        """Standard deviation of the joint's own error [mrad]."""
+        """The standard deviation of the joint's own error [mrad]."""
         return float(np.sqrt(self.model.sill))
 
     @property
     def reach(self) -> float:
-        """Angle at which two positions have little to do with each other (95 % of the sill) [rad]."""
+        """The angle at which the semivariance reaches 95 % of the sill [rad]."""
         return float(2 * np.arcsin(min(self.model.practical_range / 2, 1.0)))
 
     def to_dict(self) -> dict[str, Any]:
@@ -70,12 +70,12 @@ class JointSimilarity:
 
 
 def joint_similarity(error_map: ErrorMap) -> list[JointSimilarity]:
-    """Return the similarity of each joint that a kinematic map has an error of its own for.
+    """Return the similarity of each joint's own error.
 
     Parameters
     ----------
     error_map : ErrorMap
-        With the predictor kinematic-kriging.
+        A map with the predictor kinematic-kriging.
 
     Raises
     ------
@@ -84,9 +84,7 @@ def joint_similarity(error_map: ErrorMap) -> list[JointSimilarity]:
     """
     predictor = error_map.predictor
     if not isinstance(predictor, KinematicKriging):
-        raise DataError(
-            f"joint-wise similarity comes from kinematic-kriging, but the map has {error_map.predictor_name}; fit that"
-        )
+        raise DataError(f"joint-wise similarity requires a map with kinematic-kriging, got {error_map.predictor_name}")
     hyper = predictor.hyper_
     return [
         JointSimilarity(
@@ -99,7 +97,7 @@ def joint_similarity(error_map: ErrorMap) -> list[JointSimilarity]:
 
 
 def _of_curve(angle: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return lags up to 60°, or half the curve, and the semivariance of a curve at equally spaced angles."""
+    """Return the lags, up to 60° or half the curve, and the semivariance of a curve at equally spaced angles."""
     step = float(angle[1] - angle[0])
     most = max(2, min(int(FARTHEST / step), len(angle) // 2) + 1)
     shifts = np.unique(np.linspace(0, most - 1, min(most, LAGS)).astype(int))

@@ -15,7 +15,7 @@ from truepose.similarity.words import ENGLISH, Words
 
 LOCALES: Final = ("en", "de", "zh")
 MISSING: Final = "–"
-"""What stands where there is no number."""
+"""The text of a missing number."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class Locale:
     Attributes
     ----------
     name : str
-        Of `LOCALES`: the language tag.
+        The language tag, one of `LOCALES`.
     decimal : str
-        Decimal mark.
+        The decimal mark.
     fonts : tuple of str
-        Families of the PDF's text, first choice first.
+        The font families of the PDF's text, in order of preference.
     texts : mapping of str to str
-        By ``section.key``, with values in braces as `str.format` has them.
+        The texts by ``section.key``, with fields of `str.format`.
 
     Examples
     --------
@@ -48,16 +48,16 @@ class Locale:
     texts: Mapping[str, str]
 
     def __call__(self, key: str, /, **values: float | str) -> str:
-        """Return the text of a key with its values put in."""
+        """Return the text of a key with its values."""
         put_in = {name: _Number(v, self.decimal) if isinstance(v, float) else v for name, v in values.items()}
         return self.texts[key].format(**put_in)
 
     def number(self, value: float | None, form: str) -> str:
-        """Return a number in a form of `format`; a dash where there is none."""
+        """Return a number in a format of `format`; a dash for None."""
         return MISSING if value is None else format(_Number(value, self.decimal), form)
 
     def words(self, section: str) -> Words:
-        """Return what gives the texts of one section by their keys."""
+        """Return a function that gives the texts of one section by key."""
 
         def words(key: str, /, **values: float | str) -> str:
             return self(f"{section}.{key}", **values)
@@ -75,7 +75,7 @@ def load_locale(name: str) -> Locale:
         If there is no such language.
     """
     if name not in LOCALES:
-        raise DataError(f"no locale {name!r}; there are {', '.join(LOCALES)}")
+        raise DataError(f"expected a locale of {', '.join(LOCALES)}; got {name!r}")
     file = resources.files("truepose.report").joinpath("templates", "locales", f"{name}.toml")
     text = file.read_text(encoding="utf-8")
     sections = {"similarity": ENGLISH} | tomllib.loads(text) if name == "en" else tomllib.loads(text)
@@ -85,7 +85,7 @@ def load_locale(name: str) -> Locale:
 
 
 class _Number(float):
-    """A number whose text has a language's decimal mark and a true minus sign."""
+    """A number whose text has the decimal mark of a language and a true minus sign."""
 
     _decimal: str
 

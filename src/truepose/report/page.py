@@ -1,4 +1,4 @@
-"""A report to a file: one HTML page that asks for nothing, or a PDF. Both lay out the same document."""
+"""Write a report as one self-contained HTML page or as a PDF; both show the same document."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def write_report(
     """
     ending, say = Path(path).suffix.lower(), load_locale(locale)
     if ending not in _ENDINGS:
-        raise FileError(path, f"ends in {ending or 'nothing'!r}; name a .html or a .pdf file")
+        raise FileError(path, f"expected a name that ends in .html or .pdf, got {ending or 'no ending'}")
     if ending == ".pdf":
         _typst(path)
     evidence: Evidence = gather(error_map, held_out, sidecars=sidecars, study=study, date=date)
@@ -79,7 +79,7 @@ def write_report(
 
 
 def to_html(made: Document) -> str:
-    """Return a document as one page: nothing is loaded from elsewhere, and Chinese characters bring their font."""
+    """Return a document as one page that loads nothing; fonts for Chinese characters are embedded."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -95,16 +95,16 @@ def to_html(made: Document) -> str:
 
 
 def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> bytes:
-    """Return a document as PDF; `path` is named in the errors.
+    """Return a document as PDF; `path` is used in messages.
 
     Raises
     ------
     FileError
-        If typst is not installed, or no font on this machine has a character of a name in the report.
+        If typst is not installed, or no installed font has a character of the report.
 
     Notes
     -----
-    PDF/A-2u: made to be kept, with every font inside; it refuses a character that no font has.
+    The PDF is a PDF/A-2u for archiving, with all fonts embedded; a character without a font is an error.
     """
     typst = _typst(path)
 
@@ -121,16 +121,16 @@ def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> b
 
     try:
         return compiled(False)
-    except typst.TypstError:  # most likely a character that the report's own fonts do not have
+    except typst.TypstError:  # probably a character that the report's fonts lack
         try:
             return compiled(True)
         except typst.TypstError as error:
-            remedy = "install a font that has it, such as Noto Sans CJK, or write .html"
-            raise FileError(path, f"cannot be set: {' '.join(error.message.split())}; {remedy}") from None
+            remedy = "install a font with this character, such as Noto Sans CJK, or write .html"
+            raise FileError(path, f"cannot be typeset: {' '.join(error.message.split())}; {remedy}") from None
 
 
 def _themed(svg: str) -> str:
-    """Return a picture whose colours are the page's own, for light and dark."""
+    """Return a picture with the colours of the page, for its light and dark schemes."""
     for colour, name in COLOURS.items():
         svg = svg.replace(colour, f"var(--{name})")
     return svg

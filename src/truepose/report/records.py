@@ -1,4 +1,4 @@
-"""Records of corrected programs, as ``truepose correct`` writes them beside each, and what a report tells of them."""
+"""The records of corrected programs that ``truepose correct`` writes, and their section of the report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from truepose.report.document import Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
 _SHOWN: Final = 30
-"""Targets of a program that are listed one by one."""
+"""The number of targets of a program that are listed one by one."""
 _REASONS: Final = 12
 _COUNTS: Final = ("targets", "corrected", "clipped", "below_uncertainty", "skipped", "refused")
 _Numbers = tuple[float | None, float | None, float | None]
@@ -27,7 +27,7 @@ class _Part(BaseModel):
 
 
 class Summary(_Part):
-    """How many targets met what, and the largest figures [mm], where there are any."""
+    """The counts of the targets by verdict, and the largest correction and standard deviation [mm]."""
 
     targets: int
     corrected: int
@@ -40,7 +40,7 @@ class Summary(_Part):
 
 
 class ChangedFile(_Part):
-    """A file of the program and its hashes."""
+    """A file of the program, with its hashes before and after."""
 
     file: str
     sha256_before: str
@@ -48,7 +48,7 @@ class ChangedFile(_Part):
 
 
 class Target(_Part):
-    """What was done to one target; positions and corrections [mm] in its own frame."""
+    """The correction of one target; positions and corrections [mm] in its own frame."""
 
     name: str
     line: int
@@ -60,19 +60,19 @@ class Target(_Part):
 
     @property
     def touched(self) -> bool:
-        """Whether it was changed."""
+        """Whether the target was changed."""
         return self.verdict in ("correct", "clip")
 
 
 class Limit(_Part):
-    """A setting that held for a correction, and who stated it."""
+    """A limit of a correction, and its source."""
 
     value: float | str | None
     origin: str
 
 
 class Record(_Part):
-    """What was done to one program; see `read_record`."""
+    """The record of one corrected program; see `read_record`."""
 
     program: str
     map_sha256: str | None
@@ -87,22 +87,22 @@ class Record(_Part):
 
     @property
     def file(self) -> str:
-        """Name of the record's file."""
+        """The name of the record's file."""
         return self._path.name
 
     @property
     def sha256(self) -> str:
-        """Of the record's file."""
+        """The SHA-256 of the record's file."""
         return self._sha256
 
     @property
     def name(self) -> str:
-        """Name of the program's file, whatever system it was on."""
+        """The name of the program's file, on any operating system."""
         return _file_name(self.program)
 
     @property
     def hashes(self) -> list[tuple[str, str]]:
-        """Name and SHA-256 of each file that was changed, after the correction."""
+        """The name and the SHA-256 after the correction of each changed file."""
         return [(_file_name(f.file), f.sha256_after) for f in self.files if f.sha256_after != f.sha256_before]
 
 
@@ -112,7 +112,7 @@ def read_record(path: str | Path) -> Record:
     Raises
     ------
     FileError
-        If there is no such file, or it is no record.
+        If the file does not exist or is not a record.
     """
     data = files.read_bytes(path)
     try:
@@ -123,14 +123,14 @@ def read_record(path: str | Path) -> Record:
         raise FileError(
             path,
             f"is not the record of a corrected program ({where + ': ' if where else ''}{first['msg']}); "
-            "name the .json that 'truepose correct' wrote",
+            "name a .json file written by 'truepose correct'",
         ) from None
     record._path, record._sha256 = Path(path), hashlib.sha256(data).hexdigest()
     return record
 
 
 def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
-    """Return what was corrected in which program."""
+    """Return the section on corrected programs."""
     title = say("programs.title")
     if not records:
         return Section(title, [Text(say("programs.none"))])
@@ -176,7 +176,7 @@ def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
 
 
 def _limits(record: Record, say: Locale) -> list[Block]:
-    """Return the limits that held, with their origin; none for a record of an older version."""
+    """Return the limits of a correction with their sources; empty for a record of an older version."""
     columns = [say(f"programs.column_{key}") for key in ("setting", "value", "origin")]
     rows = [
         [key, limit.value if isinstance(limit.value, str) else say.number(limit.value, ".4g"), limit.origin]
@@ -186,7 +186,7 @@ def _limits(record: Record, say: Locale) -> list[Block]:
 
 
 def _targets(record: Record, say: Locale) -> list[Block]:
-    """Return the first targets that were corrected, one by one."""
+    """Return the table of the first corrected targets."""
     touched = [target for target in record.targets if target.touched]
     if not touched:
         return []

@@ -1,4 +1,4 @@
-"""What a map says over the work region: error and uncertainty on planes through its middle."""
+"""Predicted error and uncertainty on planes through the middle of the work region."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Plane:
     Attributes
     ----------
     i, j : int
-        The axes: 0, 1, 2 for x, y, z; along i the samples extend farther.
+        The axes, 0, 1, 2 for x, y, z; the samples extend farther along i.
     u, v : (m,) arrays [mm]
-        Coordinates along them.
+        The coordinates along the axes.
     error, std : (m, m) arrays [mm]
-        Length of the predicted error and of its standard deviation, rows along v; NaN out of reach.
+        The length of the predicted error and of its standard deviation, rows along v; NaN out of reach.
     """
 
     i: int
@@ -41,10 +41,10 @@ class Plane:
 
 
 def planes(error_map: ErrorMap) -> list[Plane]:
-    """Return predictions on the planes through the middle of the samples' box that the samples span.
+    """Return predictions on the coordinate planes through the middle of the samples' bounding box.
 
-    A map that predicts from joints is asked at those by which the robot reaches the points, with the tool held as at
-    the sample whose orientation is nearest to the mean of all; it gives nothing if the robot has no inverse kinematics.
+    A map that predicts from joints is evaluated at the joints that reach the points with the orientation of the sample
+    nearest to the mean orientation; the list is empty if the robot has no inverse kinematics.
     """
     low, high = error_map.p_cmd.min(axis=0), error_map.p_cmd.max(axis=0)
     extent = high - low

@@ -1,4 +1,4 @@
-"""Measurement files in: one file per layout behind one signature, recognition, and matching with a plan."""
+"""Read measurement files of known layouts and match them with a plan."""
 
 from truepose.trackers.columns import Columns
 from truepose.trackers.formats.joint_files import read_plan

@@ -1,8 +1,8 @@
-"""Which reading belongs to which row of a plan: by distances between points, with the order to decide between equals.
+"""Assign readings to the rows of a plan by distances between points; the order decides between equal candidates.
 
-A rigid motion takes readings to commanded positions up to the robot's errors (and those of an unknown tool). It is
-found from the order as given, or, where readings are missing or doubled, from short runs of rows whose mutual distances
-agree. Under it a reading belongs to a row when it lies within the gate, six times the median residual.
+A rigid motion transforms readings to commanded positions up to the errors of the robot (and of an unknown tool). It is
+found from the given order or, if readings are missing or repeated, from short runs of rows with equal mutual distances.
+A reading belongs to a row if it then lies within the gate, six times the median residual.
 """
 
 from __future__ import annotations
@@ -27,25 +27,27 @@ _SEEDS: Final = 12  # windows tried of each length
 _FLAT: Final = 0.05
 _ROUNDS: Final = 4
 _SLACK: Final = 3.0  # rows by which a gross reading may be out of place
-_IN_ORDER: Final = 0.8  # share of rows that fit as given, so that the order is believed
+_IN_ORDER: Final = 0.8  # share of rows that must fit in the given order for it to be accepted
 
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """What belongs together.
+    """The assignment of m readings to n plan rows.
 
     Attributes
     ----------
     reading : (n,) array of int
-        Index of the reading of each plan row, -1 where there is none.
+        The index of the reading of each plan row; -1 without one.
     owner : (m,) array of int
-        The plan row of each reading, repeats among them, -1 where there is none.
+        The plan row of each reading, including repeats; -1 without one.
     residual : (n,) array [mm]
-        Distance of that reading from the commanded position after registration; NaN where there is none.
+        The distance of the reading from the commanded position after registration; NaN without a reading.
     outlier : (n,) array of bool
-        Paired by the order: the reading lies outside the gate.
+        A mask of the rows whose reading lies outside the gate and was assigned by order.
     gate : float [mm]
+        The largest residual of a reading that is not an outlier.
     tf_base_tracker : (4, 4) array [mm]
+        The registration.
     """
 
     reading: IntArray
@@ -59,8 +61,8 @@ class Assignment:
 def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignment:
     """Assign readings (m, 3) [mm], tracker frame, to plan rows (n, 3) [mm], base frame.
 
-    Rows of `p_read` that are not finite are no readings; they keep their place in the order. Readings nearer than
-    `repeat_mm` to one that has a row are its repeats.
+    Rows of `p_read` that are not finite are missing readings; they keep their place in the order. Readings closer than
+    `repeat_mm` to an assigned one are its repeats.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignme
 
 
 def _start(p_plan: FloatArray, p_read: FloatArray, repeated: BoolArray) -> tuple[FloatArray, bool]:
-    """Return a first registration, and whether it took the order as given."""
+    """Return a first registration, and whether it uses the given order."""
     candidates: list[FloatArray] = []
     if len(p_plan) == len(p_read) and (registration := _register(p_plan, p_read, robust=True)) is not None:
         tf, residual = registration
@@ -108,7 +110,7 @@ def _start(p_plan: FloatArray, p_read: FloatArray, repeated: BoolArray) -> tuple
 
 
 def _register(p_plan: FloatArray, p_read: FloatArray, *, robust: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return the registration of rows in order and its residuals (k,) [mm]; None where they do not belong together."""
+    """Return the registration of rows in order and its residuals (k,) [mm]; None if they do not match."""
     there = _is_there(p_read)
     try:
         registration = register(p_plan[there], p_read[there], robust=robust)
@@ -118,7 +120,7 @@ def _register(p_plan: FloatArray, p_read: FloatArray, *, robust: bool) -> tuple[
 
 
 def _repeats_the_one_before(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> BoolArray:
-    """Return which readings repeat the one before; none where the plan itself repeats its rows."""
+    """Return a mask of the readings that repeat the previous one; empty if the plan itself repeats rows."""
     repeated = np.zeros(len(p_read), dtype=np.bool_)
     if np.linalg.norm(np.diff(p_plan, axis=0), axis=1).min() > 2 * repeat_mm:
         repeated[1:] = np.linalg.norm(np.diff(p_read, axis=0), axis=1) <= repeat_mm
@@ -137,7 +139,7 @@ def _is_there(p_read: FloatArray) -> BoolArray:
 
 
 def _from_windows(p_plan: FloatArray, p_read: FloatArray, width: int) -> list[FloatArray]:
-    """Return registrations from the runs of `width` rows whose distances agree best with a run of readings."""
+    """Return registrations from the runs of `width` rows whose distances agree best with those of a run of readings."""
     n, m = len(p_plan) - width + 1, len(p_read) - width + 1
     if n < 1 or m < 1:
         return []
@@ -169,7 +171,7 @@ def _from_windows(p_plan: FloatArray, p_read: FloatArray, width: int) -> list[Fl
 
 
 def _pair(p_plan: FloatArray, p_base: FloatArray, gate: float, in_order: bool) -> IntArray:
-    """Pair plan rows with readings inside the gate, as many as possible; between equals the order decides."""
+    """Assign as many readings within the gate as possible to plan rows; the order decides between equal candidates."""
     reading = np.full(len(p_plan), -1)
     if in_order:
         reading = np.where(np.linalg.norm(p_base - p_plan, axis=1) <= gate, np.arange(len(p_plan)), -1)
@@ -197,14 +199,14 @@ def _pair(p_plan: FloatArray, p_base: FloatArray, gate: float, in_order: bool) -
 
 
 def _expected(rows: IntArray, reading: IntArray, n_readings: int) -> FloatArray:
-    """Return where in the file the readings of some rows should stand, by those that are paired already."""
+    """Return the expected places in the file of the readings of rows, interpolated from the assigned ones."""
     paired = np.flatnonzero(reading >= 0)
-    in_order = np.sort(reading[paired])  # sorted: swapped rows do not bend the order
+    in_order = np.sort(reading[paired])  # sorted, so that swapped rows do not disturb the order
     return np.asarray(np.interp(rows, [-1, *paired, len(reading)], [-1, *in_order, n_readings]))
 
 
 def _find_repeats(reading: IntArray, p_read: FloatArray, repeat_mm: float) -> IntArray:
-    """Return the plan row of every reading, repeats among them: (m,), -1 where there is none."""
+    """Return the plan row of every reading including repeats, (m,); -1 without one."""
     owner = np.full(len(p_read), -1)
     rows = np.flatnonzero(reading >= 0)
     taken = reading[rows]
@@ -220,7 +222,7 @@ def _find_repeats(reading: IntArray, p_read: FloatArray, repeat_mm: float) -> In
 
 
 def _pair_by_order(reading: IntArray, owner: IntArray, p_plan: FloatArray, p_base: FloatArray) -> BoolArray:
-    """Give rows without a reading, in place, the nearest free one near their place in the order; return which."""
+    """Assign free readings near their place in the order to rows without one, in place; return a mask of these rows."""
     outlier = np.zeros(len(reading), dtype=np.bool_)
     empty, paired = np.flatnonzero(reading < 0), np.flatnonzero(reading >= 0)
     free = np.flatnonzero((owner < 0) & _is_there(p_base))

@@ -1,4 +1,4 @@
-"""Readings in columns: where each quantity stands, said once and saved, and the reader that all such layouts share."""
+"""Readings in columns: a description of the columns, which can be saved, and the reader of all such layouts."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ _DELIMITERS: Final = (";", ",", "\t", " ")
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Where the quantities of a table stand: by number, from 1, or by the header's name.
+    """The columns of the quantities in a table, by number from 1 or by the name in the header.
 
     Attributes
     ----------
     x, y, z : int or str
-        The position.
+        The columns of the position.
     name : int or str, optional
-        The name of each reading.
+        The column of the point name.
     time : int or str, optional
-        The time of each reading.
+        The column of the time.
     rotation : tuple, optional
-        Three columns of angles, or four of a quaternion w, x, y, z.
+        The three columns of angles, or the four of a quaternion w, x, y, z.
     std : tuple, optional
-        One column of a standard deviation for all axes, or three.
+        The column of a standard deviation for all axes, or three columns.
     unit, angle_unit : str
-        Of lengths (mm, m, cm, in) and of angles (deg, rad).
+        The units of lengths (mm, m, cm, in) and of angles (deg, rad, mrad).
     angles : str
-        Order of the angles as scipy's ``Rotation.from_euler`` takes it: ``"xyz"`` about fixed axes, ``"ZYX"`` KUKA's.
+        The order of the angles as in scipy's ``Rotation.from_euler``: ``"xyz"`` about fixed axes, ``"ZYX"`` for KUKA.
     std_factor : float
-        Standard deviation in one unit of the std columns: 0.5 for an expanded uncertainty U(95).
+        The standard deviation per unit of the std columns: 0.5 for an expanded uncertainty U(95).
     delimiter : str
-        ``";"``, ``","``, a tab or a blank (any number of blanks); found when empty.
+        The delimiter ``";"``, ``","``, a tab or a blank (any number of blanks); found automatically if empty.
     skip : int
-        Lines before the data, a header among them.
+        The number of lines before the data, including the header.
 
     Examples
     --------
@@ -87,19 +87,19 @@ class Columns:
 
     @classmethod
     def parse(cls, text: str) -> Columns:
-        """Return a mapping from ``x=4, y=5, z=6, unit=m``; several columns of one quantity as ``rotation=7:8:9``.
+        """Return the columns from a text: ``x=4, y=5, z=6, unit=m``; several columns as ``rotation=7:8:9``.
 
         Raises
         ------
         DataError
-            If a key is not known, or x, y or z is missing.
+            If a key is unknown, or x, y or z is missing.
         """
         pairs = [pair.partition("=") for pair in text.split(",") if pair.strip()]
         return cls.from_dict({key.strip(): _value(key.strip(), value.strip()) for key, _, value in pairs})
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Columns:
-        """Return a mapping from its values; see `parse` for the errors."""
+        """Return the columns from a dict; see `parse` for the errors."""
         known = [f.name for f in fields(cls)]
         if unknown := [key for key in values if key not in known]:
             raise DataError(f"columns: {unknown[0]!r} is not known; known are {', '.join(known)}")
@@ -110,12 +110,12 @@ class Columns:
 
     @classmethod
     def load(cls, path: str | Path) -> Columns:
-        """Read a mapping that `save` wrote.
+        """Read columns from a file of `save`.
 
         Raises
         ------
         FileError
-            If it cannot be read or is no mapping.
+            If the file cannot be read or is invalid.
         """
         try:
             return cls.from_dict(parse_toml(read_text(path, LARGEST_CONFIG), path))
@@ -125,7 +125,7 @@ class Columns:
             raise FileError(path, str(error)) from None
 
     def save(self, path: str | Path) -> None:
-        """Write the mapping as .toml."""
+        """Write the columns as .toml."""
         kept = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) not in (None, (), "")}
         write_atomic(path, "".join(f"{key} = {json.dumps(value)}\n" for key, value in kept.items()))
 
@@ -143,14 +143,14 @@ def _column(text: str) -> Column:
 
 
 def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
-    """Read a table by its mapping.
+    """Read a table with known columns.
 
-    Rows whose three coordinates are empty, not a number, or all zero are no readings (`Readings.missing`).
+    Rows whose three coordinates are empty, nan, or all zero count as missing (`Readings.missing`).
 
     Raises
     ------
     FileError
-        If a column is not there, or a field is no number or no date; with the line.
+        If a column is missing, or a field is not a number or a date; with the line.
     """
     table = parse(text, path, skip=columns.skip, delimiter=columns.delimiter, lenient=True)
     place = [_place(table, column) for column in (columns.x, columns.y, columns.z)]
@@ -197,7 +197,7 @@ def _place(table: TextTable, column: Column) -> int:
 
 
 def _blank_as_nan(table: TextTable, place: list[int]) -> TextTable:
-    """Return the table with nan where a row has none of the three coordinates."""
+    """Return the table with nan in rows where all columns of `place` are empty."""
     empty = (table.fields[:, place] == "").all(axis=1)
     if not empty.any():
         return table
@@ -212,7 +212,7 @@ def _filled(table: TextTable, columns: tuple[Column, ...]) -> FloatArray:
 
 
 def _rotation(table: TextTable, columns: Columns, missing: BoolArray) -> Rotation:
-    """Return the orientations; rows without a reading get the identity."""
+    """Return the orientations; the identity for rows without a reading."""
     values = _filled(table, columns.rotation)
     quaternion = len(columns.rotation) == 4
     absent = np.isnan(values).any(axis=1) | (quaternion & (values == 0.0).all(axis=1))

@@ -1,4 +1,4 @@
-"""From a measurement file and a plan to samples, with a summary of what was understood."""
+"""Import a measurement file with its plan: samples and a summary."""
 
 from __future__ import annotations
 
@@ -33,27 +33,29 @@ def import_readings(
     Parameters
     ----------
     path : str or Path
-        A file of any layout that `read_readings` knows.
+        The measurement file.
     plan : Poses
-        What was commanded. Without commanded positions these are computed from the joints, robot and tool of `cell`.
+        The commanded poses. Missing commanded positions are computed from the joints with robot and tool of `cell`.
     cell : Cell, optional
-        Where the plan has both, joints and commanded positions are compared on its robot.
+        The cell; its robot is used to compare joints with commanded positions.
     columns : Columns, optional
-        Where the quantities stand in a file of no known layout.
+        The columns of a file of unknown layout.
     reflectors, keep : optional
-        Several reflectors read at each pose; see `combine_reflectors`.
+        The reflectors read at each pose; see `combine_reflectors`.
     reorder, missing, two_stations : bool
-        See `match`.
+        The permissions of `match`.
 
     Returns
     -------
     samples : Samples
+        The samples in the order of the plan.
     summary : ImportSummary
+        The summary of the import.
 
     Raises
     ------
     FileError, DataError
-        See `read_readings`, `match` and `check_against`.
+        For the reasons of `read_readings`, `match` and `check_against`.
     """
     readings = read_readings(path, columns)
     if reflectors is not None:

@@ -1,4 +1,4 @@
-"""Readings and plan joined into samples: missing, doubled, swapped and gross readings are found and named."""
+"""Match readings with a plan; missing, repeated, swapped and gross readings are found and named."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from truepose.trackers.readings import Readings
 from truepose.trackers.station import describe_move
 
 _REPEAT_MM: Final = 1.0
-_FEWEST_REPEATS: Final = 5  # for a standard deviation that may be called one
+_FEWEST_REPEATS: Final = 5  # for an estimate of the standard deviation
 _UNITS: Final = {1e-3: "metres", 1 / 25.4: "inches", 0.1: "centimetres"}
 
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What an import understood, for people and for ``--json``.
+    """The summary of an import.
 
     Attributes
     ----------
     layout, unit, frame, source : str
-        What the file was recognised as and says of itself.
+        The layout, the unit of length, the frame and the path of the file.
     readings, plan, samples : int
-        Counts: readings in the file, rows of the plan, samples made of them.
+        The numbers of readings in the file, rows of the plan, and resulting samples.
     averaged : int
-        Readings that were a repeat of another and went into its mean.
+        The number of repeated readings, which were averaged.
     missing, reordered, outliers : tuple of int
-        Rows of the plan without a reading; read in another order; with a residual outside the gate (kept, but named).
+        The rows of the plan without a reading, read in another order, and with a residual outside the gate (kept).
     scatter_mm : float, optional
-        Standard deviation of repeats, per axis, pooled.
+        The pooled standard deviation of repeats per axis.
     median_mm, max_mm : float [mm]
-        Residuals after a rigid registration. The tool is not fitted here, so its error is part of them.
+        The residuals after a rigid registration, including the error of the tool, which is not fitted here.
     notes : tuple of str
-        What else was seen in the file.
+        Further sentences on the file.
     """
 
     layout: str
@@ -69,15 +69,13 @@ class ImportSummary:
         ]
         if self.averaged:
             scatter = (
-                ""
-                if self.scatter_mm is None
-                else f"; they scatter by {self.scatter_mm:.3g} mm (standard deviation per axis)"
+                "" if self.scatter_mm is None else f"; standard deviation of repeats {self.scatter_mm:.3g} mm per axis"
             )
             lines.append(f"{self.averaged} readings repeat another and were averaged with it{scatter}.")
         for rows, what in (
             (self.missing, "have no reading and were left out"),
-            (self.reordered, "were read in another order and put back"),
-            (self.outliers, "lie far from where the others put them; look at them"),
+            (self.reordered, "were read in another order and have been reordered"),
+            (self.outliers, "lie far from their expected positions; check them"),
         ):
             if rows:
                 lines.append(f"Rows {', '.join(map(str, rows))} {what}.")
@@ -96,42 +94,43 @@ def match(
     two_stations: bool = False,
     repeat_mm: float = _REPEAT_MM,
 ) -> tuple[Samples, ImportSummary]:
-    """Join readings with the plan that they were taken after.
+    """Match readings with the plan of their measurement.
 
     Parameters
     ----------
     readings : Readings
+        The readings.
     plan : Poses
-        With commanded positions.
+        The plan, with commanded positions.
     reorder : bool
-        Accept rows that were read in another order than planned.
+        Whether rows may have been read in another order than planned.
     missing : bool
-        Accept rows without a reading, and leave them out.
+        Whether rows may lack a reading; they are left out.
     two_stations : bool
-        Accept readings that seem to come from two stations.
+        Whether the readings may come from two tracker stations.
     repeat_mm : float [mm]
-        Readings nearer than this to another of the same row are repeats: averaged, and their scatter kept as `p_std`
-        where the file has none.
+        The largest distance of repeated readings of one row; they are averaged, and their standard deviation is kept
+        as `p_std` unless the file states one.
 
     Returns
     -------
     samples : Samples
-        In the order of the plan.
+        The samples in the order of the plan.
     summary : ImportSummary
-        What was understood on the way.
+        The summary of the import.
 
     Raises
     ------
     DataError
-        If readings are missing or swapped and that was not allowed, if some fit no row, or if the file does not fit the
-        plan at all; with the rows or lines.
+        If readings are missing or swapped without permission, if some match no row, or if the file does not match the
+        plan; with the rows or lines.
     """
     if plan.p_cmd is None:
         raise plan.error("has no commanded positions (x_cmd_mm …); compute them from the joints and the robot first")
     p_read = np.where(readings.missing[:, None], np.nan, readings.p)
     count = f"{int((~readings.missing).sum())} readings for {len(plan)} rows of the plan"
     if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
-        raise DataError(f"{readings.source}: {count}; at least 3 are needed to match them by distances")
+        raise DataError(f"{readings.source}: {count}; at least 3 are required to match them by distances")
     _refuse_other_units(readings, plan.p_cmd)
     move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
     _refuse_move(readings, move, two_stations)
@@ -184,12 +183,12 @@ def match(
 
 def _refuse_move(readings: Readings, move: str, allowed: bool) -> None:
     if move and not allowed:
-        remedy = "import the readings before it and those after it as two files, each with its rows of the plan"
-        raise DataError(f"{readings.source}: {move}; {remedy}, or allow two stations if something else changed there")
+        remedy = "import the readings before and after the move as two files, each with its rows of the plan"
+        raise DataError(f"{readings.source}: {move}; {remedy}, or allow two stations if the tracker did not move")
 
 
 def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:
-    """Refuse readings whose distances among each other are those of the plan in another unit."""
+    """Refuse readings whose mutual distances are those of the plan in another unit."""
     p = readings.p[~readings.missing]
     commanded, measured = (float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1))) for x in (p_cmd, p))
     for factor, unit in _UNITS.items():
@@ -199,18 +198,18 @@ def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:
 
 
 def _stranger(readings: Readings, plan: Poses, why: str) -> DataError:
-    """Return the error for readings that do not fit the plan."""
+    """Return the error for readings that do not match the plan."""
     count = int((~readings.missing).sum())
     if count >= 2 * len(plan) and count % len(plan) == 0:
         why = f"{count // len(plan)} for each row, and no repeats; several reflectors per pose?"
-        why += " Say where they sit on the tool, or which to keep"
+        why += " State their positions on the tool, or which to keep"
     else:
         why += "; is it this plan, in this order, and did the tracker stand still?"
     return DataError(f"{readings.source}: {count} readings for {len(plan)} rows of the plan: {why}")
 
 
 def _moved(found: Assignment) -> BoolArray:
-    """Return the rows read out of order: the fewest without which the rest is in order, and those swapped with them."""
+    """Return the rows read out of order: the smallest set whose removal restores the order, and their swap partners."""
     moved = np.zeros(len(found.reading), dtype=np.bool_)
     rows = np.flatnonzero((found.reading >= 0) & ~found.outlier)
     rank = np.argsort(np.argsort(found.reading[rows]))
@@ -237,7 +236,7 @@ def _longest_increasing(rank: IntArray) -> list[int]:
 
 
 def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: BoolArray) -> str:
-    """Say which rows were read out of order, on which lines; for two swapped, the residuals as read and exchanged."""
+    """Describe the rows read out of order with their lines; for two swapped rows, with the residuals of both orders."""
     assert plan.p_cmd is not None
     rows = np.flatnonzero(moved)
     lines = readings.lines(found.reading[rows])
@@ -250,7 +249,7 @@ def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: B
 
 
 def _join(readings: Readings, plan: Poses, owner: IntArray, rows: IntArray) -> tuple[Samples, float | None, int]:
-    """Average the readings of each plan row; return the samples, the pooled scatter and how many were repeats."""
+    """Average the readings of each plan row; return the samples, the pooled scatter and the number of repeats."""
     used = np.flatnonzero(owner >= 0)
     group = np.searchsorted(rows, owner[used])
     count = np.bincount(group, minlength=len(plan))
@@ -282,7 +281,7 @@ def _mean(values: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
 
 
 def _mean_rotation(rotation: Rotation, group: IntArray, count: IntArray) -> Rotation:
-    """Average quaternions of one sign: exact to second order in the scatter, which is far below a degree."""
+    """Average quaternions of equal sign: exact to second order in the scatter, which is far below a degree."""
     quaternion = rotation.as_quat()
     first = np.zeros((len(count), 4))
     first[group[::-1]] = quaternion[::-1]

@@ -1,4 +1,4 @@
-"""Several reflectors on one tool, read in turn at each pose: one of them kept, or all put together to a pose."""
+"""Several reflectors on one tool, read in turn at each pose: keep one of them, or combine all into a pose."""
 
 from __future__ import annotations
 
@@ -17,32 +17,33 @@ _SAME_MM: Final = 0.5  # distances between reflectors of a rigid tool
 
 
 def combine_reflectors(readings: Readings, reflectors: ArrayLike | int, *, keep: int | None = None) -> Readings:
-    """Return one reading for each pose.
+    """Return one reading per pose from readings of several reflectors.
 
-    Where the readings are named 1, 2, 3, 1, 2, 3 … a pose begins where the names begin again, so that single readings
-    may be missing; otherwise the readings of a pose are as many as there are reflectors.
+    If the readings are named 1, 2, 3, 1, 2, 3 …, a new pose begins where the names restart, and single readings may be
+    missing; otherwise every pose has one reading per reflector.
 
     Parameters
     ----------
     readings : Readings
+        The readings of all reflectors.
     reflectors : (m, 3) array [mm], tool frame, or int
-        Where the reflectors sit on the tool, in the order of reading: readings are poses of the tool then. A number
-        when that is not known; one is kept then.
+        The positions of the reflectors on the tool in the order of reading, which give poses of the tool; or their
+        number, if only one is kept.
     keep : int, optional
-        Keep this reflector, from 1, alone.
+        The number of the one reflector to keep, from 1.
 
     Raises
     ------
     DataError
-        If the number of readings does not fit, positions on the tool are on a line, or distances between reflectors
-        are not those on the tool.
+        If the number of readings is wrong, the positions on the tool are collinear, or the measured distances between
+        reflectors differ from those on the tool.
     """
     on_tool = None if isinstance(reflectors, int) else np.atleast_2d(np.asarray(reflectors, dtype=np.float64))
     count = reflectors if isinstance(reflectors, int) else len(np.atleast_2d(reflectors))
     places = _places(readings, count)
     if on_tool is None or keep is not None:
         if keep is None or not 1 <= keep <= count:
-            message = f"{count} reflectors; say which to keep (1 to {count}), or where they sit on the tool"
+            message = f"{count} reflectors; state which to keep (1 to {count}), or their positions on the tool"
             raise DataError(f"{readings.source}: {message}")
         return _pick(readings, places[:, keep - 1])
     if on_tool.shape != (count, 3) or np.linalg.matrix_rank(on_tool - on_tool.mean(axis=0), tol=1.0) < 2:
@@ -58,16 +59,16 @@ def combine_reflectors(readings: Readings, reflectors: ArrayLike | int, *, keep:
     turn[whole] = rotation.as_quat()
     first = _pick(readings, places.max(axis=1))
     lost = int((~whole).sum())
-    note = f"Each pose is put together from {count} reflectors" + (f"; {lost} poses lack one." if lost else ".")
+    note = f"Each pose is combined from {count} reflectors" + (f"; {lost} poses lack one." if lost else ".")
     return replace(first, p=origin, p_std=None, rotation=Rotation.from_quat(turn), notes=(*readings.notes, note))
 
 
 def _places(readings: Readings, count: int) -> IntArray:
-    """Return the places of the readings of each pose, (poses, count); -1 where one is missing."""
+    """Return the indices of the readings of each pose, (poses, count); -1 for a missing one."""
     cycle = _cycle(readings.name, count)
     if cycle is None:
         if len(readings) % count:
-            message = f"{len(readings)} readings are no multiple of {count} reflectors"
+            message = f"{len(readings)} readings are not a multiple of {count} reflectors"
             raise DataError(f"{readings.source}: {message}; put rows of zeros where one is missing")
         return np.arange(len(readings)).reshape(-1, count)
     pose = np.cumsum(np.diff(cycle, prepend=count) <= 0) - 1
@@ -77,7 +78,7 @@ def _places(readings: Readings, count: int) -> IntArray:
 
 
 def _cycle(names: NDArray[np.str_] | None, count: int) -> IntArray | None:
-    """Return which reflector each reading is of, by names that are no more than there are reflectors."""
+    """Return the reflector of each reading by name; None unless there are as many names as reflectors."""
     if names is None:
         return None
     found, which = np.unique(names, return_inverse=True)
@@ -88,13 +89,13 @@ def _cycle(names: NDArray[np.str_] | None, count: int) -> IntArray | None:
 
 
 def _pick(readings: Readings, place: IntArray) -> Readings:
-    """Return readings by their places, those at -1 as missing."""
+    """Return the readings at some indices; -1 gives a missing one."""
     picked = readings[np.maximum(place, 0)]
     return replace(picked, p=np.where(place[:, None] < 0, np.nan, picked.p))
 
 
 def _check_distances(readings: Readings, places: IntArray, p: FloatArray, on_tool: FloatArray) -> None:
-    """Refuse readings whose distances are not those on the tool: another order, another tool, a gross reading."""
+    """Refuse readings whose mutual distances differ from those on the tool: another order or tool, a gross reading."""
     pairs = np.triu_indices(len(on_tool), k=1)
     stated = np.linalg.norm(on_tool[pairs[0]] - on_tool[pairs[1]], axis=1)
     read = np.linalg.norm(p[:, pairs[0]] - p[:, pairs[1]], axis=2)
@@ -104,13 +105,11 @@ def _check_distances(readings: Readings, places: IntArray, p: FloatArray, on_too
         return
     if wrong.mean() > 0.5:
         seen, expected = (", ".join(f"{value:.1f}" for value in values) for values in (np.median(read, axis=0), stated))
-        message = (
-            f"reflectors lie {seen} mm from each other, on the tool {expected} mm; another order, or another tool?"
-        )
+        message = f"measured distances between reflectors are {seen} mm, expected {expected} mm; another order or tool?"
         raise DataError(f"{readings.source}: {message}")
     lines = readings.lines(places[wrong].min(axis=1))
-    message = f"poses from {lines} on have reflectors up to {off.max():.3g} mm from where the tool has them"
-    raise DataError(f"{readings.source}: {message}; a swapped or gross reading: correct it, or put zeros in its place")
+    message = f"distances between reflectors are wrong by up to {off.max():.3g} mm in the poses that start at {lines}"
+    raise DataError(f"{readings.source}: {message}; correct the swapped or gross reading, or replace it by zeros")
 
 
 def fit_rigid(p_body: FloatArray, p: FloatArray) -> tuple[FloatArray, Rotation]:
@@ -118,16 +117,17 @@ def fit_rigid(p_body: FloatArray, p: FloatArray) -> tuple[FloatArray, Rotation]:
 
     Parameters
     ----------
-    p_body : (m, 3) array [mm]
-        The points in the body's frame, m ≥ 3, not on a line.
+    p_body : (m, 3) array [mm], body frame
+        The points on the body, m ≥ 3, not collinear.
     p : (n, m, 3) array [mm]
-        The same points, read at n poses.
+        The same points, measured at n poses.
 
     Returns
     -------
     origin : (n, 3) array [mm]
-        Where the body's origin is.
+        The origin of the body frame at each pose.
     rotation : Rotation of length n
+        The orientation of the body at each pose.
     """
     centre_body, centre = p_body.mean(axis=0), p.mean(axis=1)
     u, _, vt = np.linalg.svd(np.einsum("mi,nmj->nij", p_body - centre_body, p - centre[:, None]))

@@ -1,4 +1,4 @@
-"""Whether the tracker stood still: where two rigid registrations, before and after a reading, fit better than one."""
+"""Detect a moved tracker: two rigid registrations, before and after a reading, fit better than one."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from truepose.trackers.readings import Readings
 
 _FEWEST: Final = 8  # readings on either side
 _BETTER: Final = 0.8  # of the RMS residual of one registration, per degree of freedom
-_THAN_SPACE: Final = 0.8  # of what the best cut through the work region leaves: an arm's errors look alike nearby
-_MOST: Final = 0.7  # of what one registration does not explain
-_BEYOND_DOUBT: Final = 0.25  # no arm's errors look as much like a move
+_THAN_SPACE: Final = 0.8  # of the residual of the best cut through the work region: an arm's errors are similar nearby
+_MOST: Final = 0.7  # share of the unexplained readings that a second registration must explain
+_BEYOND_DOUBT: Final = 0.25  # no arm's errors resemble a move this much
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Move:
     Attributes
     ----------
     at : int
-        The first reading after it.
+        The first reading after the move.
     shift_mm, turn_deg : float
-        By how much the readings' centre was displaced, and how far they were turned.
+        The displacement of the readings' centre, and the angle of rotation.
     one_mm, two_mm : float
-        RMS residual of one registration, and of two.
+        The RMS residual of one registration, and of two.
     """
 
     at: int
@@ -45,15 +45,15 @@ class Move:
 
 
 def find_move(p_plan: FloatArray, p_read: FloatArray) -> Move | None:
-    """Return where the tracker was moved, if it was.
+    """Return the move of the tracker, or None if it did not move.
 
-    The cut with the least sum of squared residuals is compared with no cut, and with the best cuts of the same points
-    sorted along each axis: errors of an arm that are alike in each half of the work region are no move.
+    The cut with the smallest sum of squared residuals is compared with no cut, and with the best cuts of the points
+    sorted along each axis: arm errors that differ between two halves of the work region are not a move.
 
     Parameters
     ----------
     p_plan, p_read : (n, 3) arrays [mm]
-        Commanded positions and readings that belong together, in the order of reading.
+        The commanded positions and their readings, in the order of reading.
 
     Returns
     -------
@@ -87,19 +87,20 @@ def find_move(p_plan: FloatArray, p_read: FloatArray) -> Move | None:
 
 
 def describe_move(readings: Readings, plan: Poses, found: Assignment | None, repeat_mm: float) -> str:
-    """Say where the readings begin to come from another station, and by how much; "" if they come from one.
+    """Describe a move of the tracker; return "" if there is none.
 
-    A change of the load on the robot, as the plan tells it, is no move.
+    A change of the payload by the plan does not count as a move.
 
     Parameters
     ----------
     readings : Readings
+        The readings.
     plan : Poses
-        With commanded positions.
+        The plan, with commanded positions.
     found : Assignment, optional
-        What belongs together under one registration; without it a reading belongs to the row of its place.
+        The assignment by one registration; without it, readings belong to the rows in order.
     repeat_mm : float [mm]
-        See `assign`.
+        The largest distance of repeats, see `assign`.
     """
     assert plan.p_cmd is not None
     if found is None:
@@ -122,7 +123,7 @@ def _load_changes(plan: Poses, rows: IntArray, at: int) -> bool:
 
 
 def _with_second_station(readings: Readings, p_plan: FloatArray, found: Assignment, repeat_mm: float) -> Assignment:
-    """Return the assignment completed by what fits under a registration of its own, if most of the rest does."""
+    """Return the assignment with the rest added, if most of it fits a second registration."""
     rows = np.flatnonzero((found.reading < 0) | found.outlier)
     places = np.flatnonzero(((found.owner < 0) | np.isin(found.owner, rows)) & ~readings.missing)
     if min(len(rows), len(places)) < _FEWEST:

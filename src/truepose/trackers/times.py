@@ -1,4 +1,4 @@
-"""Time stamps as vendors, loggers and spreadsheets write them: seconds since 1970, by the clock of the file."""
+"""Time stamps of vendors, loggers and spreadsheets as seconds since 1970, by the clock of the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
 EPOCH: Final = datetime(2025, 3, 7, 9, 15, 2, tzinfo=UTC).timestamp()
-"""Where exported files put the time 0 of a virtual cell."""
+"""The time 0 of a virtual cell in exported files."""
 
 _FORMS: Final = (
     "%m/%d/%y %H:%M:%S",
@@ -35,14 +35,14 @@ _ROUNDED: Final = re.compile(r"[0-9][.,][0-9]{0,6}[eE]\+[0-9]+")
 
 
 def seconds(text: str, path: str | Path, line: int) -> float:
-    """Return a date, or a number of seconds, in seconds since 1970.
+    """Return a date or a number of seconds as seconds since 1970.
 
-    Slashes are month/day/year (US), dots day.month.year, hyphens year-month-day; an apostrophe before it is dropped.
+    Slashes are month/day/year (US), dots day.month.year, hyphens year-month-day; a leading apostrophe is ignored.
 
     Raises
     ------
     FileError
-        If it is none of these.
+        If the text is neither.
     """
     bare = text.strip().lstrip("'").replace("T", " ", 1)
     for form in _FORMS if bare.isascii() else ():
@@ -58,7 +58,7 @@ def seconds(text: str, path: str | Path, line: int) -> float:
 
 
 def column_seconds(texts: Sequence[str], lines: IntArray, path: str | Path) -> FloatArray | None:
-    """Return a column of time stamps (n,) [s]; None when a spreadsheet rounded them to a few digits (``2,02E+13``)."""
+    """Return a column of time stamps (n,) [s]; None if a spreadsheet rounded them to a few digits (``2,02E+13``)."""
     if any(_ROUNDED.fullmatch(text.strip()) for text in texts):
         return None
     return np.array([seconds(text, path, int(line)) for text, line in zip(texts, lines, strict=True)])

@@ -1,4 +1,4 @@
-"""Figures of semivariograms."""
+"""Pictures: semivariograms, and the figures of report, explain and similarity."""
 
 from truepose.report.plots.similarity import draw_variogram, plot_variogram
 

@@ -1,6 +1,6 @@
-"""Pictures of the report, as SVG text; every character in them is a shape, so that no font can be missing.
+"""Pictures of the report as SVG, with text as shapes so that no font can be missing.
 
-The colours are those of `COLOURS`: a page puts its own for light and dark in their place.
+A page replaces the colours of `COLOURS` by its own, for its light and dark schemes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from truepose.report.study import StudyPart
 
 INK: Final = "#1c2430"
 WIDTH: Final = 9.0
-"""Of a picture as wide as the page [in]; fonts are sized for it."""
+"""The width of a picture that fills the page [in]."""
 
 BEFORE: Final = "#c2562d"
 AFTER: Final = "#1f77a4"
@@ -39,7 +39,7 @@ COLOURS: Final = {
     plot.THEORY: "theory",
     plot.QUIET: "soft",
 }
-"""Colours of the pictures, and what a page calls each."""
+"""The colours of the pictures, and their names in a page."""
 
 _CROSS: Final = "#303030"  # on a filled map, light or dark
 _NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # the same bytes each time
@@ -47,14 +47,16 @@ _INKED: Final = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color
 
 
 def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Locale) -> str:
-    """Draw errors as arrows where they arise, before and after, magnified alike.
+    """Draw the error vectors before and after at their positions, with equal magnification.
 
     Parameters
     ----------
     p : (n, 3) array [mm], base frame
-        Commanded positions.
+        The commanded positions.
     before, after : (n, 3) arrays [mm], base frame
+        The errors before and after correction.
     say : Locale
+        The language.
     """
     largest = float(np.linalg.norm(before, axis=1).max())
     extent = float(np.ptp(p, axis=0).max())
@@ -78,7 +80,7 @@ def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Loca
 
 
 def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
-    """Draw the lengths of errors (n, 3) [mm] before and after."""
+    """Draw a histogram of the lengths of errors (n, 3) [mm] before and after."""
     lengths = [np.linalg.norm(e, axis=1) for e in (before, after)]
     edges = np.linspace(0.0, max(float(length.max()) for length in lengths) or 1.0, 31)
     with mpl.rc_context(_style()):
@@ -107,14 +109,16 @@ def variogram(part: StudyPart, say: Locale) -> str:
 
 
 def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
-    """Draw predicted error above and its standard deviation below, and where poses were measured.
+    """Draw the predicted error (top), its standard deviation (bottom), and the measured poses.
 
     Parameters
     ----------
     planes : sequence of Plane
+        The predictions.
     p : (n, 3) array [mm], base frame
-        Measured poses.
+        The positions of the measured poses.
     say : Locale
+        The language.
     """
     with mpl.rc_context(_style()):
         widths = [float(np.ptp(plane.u)) for plane in planes]
@@ -154,7 +158,7 @@ def _style() -> dict[Any, Any]:
 
 
 def _ticks(say: Locale) -> ScalarFormatter:
-    """Return a formatter that writes the language's decimal mark."""
+    """Return a formatter with the decimal mark of the language."""
 
     class Formatter(ScalarFormatter):
         def __call__(self, x: float, pos: int | None = None) -> str:

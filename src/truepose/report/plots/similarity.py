@@ -1,4 +1,4 @@
-"""A picture of the semivariogram: points, fitted model, permutation band, practical range."""
+"""Pictures of semivariograms: points, fitted model, permutation band, practical range."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def plot_variogram(
     residual: ExperimentalVariogram | None = None,
     words: Words = english,
 ) -> Figure:
-    """Return a figure of an experimental variogram, with its model and its permutation band where given.
+    """Return a figure of an experimental variogram, optionally with its model and permutation band.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def draw_variogram(
     residual: ExperimentalVariogram | None = None,
     words: Words = english,
 ) -> None:
-    """Draw what `plot_variogram` shows on axes that the caller has."""
+    """Draw the content of `plot_variogram` on given axes."""
     gamma = ev.vector if component is None else ev.semivariance[:, component]
     if envelope is not None:
         _draw_band(axes, ev, envelope, component, words)

@@ -1,1 +1,1 @@
-"""Layouts of measurement files, one module each."""
+"""The layouts of measurement files."""

@@ -1,4 +1,4 @@
-"""Plans as joints in a controller's own words: RAPID jointtarget, KRL E6AXIS, UR lists in radians, spreadsheets."""
+"""Plans as joint targets: RAPID jointtarget, KRL E6AXIS, UR lists in radians, spreadsheets."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _SURELY_DEGREES: Final = 4.0 * np.pi
 
 
 def read_plan(path: str | Path) -> Poses:
-    """Read what was commanded: plan.csv (the tidy table), or joints as a controller or a spreadsheet writes them.
+    """Read a plan: plan.csv (the tidy table), or joint targets of a controller or a spreadsheet.
 
     Raises
     ------
     FileError
-        If it is none of these; with the line.
+        If the file is not a plan; with the line.
     DataError
-        If the joints cannot be right; see `truepose.samples.check`.
+        If the joints are implausible; see `truepose.samples.check`.
     """
     text = decode(read_bytes(path), path)
     if _TIDY.search(first_row(text)):
@@ -52,7 +52,7 @@ def read_plan(path: str | Path) -> Poses:
 
 
 def _read_table(text: str, path: str | Path) -> Poses:
-    """Read columns j1 … with their unit."""
+    """Read columns j1_deg … or j1_rad …."""
     table = parse(text, path, lenient=True)
     found = {}
     for column, name in enumerate(table.header):
@@ -63,13 +63,13 @@ def _read_table(text: str, path: str | Path) -> Poses:
         known = (
             "plan.csv (q1_deg … or x_cmd_mm …), RAPID jointtarget, KRL E6AXIS, UR lists [j1, …, j6], columns j1_deg …"
         )
-        raise FileError(path, f"is no plan; known are {known}", line=table.header_line)
+        raise FileError(path, f"is not a plan; expected {known}", line=table.header_line)
     q = table.numbers([found[k][0] for k in sorted(found)])
     units = {unit for _, unit in found.values()}
     if units == {""} and np.abs(q).max() > _SURELY_DEGREES:
         units = {"deg"}
     if units not in ({"deg"}, {"rad"}):
-        raise FileError(path, "says no unit of the joints; write j1_deg … or j1_rad …", line=table.header_line)
+        raise FileError(path, "has no unit of the joints; write j1_deg … or j1_rad …", line=table.header_line)
     poses = Poses(q=np.deg2rad(q) if units == {"deg"} else q, source=str(path))
     check(poses)
     return poses
