@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -19,7 +19,9 @@ from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likeli
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, held_out
-from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Residual, Terms, take
+from truepose.predictors.kinematic.summary import JointCurve, joint_curve, parameter_table
+from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
+from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, unknown_rotations
 from truepose.robots import Robot
 
@@ -30,31 +32,8 @@ _FIRST: Final = 150  # samples for the comparison of starting points
 _SUBSET: Final = 350  # samples for the search for hyperparameters
 _ANCHORS: Final = 250  # samples that represent Z in a basis
 _FEWEST: Final = 6
-_SURPRISE: Final = 11.34  # squared standardised length above which a reading is weighed down; 1 % of good readings
 _ROUNDS: Final = 4
-_GROSS: Final = 0.1  # weight below which a reading is called gross
 _SETTLED: Final = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class JointCurve:
-    """The error of one joint as a function of its own angle.
-
-    Attributes
-    ----------
-    joint : int
-        The joint, counted from 0.
-    angle : (m,) array [rad]
-        The angles.
-    error, std : (m,) arrays [rad]
-        The error f_j and its standard deviation, without its constant and first harmonic over these angles, because
-        offset and eccentricity of the joint cannot be separated from geometry.
-    """
-
-    joint: int
-    angle: FloatArray
-    error: FloatArray
-    std: FloatArray
 
 
 class KinematicKriging(PosePredictor):
@@ -180,9 +159,9 @@ class KinematicKriging(PosePredictor):
         else:
             self._estimate(design)
         self._solve(X)
-        self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
+        self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
-        self.parameters_ = self._parameters()
+        self.parameters_ = parameter_table(self._form, self._terms, self.hyper_)
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
@@ -240,14 +219,14 @@ class KinematicKriging(PosePredictor):
         with self._blas():
             for _ in range(_ROUNDS if self.robust else 0):
                 self._form = self._solved(self._terms.at(self._x))
-                weight = self._weights()[fresh]
+                weight = robust_weights(*self._left_out_alone())[fresh]
                 change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_[fresh])).max()
                 self.weight_[fresh] = weight
                 if change < _SETTLED:
                     break
             self._solve(self._x)
-        self.gross_ = np.flatnonzero(self.weight_ < _GROSS)
-        self.parameters_ = self._parameters()
+        self.gross_ = np.flatnonzero(self.weight_ < GROSS)
+        self.parameters_ = parameter_table(self._form, self._terms, self.hyper_)
         return self
 
     def _check(self, X: FloatArray, e: FloatArray) -> None:
@@ -274,7 +253,7 @@ class KinematicKriging(PosePredictor):
         order = np.random.default_rng(self.random_state).permutation(n)
         start = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
         starts = spread_starts(start) if len(self.joints_) else [start]
-        self.weight_ = self._first_weights(design) if self.robust else np.ones(n)
+        self.weight_ = first_weights(design.drift, self._e) if self.robust else np.ones(n)
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
                 for size in (_FIRST, _SUBSET) if turn == 0 and n > _FIRST else (_SUBSET,):
@@ -285,7 +264,7 @@ class KinematicKriging(PosePredictor):
             self._form = self._solved(design, refining=turn == 0)
             if not self.robust:
                 return
-            weight = self._weights()
+            weight = robust_weights(*self._left_out_alone())
             change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_))
             self.weight_ = weight
             starts = [self.hyper_]
@@ -296,25 +275,6 @@ class KinematicKriging(PosePredictor):
         return Likelihood(
             self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self.weight_[rows]
         )
-
-    def _first_weights(self, design: Design) -> FloatArray:
-        """Return the weights for the first search: 0.0001 for readings that the drift does not explain, else 1."""
-        phi = design.drift.reshape(len(self._e) * 3, -1)
-        weight = np.ones(len(self._e))
-        for _ in range(10):
-            root = np.repeat(np.sqrt(weight), 3)
-            matrix = (phi * root[:, None]).T @ (phi * root[:, None]) / 0.2**2 + np.eye(phi.shape[1])
-            estimate = np.linalg.solve(matrix, (phi * root[:, None]).T @ (self._e.reshape(-1) * root) / 0.2**2)
-            size = np.linalg.norm((self._e.reshape(-1) - phi @ estimate).reshape(-1, 3), axis=1)
-            scale = np.median(size) / 1.538  # the median length of a standard normal vector in 3-D
-            weight = np.where(size > 6.0 * scale, 1e-4, 1.0)
-        return weight
-
-    def _weights(self) -> FloatArray:
-        """Return weights min(1, c²/z²) from leave-one-out residuals, z² without the weight itself."""
-        residual, clean = self._left_out_alone()
-        z_squared = np.einsum("na,na->n", residual, np.linalg.solve(clean, residual[..., None])[..., 0])
-        return np.asarray(np.minimum(_SURPRISE / np.maximum(z_squared, np.finfo(float).tiny), 1.0))
 
     def _left_out_alone(self) -> tuple[FloatArray, FloatArray]:
         """Return leave-one-out residuals and their covariances, each reading of full weight."""
@@ -435,17 +395,7 @@ class KinematicKriging(PosePredictor):
     def joint_curves(self, points: int = 181) -> list[JointCurve]:
         """Return the error curve of each visible joint over the sampled angles."""
         check_is_fitted(self)
-        curves = []
-        for i, j in enumerate(self.joints_):
-            sampled = self._form.design.q[:, j]
-            angle = np.linspace(sampled.min(), sampled.max(), points)
-            slow = np.linalg.qr(np.stack([np.ones(points), np.cos(angle), np.sin(angle)], axis=1))[0]
-            own = np.eye(points) - slow @ slow.T
-            error, covariance = self._form.joint_error(i, angle)
-            variance = np.einsum("ab,bc,ac->a", own, covariance, own, optimize=True)
-            std = np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
-            curves.append(JointCurve(int(j), angle, own @ error, std))
-        return curves
+        return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         residual, covariance = self._form.left_out(labels)
@@ -476,25 +426,6 @@ class KinematicKriging(PosePredictor):
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self._leave_blocks_out(np.arange(len(self._e)))
-
-    def _parameters(self) -> list[dict[str, Any]]:
-        estimate, covariance = self._form.drift_estimate()
-        terms, std = self._terms, np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        scale = terms.prior_std
-        told = np.where(
-            terms.group == REGISTRATION, std < 0.5, std < 0.8 * np.r_[1.0, self.hyper_.tolerance][terms.group]
-        )
-        return [
-            {
-                "name": terms.names[k],
-                "group": GROUPS[terms.group[k]],
-                "estimate": float(estimate[k] * scale[k]),
-                "std": float(std[k] * scale[k]),
-                "unit": terms.units[k],
-                "told": bool(told[k]),
-            }
-            for k in range(len(estimate))
-        ]
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {

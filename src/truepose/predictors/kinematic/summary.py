@@ -1,0 +1,66 @@
+"""Summarise a fitted model of (10): the error curve of each joint, and the table of drift parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truepose._typing import FloatArray
+from truepose.predictors.kinematic.basis_form import BasisForm
+from truepose.predictors.kinematic.covariance_form import CovarianceForm, tolerances
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
+from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Terms
+
+Form = CovarianceForm | BasisForm
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """The error of one joint as a function of its own angle.
+
+    Attributes
+    ----------
+    joint : int
+        The joint, counted from 0.
+    angle : (m,) array [rad]
+        The angles.
+    error, std : (m,) arrays [rad]
+        The error f_j and its standard deviation, without its constant and first harmonic over these angles, because
+        offset and eccentricity of the joint cannot be separated from geometry.
+    """
+
+    joint: int
+    angle: FloatArray
+    error: FloatArray
+    std: FloatArray
+
+
+def joint_curve(form: Form, i: int, joint: int, inflation: float, points: int) -> JointCurve:
+    """Return the curve of the i-th visible joint over the sampled angles."""
+    sampled = form.design.q[:, joint]
+    angle = np.linspace(sampled.min(), sampled.max(), points)
+    slow = np.linalg.qr(np.stack([np.ones(points), np.cos(angle), np.sin(angle)], axis=1))[0]
+    own = np.eye(points) - slow @ slow.T
+    error, covariance = form.joint_error(i, angle)
+    variance = np.einsum("ab,bc,ac->a", own, covariance, own, optimize=True)
+    return JointCurve(joint, angle, own @ error, np.sqrt(inflation * np.maximum(variance, 0.0)))
+
+
+def parameter_table(form: Form, terms: Terms, hyper: Hyperparameters) -> list[dict[str, Any]]:
+    """Return one row per drift column: estimate and standard deviation, and whether the data determine it."""
+    estimate, covariance = form.drift_estimate()
+    std, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)), terms.prior_std
+    determined = np.where(terms.group == REGISTRATION, std < 0.5, std < 0.8 * tolerances(terms, hyper))
+    return [
+        {
+            "name": terms.names[k],
+            "group": GROUPS[terms.group[k]],
+            "estimate": float(estimate[k] * scale[k]),
+            "std": float(std[k] * scale[k]),
+            "unit": terms.units[k],
+            "told": bool(determined[k]),
+        }
+        for k in range(len(estimate))
+    ]
