@@ -7,6 +7,7 @@ import importlib
 import re
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -66,16 +67,28 @@ def test_decisions_are_short_and_whole(path: Path) -> None:
     assert all(f"**{part}.**" in text for part in ("Context", "Decision", "Consequences"))
 
 
-def test_the_drawing_shows_every_room(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def house(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Return tools/house.py as a module."""
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
-    house = importlib.import_module("house")
+    module = importlib.import_module("house")
     monkeypatch.delitem(sys.modules, "house")
+    return module
+
+
+def test_the_drawing_shows_every_room(house: ModuleType) -> None:
     _, rooms, between = house.build()
     drawing = house.drawing(rooms, between)
     packages = {path.parent.name for path in (ROOT / "src" / "truepose").glob("*/__init__.py")}
     assert packages <= set(rooms)
     assert all(f">{name}</text>" in drawing for name in packages)
     assert drawing.count("<path d=") > len(packages)
+
+
+def test_there_are_no_import_circles(house: ModuleType) -> None:
+    graph, _, _ = house.build()
+    arrows = [(a, b) for a in graph.modules for b in graph.find_modules_directly_imported_by(a)]
+    assert list(house.circles(graph, arrows)) == []
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
