@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
 from truepose._typing import FloatArray, IntArray
-from truepose.predictors.kinematic.basis_form import Basis
+from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kriging import KinematicKriging
 from truepose.predictors.kinematic.terms import Terms

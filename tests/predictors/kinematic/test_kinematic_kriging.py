@@ -9,7 +9,8 @@ from scipy.stats import multivariate_normal
 
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.kinematic import KinematicKriging
-from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums, gradient_by_hyper, negative_log_likelihood
+from truepose.predictors.kinematic.basis import Basis
+from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import Terms
@@ -238,7 +239,7 @@ def test_gradient_of_the_likelihood_in_the_basis():
     design, joints = terms.at(q), np.array([0, 2])
     values = hyper(2, 6)
     basis = Basis.of(terms, joints, values, design)
-    sums = Sums.of(basis, design, values, e, np.full((30, 3), values.noise**2))
+    sums = BasisSums.of(basis, design, values, e, np.full((30, 3), values.noise**2))
 
     def value(theta):
         other = values.with_vector(theta)
@@ -266,7 +267,7 @@ def test_the_log_likelihood_is_the_normal_density(residual):
     rounding = 1e-15 * np.linalg.cond(covariance) * abs(expected)
     assert -likelihood(values)[0] - likelihood.constant == pytest.approx(expected, abs=rounding)
     basis = Basis.of(terms, joints, values, design if terms.range_names else None, angles=q, knots=30, negligible=1e-12)
-    sums = Sums.of(basis, design, values, e, noise)
+    sums = BasisSums.of(basis, design, values, e, noise)
     in_basis = -negative_log_likelihood(basis, sums, values, 1.0)[0] - sums.constant
     assert in_basis == pytest.approx(expected, abs=0.1)
 

@@ -1,10 +1,7 @@
 """Solve theory (10) in a basis: linear in the number of samples, for hundreds to a hundred thousand of them.
 
-Each f_j is represented by knots over the angles of its joint, Z by a subset of samples (Nyström). The model is then a
-drift of p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is summed once; the likelihood, its gradient
-and the prediction cost O(p³) and O(p²) for any n. The variance that the columns do not represent is added to the noise
-of each sample and prediction (FITC, Snelson and Ghahramani 2006); without it, predicted standard deviations would be
-too small between knots and anchors.
+The columns of `Basis` make the model a drift of p columns with normal priors, e = Φ w + ε, w ~ N(0, Λ), and ΦᵀR⁻¹Φ is
+summed once. The likelihood, its gradient and the prediction cost O(p³) and O(p²) for any n.
 """
 
 from __future__ import annotations
@@ -16,180 +13,20 @@ from typing import Final, Self
 
 import numpy as np
 from scipy.linalg import blas, block_diag, cho_factor, lapack, solve_triangular
-from scipy.spatial.distance import cdist
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.folds import blocks_by_size
-from truepose.predictors.kinematic.covariance_form import tolerances
+from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
-from truepose.predictors.kinematic.terms import GROUPS, Design, Terms, parts, take
+from truepose.predictors.kinematic.kernels import joint_chord, matern32
+from truepose.predictors.kinematic.terms import GROUPS, Design, parts, take
 
-_KNOTS: Final = 8.0  # per length l of a joint; they miss less than 0.1 % of the variance of f_j
-_MOST_KNOTS: Final = 150
-_NEGLIGIBLE: Final = 1e-4
-_TINY: Final = 1e-9
 _CHUNK: Final = 2048  # configurations per block of columns in memory
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
-    """The columns that represent (10) at given lengths and ranges.
-
-    Attributes
-    ----------
-    joints : (k,) array of int
-        The joints with an error of their own.
-    joint_length : (k,) array [rad]
-        The lengths l_j.
-    knots : tuple of k arrays [rad]
-        The knots of each f_j.
-    knot_maps : tuple of k arrays
-        The maps from correlations with the knots to the columns of f_j.
-    anchor : Design, optional
-        The configurations that represent Z.
-    anchor_map : (a, r) array
-        The map from correlations with the anchors to the columns of Z.
-    """
-
-    terms: Terms
-    joints: IntArray
-    joint_length: FloatArray
-    knots: tuple[FloatArray, ...]
-    knot_maps: tuple[FloatArray, ...]
-    rest_range: FloatArray
-    anchor: Design | None
-    anchor_map: FloatArray
-
-    @classmethod
-    def of(
-        cls,
-        terms: Terms,
-        joints: IntArray,
-        hyper: Hyperparameters,
-        anchor: Design | None,
-        *,
-        angles: FloatArray | None = None,
-        knots: float = _KNOTS,
-        most: int = _MOST_KNOTS,
-        negligible: float = _NEGLIGIBLE,
-    ) -> Self:
-        """Return a basis for the lengths of `hyper`, with Z on the anchors at its ranges.
-
-        Parameters
-        ----------
-        terms, joints, hyper
-            The terms, joints and hyperparameters of the model.
-        anchor : Design, optional
-            The configurations that represent Z.
-        angles : (n, dof) array [rad], optional
-            The angles that the knots span; default: those of the anchors, or a full turn.
-        knots, most : float, int
-            The number of knots per length l, and the largest number of knots of a joint.
-        negligible : float
-            The share of the largest eigenvalue of the anchors' correlation below which eigenvalues count as noise.
-        """
-        spans = np.array([[-np.pi], [np.pi]]) if angles is None and anchor is None else angles
-        spans = anchor.q if spans is None and anchor is not None else spans
-        assert spans is not None
-        at, maps = [], []
-        for j, length in zip(joints, hyper.joint_length, strict=True):
-            angle = spans[:, j if spans.shape[1] > 1 else 0]
-            low, high = float(angle.min()), min(float(angle.max()), float(angle.min()) + 2.0 * np.pi)
-            count = int(np.clip(np.ceil((high - low) * knots / length) + 1, 2, most))
-            at.append(np.linspace(low, high, count))
-            maps.append(_root(matern32(joint_chord(at[-1], at[-1]), float(length))[0], _TINY))
-        anchor_map = np.empty((0, 0))
-        if anchor is not None and len(hyper.rest_range):
-            anchor_map = _root(_rest_correlation(terms, hyper.rest_range, anchor, anchor), negligible)
-        kept = anchor if anchor_map.size else None
-        return cls(terms, joints, hyper.joint_length, tuple(at), tuple(maps), hyper.rest_range, kept, anchor_map)
-
-    @property
-    def groups(self) -> list[tuple[str, int]]:
-        """Names and numbers of columns of the terms, in order."""
-        drift = [(name, int((self.terms.group == g).sum())) for g, name in enumerate(GROUPS)]
-        joint = [(f"joint {j + 1}", m.shape[1]) for j, m in zip(self.joints, self.knot_maps, strict=True)]
-        return [*drift, *joint, ("rest", 3 * self.anchor_map.shape[1])]
-
-    def joint_columns(self, i: int, angle: FloatArray) -> FloatArray:
-        """Return the columns of f_j of the i-th joint at angles (m,) [rad], for unit variance: (m, k)."""
-        rho = matern32(joint_chord(angle, self.knots[i]), float(self.joint_length[i]))[0]
-        return np.asarray(rho @ self.knot_maps[i])
-
-    def rest_columns(self, design: Design) -> FloatArray:
-        """Return the columns of one component of Z at m configurations, for unit variance: (m, r)."""
-        if self.anchor is None:
-            return np.empty((len(design.q), 0))
-        return np.asarray(_rest_correlation(self.terms, self.rest_range, design, self.anchor) @ self.anchor_map)
-
-    def columns(self, design: Design) -> FloatArray:
-        """Return Φ at m configurations, (r m, p); Z knows no orientation."""
-        return self._columns(design)[0]
-
-    def _columns(self, design: Design, hyper: Hyperparameters | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return Φ, and with hyperparameters the prior covariance missing in it, (m, r, r) [mm², rad²]."""
-        m, rows = len(design.q), design.rows
-        counts = [count for _, count in self.groups]
-        edges = np.cumsum([0, *counts])
-        phi = np.zeros((m, rows, int(edges[-1])))
-        first = edges[len(GROUPS)]
-        phi[:, :, :first] = design.drift[:, :, np.argsort(self.terms.group, kind="stable")]
-        missing = np.zeros((m, rows, rows))
-        for i, j in enumerate(self.joints):
-            own, lever = self.joint_columns(i, design.q[:, j]), design.lever[:, :, j]
-            start, end = edges[len(GROUPS) + i : len(GROUPS) + i + 2]
-            np.multiply(lever[:, :, None], own[:, None, :], out=phi[:, :, start:end])
-            if hyper is not None:
-                left = hyper.joint_std[i] ** 2 * np.maximum(1.0 - np.einsum("mk,mk->m", own, own), 0.0)
-                missing += left[:, None, None] * lever[:, :, None] * lever[:, None, :]
-        rest = self.rest_columns(design)
-        width = rest.shape[1]
-        for a in range(3):
-            phi[:, a, edges[-2] + a * width : edges[-2] + (a + 1) * width] = rest
-        if hyper is not None and self.anchor is not None:
-            left = hyper.rest_std**2 * np.maximum(1.0 - np.einsum("mr,mr->m", rest, rest), 0.0)
-            missing += left[:, None, None] * np.diag(np.arange(rows) < 3)
-        return phi.reshape(rows * m, -1), missing
-
-    def left_out_covariance(self, design: Design, hyper: Hyperparameters) -> FloatArray:
-        """Return the prior covariance missing in the columns at m configurations, (m, r, r) [mm², rad²].
-
-        It belongs to Z away from the anchors, and to joint errors between the knots and beyond the sampled angles.
-        """
-        return self._columns(design, hyper)[1]
-
-    def prior(self, hyper: Hyperparameters) -> FloatArray:
-        """Return the prior variances Λ of the weights, (p,)."""
-        order = np.argsort(self.terms.group, kind="stable")
-        joint = [np.full(m.shape[1], std**2) for std, m in zip(hyper.joint_std, self.knot_maps, strict=True)]
-        rest = np.full(3 * self.anchor_map.shape[1], hyper.rest_std**2)
-        return np.concatenate([tolerances(self.terms, hyper)[order] ** 2, *joint, rest])
-
-    def whitened(
-        self, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return L⁻¹Φ (3m, p), L⁻¹e (3m,) and the noise covariance L Lᵀ (m, 3, 3) of each sample.
-
-        The noise covariance sums the variances (m, 3) [mm²] of the readings and the covariance missing in the columns.
-        """
-        phi, noise = self._columns(design, hyper)
-        noise[:, np.arange(3), np.arange(3)] += noise_variance
-        white = np.linalg.inv(np.linalg.cholesky(noise))
-        m = len(e)
-        return (white @ phi.reshape(m, 3, -1)).reshape(3 * m, -1), (white @ e[:, :, None]).reshape(-1), noise
-
-
-def _root(correlation: FloatArray, negligible: float) -> FloatArray:
-    """Return V λ^(−½) of the larger eigenvalues: correlations times it are columns of unit prior variance."""
-    value, vector = np.linalg.eigh(correlation)
-    kept = value > negligible * value.max()
-    return np.asarray(vector[:, kept] / np.sqrt(value[kept]))
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
+class BasisSums:
     """The sums over n samples in the likelihood: ΦᵀWΦ, ΦᵀWe, eᵀWe with W = R⁻¹ at noise scale 1, and log|R|."""
 
     phi_phi: FloatArray
@@ -222,15 +59,15 @@ class Sums:
 
 
 def negative_log_likelihood(
-    basis: Basis, sums: Sums, hyper: Hyperparameters, scale: float
+    basis: Basis, sums: BasisSums, hyper: Hyperparameters, scale: float
 ) -> tuple[float, FloatArray, float]:
-    """Return the value without `Sums.constant`, and its derivatives by log prior variances and log noise scale.
+    """Return the value without `BasisSums.constant`, and its derivatives by log prior variances and log noise scale.
 
     Parameters
     ----------
     basis : Basis
         The columns.
-    sums : Sums
+    sums : BasisSums
         The sums over the samples.
     hyper : Hyperparameters
         The hyperparameters.
@@ -299,7 +136,7 @@ class BasisForm:
         KrigingError
             If the system is singular.
         """
-        sums = Sums.of(basis, design, hyper, e, noise_variance)
+        sums = BasisSums.of(basis, design, hyper, e, noise_variance)
         prior_root = np.sqrt(basis.prior(hyper))
         matrix = sums.phi_phi * (prior_root[:, None] * prior_root)
         matrix[np.diag_indices(len(matrix))] += 1.0
@@ -327,7 +164,7 @@ class BasisForm:
         """Return `mean` and `covariance`."""
         means, covariances = [], []
         for part in parts(design, _CHUNK):
-            phi, missing = self.basis._columns(part, self.hyper)
+            phi, missing = self.basis.columns_with_missing(part, self.hyper)
             means.append((phi @ self.weight).reshape(-1, design.rows))
             half = self._half(phi).reshape(len(part.q), design.rows, -1)
             covariances.append(half @ np.swapaxes(half, 1, 2) + missing)
@@ -393,8 +230,3 @@ class BasisForm:
                 full = (spread @ noise).reshape(g, m, 3, m, 3)
                 covariance[some] = np.swapaxes(full[:, np.arange(m), :, np.arange(m)], 0, 1)
         return residual, covariance
-
-
-def _rest_correlation(terms: Terms, rest_range: FloatArray, design: Design, other: Design) -> FloatArray:
-    near = design.place / rest_range[terms.range_of], other.place / rest_range[terms.range_of]
-    return matern52(cdist(*near, "sqeuclidean"))[0]

@@ -11,7 +11,8 @@ from scipy.optimize import minimize
 
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
-from truepose.predictors.kinematic.basis_form import Basis, Sums, gradient_by_hyper, negative_log_likelihood
+from truepose.predictors.kinematic.basis import Basis
+from truepose.predictors.kinematic.basis_form import BasisSums, gradient_by_hyper, negative_log_likelihood
 from truepose.predictors.kinematic.covariance_form import Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 
@@ -64,14 +65,14 @@ def search(likelihood: Likelihood, starts: list[Hyperparameters], *, iterations:
     return _minimise(likelihood, starts, likelihood.constant, iterations)
 
 
-def refine(basis: Basis, sums: Sums, start: Hyperparameters) -> Search:
+def refine(basis: Basis, sums: BasisSums, start: Hyperparameters) -> Search:
     """Refine hyperparameters from a subset with all samples, in basis form; lengths and ranges stay fixed.
 
     Parameters
     ----------
     basis : Basis
         The columns.
-    sums : Sums
+    sums : BasisSums
         The sums over all samples, with the noise variances of `start`.
     start : Hyperparameters
         The hyperparameters of the subset.

@@ -23,7 +23,7 @@ MOST: Final = 250
 _ITERATIONS: Final = 15  # from the hyperparameters of all samples, which are nearly optimal
 
 
-def held_out(
+def fold_residuals(
     terms: Terms,
     design: Design,
     joints: IntArray,

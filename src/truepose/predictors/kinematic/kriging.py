@@ -14,12 +14,13 @@ from sklearn.utils.validation import check_is_fitted
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.base import LeaveOneOut, checked_noise
-from truepose.predictors.kinematic.basis_form import Basis, BasisForm, Sums
+from truepose.predictors.kinematic.basis import Basis
+from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import refine, search, spread_starts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.inflation import MOST, factor, held_out
-from truepose.predictors.kinematic.summary import JointCurve, joint_curve, parameter_table
+from truepose.predictors.kinematic.inflation import MOST, factor, fold_residuals
+from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
 from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
 from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, unknown_rotations
@@ -161,7 +162,7 @@ class KinematicKriging(PosePredictor):
         self._solve(X)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
-        self.parameters_ = parameter_table(self._form, self._terms, self.hyper_)
+        self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
@@ -226,7 +227,7 @@ class KinematicKriging(PosePredictor):
                     break
             self._solve(self._x)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
-        self.parameters_ = parameter_table(self._form, self._terms, self.hyper_)
+        self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
         return self
 
     def _check(self, X: FloatArray, e: FloatArray) -> None:
@@ -295,7 +296,9 @@ class KinematicKriging(PosePredictor):
         anchor = take(design, np.sort(rng.permutation(len(self._e))[:_ANCHORS])) if self._terms.range_names else None
         basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor, angles=design.q)
         if refining:
-            found = refine(basis, Sums.of(basis, design, self.hyper_, self._e, self._noise_variance()), self.hyper_)
+            found = refine(
+                basis, BasisSums.of(basis, design, self.hyper_, self._e, self._noise_variance()), self.hyper_
+            )
             self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
 
@@ -419,7 +422,7 @@ class KinematicKriging(PosePredictor):
         rows = np.sort(np.random.default_rng(self.random_state).permutation(kept)[:MOST])
         design = take(self._terms.at(self._x), rows)
         target, reading, weight = self._target(design, rows), self._reading[rows], self.weight_[rows]
-        seen = held_out(
+        seen = fold_residuals(
             self._terms, design, self.joints_, self.hyper_, target, reading, weight, random_state=self.random_state
         )
         return max(factor(*seen, reading), alone) * (1.0 + float(np.sqrt(2.0 / reading.size)))

@@ -48,7 +48,7 @@ def joint_curve(form: Form, i: int, joint: int, inflation: float, points: int) -
     return JointCurve(joint, angle, own @ error, np.sqrt(inflation * np.maximum(variance, 0.0)))
 
 
-def parameter_table(form: Form, terms: Terms, hyper: Hyperparameters) -> list[dict[str, Any]]:
+def drift_table(form: Form, terms: Terms, hyper: Hyperparameters) -> list[dict[str, Any]]:
     """Return one row per drift column: estimate and standard deviation, and whether the data determine it."""
     estimate, covariance = form.drift_estimate()
     std, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)), terms.prior_std
