@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from truepose.cli import app
 from truepose.geometry import apply_transform, invert_transform
 from truepose.samples import write_samples
 
@@ -39,6 +41,14 @@ def test_as_a_process():
     code = "import sys; sys.argv = ['truepose', 'robots', 'kuka']; from truepose.cli import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+
+
+def test_no_help_text_loses_a_unit_in_brackets():
+    """Rich reads brackets as markup and drops them."""
+    commands = typer.main.get_command(app).commands
+    texts = [option.help or "" for command in commands.values() for option in command.params]
+    assert len(texts) > 100
+    assert [text for text in texts if re.search(r"(?<!\\)\[", text)] == []
 
 
 def test_help_is_light():

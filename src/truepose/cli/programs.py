@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -42,69 +44,117 @@ Programs = Annotated[
     list[Path],
     typer.Argument(metavar="PROGRAM...", help="Programs, or folders of programs. KRL: the .src or .dat of a pair."),
 ]
-CellFile = Annotated[
-    Path | None, typer.Option("--cell", help="Cell file for frames and limits; by default the map's own.")
-]
-ConfigDat = Annotated[Path | None, typer.Option("--config-dat", help="KUKA: file with tools and bases.")]
-Tool = Annotated[str | None, typer.Option("--tool", help="Tool (number or name) for programs that set none.")]
-Base = Annotated[
-    str | None, typer.Option("--base", help="Base (number or name) for programs that set none; 0: robot base.")
-]
-CallsKeepFrames = Annotated[
-    bool, typer.Option("--calls-keep-frames", help="State that subprograms in other files do not change tool and base.")
-]
-AmbiguousPoints = Annotated[
-    Ambiguous, typer.Option("--ambiguous", help="Policy for points used in two frames or in arithmetic.")
-]
-AbsoluteAccuracy = Annotated[
-    bool, typer.Option("--absolute-accuracy", help="State that the controller's own compensation is switched off.")
-]
-ExternalAxes = Annotated[
-    bool, typer.Option("--external-axes", help="State that external axes move neither robot nor base.")
-]
-Offsets = Annotated[
-    bool,
-    typer.Option("--offsets", help="Use one correction for a point and its constant offsets (RAPID Offs, RelTool)."),
-]
-WholeTask = Annotated[
-    bool,
-    typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
-]
-Angles = Annotated[
-    str,
-    typer.Option(
-        "--angles", help="G-code: convention of A B C (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
-    ),
-]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """The options of how programs are read, shared by check and correct; see `with_reading`."""
+
+    cell_path: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file for frames and limits; by default the map's own.")
+    ] = None
+    config_dat: Annotated[Path | None, typer.Option("--config-dat", help="KUKA: file with tools and bases.")] = None
+    tool: Annotated[str | None, typer.Option("--tool", help="Tool (number or name) for programs that set none.")] = None
+    base: Annotated[
+        str | None, typer.Option("--base", help="Base (number or name) for programs that set none; 0: robot base.")
+    ] = None
+    calls_keep_frames: Annotated[
+        bool,
+        typer.Option("--calls-keep-frames", help="State that subprograms in other files do not change tool and base."),
+    ] = False
+    ambiguous: Annotated[
+        Ambiguous, typer.Option("--ambiguous", help="Policy for points used in two frames or in arithmetic.")
+    ] = Ambiguous.refuse
+    absolute_accuracy: Annotated[
+        bool, typer.Option("--absolute-accuracy", help="State that the controller's own compensation is switched off.")
+    ] = False
+    external_axes: Annotated[
+        bool, typer.Option("--external-axes", help="State that external axes move neither robot nor base.")
+    ] = False
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets", help="Use one correction for a point and its constant offsets (RAPID Offs, RelTool)."
+        ),
+    ] = False
+    angles: Annotated[
+        str,
+        typer.Option(
+            "--angles", help="G-code: convention of A B C (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
+        ),
+    ] = ""
+    whole_task: Annotated[
+        bool,
+        typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
+    ] = False
+
+    def cell(self) -> Cell | None:
+        """Return the cell of --cell."""
+        from truepose.cell import load_cell
+
+        return None if self.cell_path is None else load_cell(self.cell_path)
+
+    def frames(self, cell: Cell | None) -> FrameTable:
+        """Return the frames of a cell and of a $config.dat; the cell takes precedence."""
+        from truepose.programs import FrameTable
+
+        if cell is not None:
+            return FrameTable.from_cell(cell, self.config_dat, self.tool, self.base)
+        known = FrameTable() if self.config_dat is None else FrameTable.from_config_dat(self.config_dat)
+        return replace(known, tool=self.tool, base=self.base)
+
+    def options(self, *, orientation: bool = False) -> ReadOptions:
+        """Return the options of `truepose.programs.read_programs`."""
+        from truepose.programs import ReadOptions
+
+        return ReadOptions(
+            ambiguous="skip" if self.ambiguous is Ambiguous.skip else "refuse",
+            calls_keep_frames=self.calls_keep_frames,
+            absolute_accuracy=self.absolute_accuracy,
+            external_axes=self.external_axes,
+            offsets=self.offsets,
+            angles=self.angles,
+            orientation=orientation,
+            whole_task=self.whole_task,
+        )
+
+
+_READING = Reading()
+
+
+def with_reading(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace a command's parameter ``reading`` by one option per field of `Reading`."""
+    kind = Parameter.KEYWORD_ONLY
+    hints = get_type_hints(Reading, include_extras=True) | get_type_hints(command, include_extras=True)
+    options = [Parameter(field.name, kind, default=field.default) for field in fields(Reading)]
+    shown: list[Parameter] = []
+    for name, parameter in signature(command).parameters.items():
+        shown += options if name == "reading" else [parameter.replace(kind=kind)]
+    shown = [parameter.replace(annotation=hints[parameter.name]) for parameter in shown]
+
+    @wraps(command)
+    def run(**values: Any) -> None:
+        reading = Reading(**{option.name: values.pop(option.name) for option in options})
+        command(reading=reading, **values)
+
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
+    run.__signature__ = Signature(shown)  # type: ignore[attr-defined]  # typer reads the options from it
+    return run
+
+
+@with_reading
 def check(
     paths: Programs,
-    cell_path: CellFile = None,
-    config_dat: ConfigDat = None,
-    tool: Tool = None,
-    base: Base = None,
-    calls_keep_frames: CallsKeepFrames = False,
-    ambiguous: AmbiguousPoints = Ambiguous.refuse,
-    absolute_accuracy: AbsoluteAccuracy = False,
-    external_axes: ExternalAxes = False,
-    offsets: Offsets = False,
-    angles: Angles = "",
-    whole_task: WholeTask = False,
+    reading: Reading = _READING,
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
     import numpy as np
     from rich.markup import escape
 
-    from truepose.cell import load_cell
     from truepose.programs import read_programs
 
-    frames = _frames(None if cell_path is None else load_cell(cell_path), config_dat, tool, base)
-    options = _options(
-        calls_keep_frames, ambiguous, absolute_accuracy, external_axes, offsets, angles, whole_task=whole_task
-    )
-    found = read_programs(paths, frames, options)
+    found = read_programs(paths, reading.frames(reading.cell()), reading.options())
     if as_json:
         emit_json(
             {
@@ -123,6 +173,7 @@ def check(
         raise _unread(found.unreadable)
 
 
+@with_reading
 def correct(
     map_path: MapPath,
     paths: Programs,
@@ -132,17 +183,7 @@ def correct(
     on_guard: Annotated[
         OnGuard | None, typer.Option(help="Policy for targets that a guard refuses; by default the cell file's.")
     ] = None,
-    cell_path: CellFile = None,
-    config_dat: ConfigDat = None,
-    tool: Tool = None,
-    base: Base = None,
-    calls_keep_frames: CallsKeepFrames = False,
-    ambiguous: AmbiguousPoints = Ambiguous.refuse,
-    absolute_accuracy: AbsoluteAccuracy = False,
-    external_axes: ExternalAxes = False,
-    offsets: Offsets = False,
-    angles: Angles = "",
-    whole_task: WholeTask = False,
+    reading: Reading = _READING,
     orientation: Annotated[
         bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
     ] = False,
@@ -163,7 +204,6 @@ def correct(
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; write the programs and a record of every target."""
-    from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.errors import DataError
     from truepose.programs import CorrectedShare, correct_program, read_programs
@@ -173,21 +213,11 @@ def correct(
         raise DataError("--out has no effect with --in-place; give one of them")
     overwrite(force)
     error_map = load_map(map_path)
-    cell = None if cell_path is None else load_cell(cell_path)
-    frames = _frames(cell or error_map.cell, config_dat, tool, base)
-    options = _options(
-        calls_keep_frames,
-        ambiguous,
-        absolute_accuracy,
-        external_axes,
-        offsets,
-        angles,
-        orientation,
-        whole_task=whole_task,
-    )
+    cell = reading.cell()
+    frames = reading.frames(cell or error_map.cell)
     policy: Policy | None = None if on_guard is None else on_guard.value
     # correct all before writing any, so that a refusal leaves no program half done
-    found = read_programs(paths, frames, options)
+    found = read_programs(paths, frames, reading.options(orientation=orientation))
     if found.unreadable:
         raise _unread(found.unreadable)
     with counting("targets") as progress:
@@ -247,41 +277,6 @@ def _show(program: CorrectedProgram) -> None:
         *(f"  {escape(warning)}" for warning in program.warnings[:_LISTED]),
     )
     _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
-
-
-def _frames(cell: Cell | None, config_dat: Path | None, tool: str | None, base: str | None) -> FrameTable:
-    """Return the frames of the cell file and of a $config.dat; the cell file takes precedence."""
-    from truepose.programs import FrameTable
-
-    if cell is not None:
-        return FrameTable.from_cell(cell, config_dat, tool, base)
-    known = FrameTable() if config_dat is None else FrameTable.from_config_dat(config_dat)
-    return replace(known, tool=tool, base=base)
-
-
-def _options(
-    calls_keep_frames: bool,
-    ambiguous: Ambiguous,
-    absolute_accuracy: bool,
-    external_axes: bool,
-    offsets: bool,
-    angles: str,
-    orientation: bool = False,
-    *,
-    whole_task: bool = False,
-) -> ReadOptions:
-    from truepose.programs import ReadOptions
-
-    return ReadOptions(
-        ambiguous="skip" if ambiguous is Ambiguous.skip else "refuse",
-        calls_keep_frames=calls_keep_frames,
-        absolute_accuracy=absolute_accuracy,
-        external_axes=external_axes,
-        offsets=offsets,
-        angles=angles,
-        orientation=orientation,
-        whole_task=whole_task,
-    )
 
 
 def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:

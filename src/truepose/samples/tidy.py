@@ -94,10 +94,8 @@ def read_poses(path: str | Path) -> Poses:
 
     Raises
     ------
-    FileError
-        If the file is not a tidy table; with the line.
-    DataError
-        If values are implausible (`check`); with the rows.
+    FileError, DataError
+        For the reasons of `read_samples`.
 
     Examples
     --------
