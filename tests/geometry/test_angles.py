@@ -88,6 +88,6 @@ def test_gimbal_lock_keeps_the_rotation_without_warning(controller: str, middle:
         ("kuka", "A 0", "not an array of numbers"),
     ],
 )
-def test_bad_numbers_are_told(controller: str, value: object, match: str) -> None:
+def test_invalid_numbers_are_refused(controller: str, value: object, match: str) -> None:
     with pytest.raises(DataError, match=match):
         euler(controller, value)  # type: ignore[call-overload]

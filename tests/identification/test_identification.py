@@ -1,7 +1,9 @@
-"""Identification: estimators agree, true parameters lie within their intervals, and what data cannot tell is named."""
+"""Identification: estimators agree, intervals cover the true parameters, inseparable parameters are listed."""
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -236,7 +238,7 @@ def test_a_campaign_watched_as_it_goes(arm, case):
     np.testing.assert_allclose(once.x, watched.x, rtol=1e-9)
 
 
-def test_names_of_what_cannot_be_told_apart(rng):
+def test_inseparable_parameters_are_listed(rng):
     robot = load_robot("kuka-kr150-2")
     arm = ParametricArm.of(robot, TOOL)
     _, data = simulate(arm, 60, rng)
@@ -252,6 +254,10 @@ def test_names_of_what_cannot_be_told_apart(rng):
     assert rows["theta1"]["std"] is None
     assert rows["theta3"]["note"] == ""
     assert int(found.free.sum()) <= 27
+    assert re.fullmatch(r"<Identification: 2\d of 39 parameters from 60 readings; misfit \S+ mm>", repr(found))
+    assert repr(seen).startswith("<Observability: rank 27 of 39, condition number ")
+    assert len(repr(seen)) < 400
+    assert json.loads(json.dumps(seen.to_dict()))["rank"] == 27
 
 
 def test_observability_indices_by_hand():
@@ -266,7 +272,7 @@ def test_observability_indices_by_hand():
         observability(columns, ["a", "b"])
 
 
-def test_without_tolerances_what_cannot_be_told_is_an_error(arm, case):
+def test_inseparable_parameters_are_an_error_without_tolerances(arm, case):
     with pytest.raises(IdentifiabilityError, match=r"rank 27 of 39 .*theta1 with base rz.*use tolerances"):
         least_squares(arm, case[1])
 

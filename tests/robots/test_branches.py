@@ -145,7 +145,7 @@ def test_how_far_out_of_reach(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(find_branches(arm, poses).beyond_mm[far], beyond[far], atol=5.0)
 
 
-def test_reach_and_limits_are_told() -> None:
+def test_messages_state_reach_and_limits() -> None:
     robot = load_robot("kuka-kr150-2")
     q = np.deg2rad([[0, -90, 90, 0, 45, 0], [0, -40, 0, 0, 30, 0], [20, -90, 90, 0, 45, 0]])
     poses = robot.forward(q)
@@ -192,7 +192,7 @@ def test_fewer_joints_are_solved_and_seven_refused(rng: np.random.Generator) -> 
         seven.inverse(np.eye(4))
 
 
-def test_bad_poses_are_told(rng: np.random.Generator) -> None:
+def test_invalid_poses_are_refused(rng: np.random.Generator) -> None:
     arm = calibrated(load_robot("kuka-kr150-2"), rng)
     with pytest.raises(DataError, match="poses has NaN or infinite numbers in row 1"):
         find_branches(arm, np.stack([np.eye(4), np.full((4, 4), np.nan)]))

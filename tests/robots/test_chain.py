@@ -111,7 +111,7 @@ def test_invalid_joints_are_refused(q: object, match: str) -> None:
             method(q)  # type: ignore[operator]
 
 
-def test_bad_tool_is_told() -> None:
+def test_invalid_tools_are_refused() -> None:
     with pytest.raises(DataError, match=r"expected tool of shape \(4, 4\), or \(3,\) .* got \(2,\)"):
         load_robot("kuka-kr150-2").forward(np.zeros(6), tool=[1.0, 2.0])
 

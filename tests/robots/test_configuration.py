@@ -191,7 +191,7 @@ def test_turn_chooses_the_turn() -> None:
     np.testing.assert_allclose(found, q, atol=1e-9)
 
 
-def test_bad_input_is_told() -> None:
+def test_invalid_status_and_turn_are_refused() -> None:
     robot = load_robot("kuka-kr150-2")
     pose = robot.forward(np.deg2rad([0, -90, 90, 0, 30, 0]))
     with pytest.raises(RobotError, match=r"out of reach: row 1 by 7\d\d\d mm; check base, tool"):

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError, RobotError
-from truepose.robots import CONVENTIONS, error_model, joint_terms, list_robots, load_robot, thermal_columns, to_mdh
+from truepose.robots import (
+    CONVENTIONS,
+    error_model,
+    find_branches,
+    joint_terms,
+    list_robots,
+    load_robot,
+    thermal_columns,
+    to_mdh,
+)
 from truepose.robots.nongeometric import GRAVITY, Load, gravity_torque
 
 TOOL = np.array([110.0, -20.0, 360.0])
@@ -289,3 +298,12 @@ def test_thermal_growth_of_all_lengths_is_a_larger_arm(rng):
     parameters, columns = thermal_columns(error_model(robot), q, np.full(5, 10.0))
     assert [p.name for p in parameters] == [f"thermal {x}" for x in ("d1", "d4", "d6", "a2", "a3", "a4")]
     np.testing.assert_allclose(columns.sum(axis=2), 10.0 * robot.forward(q)[:, :3, 3], atol=1e-9)
+
+
+def test_reprs_fit_a_screen():
+    robot = load_robot("kuka-kr150-2")
+    groups = "theta, d, a, alpha, beta, base, tool"
+    assert repr(error_model(robot)) == f"<ErrorModel of kuka-kr150-2: hayati, 42 parameters ({groups})>"
+    assert repr(joint_terms(robot, ["sin1 q2", "backlash q3"])) == "<JointTerms of kuka-kr150-2: sin1 q2, backlash q3>"
+    found = find_branches(robot, robot.forward(np.deg2rad([[0, -90, 90, 0, 45, 0]])))
+    assert repr(found) == "<Branches of 1 poses of kuka-kr150-2: 1 reached, 1 within limits>"

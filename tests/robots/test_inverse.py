@@ -108,7 +108,7 @@ def test_other_descriptions_of_the_same_arm(name: str, rng: np.random.Generator)
     np.testing.assert_allclose(nearest_branch(turned.inverse(turned.forward(q)), q), q, atol=1e-6)
 
 
-def test_bad_poses_are_told() -> None:
+def test_invalid_poses_are_refused() -> None:
     robot = load_robot("kuka-kr150-2")
     with pytest.raises(DataError, match=r"poses has shape \(6,\)"):
         robot.inverse(np.zeros(6))

@@ -139,7 +139,7 @@ def test_missing_file() -> None:
         ("[limits]", "[flange]\nquaternion_wxyz = [0, 0, 0, 0]\n[limits]", "flange: abb orientation .* has length 0"),
     ],
 )
-def test_bad_files_are_told(old: str, new: str, match: str) -> None:
+def test_invalid_files_are_refused(old: str, new: str, match: str) -> None:
     text = to_toml(load_robot("kuka-kr150-2"))
     assert old in text
     with pytest.raises(FileError, match=rf"arm\.toml(:15)?: .*{match}"):

@@ -70,7 +70,7 @@ def test_design_is_within_limits_and_region(cell):
     assert (np.abs(offset) <= np.asarray(cell.preset.size_mm) / 2 + 1e-6).all()
 
 
-def test_out_of_reach_is_told(cell):
+def test_poses_out_of_reach_are_refused(cell):
     with pytest.raises(RobotError, match=r"1 of 2 poses are out of reach, the first at \[9000\.0, 0\.0, 0\.0\] mm"):
         cell.reach(np.array([cell.preset.centre_mm, [9000.0, 0.0, 0.0]]))
 
@@ -217,7 +217,7 @@ def test_a_reflector_turned_away_is_not_seen():
     np.testing.assert_array_equal(seen.p_meas, cell.measure(half, seed=1).p_meas[seen.row])
 
 
-def test_what_cannot_be_measured_is_told():
+def test_invalid_measurements_are_refused():
     cell = VirtualCell("hard")
     q = cell.design(4)
     with pytest.raises(DataError, match="unknown effect 'gravity'; expected one of geometry, compliance"):

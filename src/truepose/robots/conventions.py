@@ -96,13 +96,13 @@ def parametrise_links(robot: Chain, links: FloatArray, convention: str) -> Param
     return _place(convention, parts)
 
 
-def _place(convention: str, parts: list[list[_Part]]) -> Parametrisation:
-    """Assign indices to the parameters, group by group, and add those of base and tool."""
+def _place(convention: str, parts: list[list[_Part]], groups: list[str] | None = None) -> Parametrisation:
+    """Assign indices to the parameters, in the order of their groups, and add those of base and tool."""
     named: dict[str, float] = {}
     for link in parts:
         for part in link:
             named |= {name: value for name, value in zip(part.names, part.values, strict=True) if name not in named}
-    groups = list(dict.fromkeys(name.rstrip("0123456789") for name in named))
+    groups = groups or list(dict.fromkeys(name.rstrip("0123456789") for name in named))
     order = sorted(named, key=lambda name: (groups.index(name.rstrip("0123456789")), _number(name)))
     angles = ("theta", "alpha", "beta", "gamma", "rx", "ry")
     parameters = []
@@ -138,26 +138,11 @@ def _hayati(robot: Chain, tf_flange_tool: FloatArray) -> Parametrisation:
         parts.append([_named("turn", 2, f"theta{j}", value), _named("shift", 2, f"d{j}", value)])
         parts[-1] += [_named("turn", 1, f"beta{j}", value)]
     parts[-1].append(_fixed(robot.tf_last_flange @ tf_flange_tool))
-    model = _place("hayati", parts)
-    order = [f"{name}{j + 1}" for name, _ in columns for j in range(robot.dof)]
-    return _reordered(model, order)
+    return _place("hayati", parts, [name for name, _ in columns])
 
 
-def _reordered(model: Parametrisation, first: list[str]) -> Parametrisation:
-    """Put the named parameters first, in that order."""
-    before = [parameter.name for parameter in model.parameters]
-    old = [before.index(name) for name in (*first, *(name for name in before if name not in first))]
-    new = {o: n for n, o in enumerate(old)}
-    links = tuple(
-        tuple(m._replace(parameters=tuple(new[i] for i in m.parameters)) for m in link) for link in model.links
-    )
-    nominal = model.nominal[old]
-    nominal.setflags(write=False)
-    return Parametrisation(tuple(model.parameters[i] for i in old), nominal, links)
-
-
-def _named(kind: Kind, axis: int, name: str, value: dict[str, float], factor: float = 1.0) -> _Part:
-    return _Part(kind, axis, (name,), (value[name],), factor)
+def _named(kind: Kind, axis: int, name: str, value: dict[str, float]) -> _Part:
+    return _Part(kind, axis, (name,), (value[name],))
 
 
 def _fixed(tf: FloatArray) -> _Part:
