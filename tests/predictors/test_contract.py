@@ -19,6 +19,7 @@ from truepose.predictors import (
     Nearest,
     OrdinaryKriging,
     RadialBasis,
+    RegistrationOnly,
     ResidualNetwork,
     SimpleKriging,
     UniversalKriging,
@@ -109,7 +110,7 @@ EXPECTED_TO_FAIL = {
 
 
 @parametrize_with_checks(
-    [OrdinaryKriging(), *QUICK, *ARMS],
+    [OrdinaryKriging(), RegistrationOnly(), *QUICK, *ARMS],
     expected_failed_checks=lambda estimator: EXPECTED_TO_FAIL.get(type(estimator), {}),
 )
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")

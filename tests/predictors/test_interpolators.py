@@ -49,7 +49,7 @@ def test_radial_basis(kernel, smoothing, rng):
         (GridCell(power=0), DataError, "power is 0; expected a number above 0"),
         (RadialBasis("gauss"), DataError, "kernel is 'gauss'; expected linear, thin_plate_spline"),
         (RadialBasis(smoothing=-1), DataError, "smoothing is -1; expected a number of 0 or more"),
-        (RadialBasis("cubic"), KrigingError, "3 points cannot bear the cubic spline in 3 coordinates"),
+        (RadialBasis("cubic"), KrigingError, "3 points do not determine the cubic spline in 3 coordinates"),
     ],
 )
 def test_refusals(model, error, message, rng):

@@ -270,7 +270,7 @@ def test_poor_condition_is_told_with_its_remedy(rng):
         (VariogramModel("spherical", sill=1, range=1), 9, 4, "valid in up to 3 coordinates, but there are 4"),
         ((MODEL, MODEL), 9, 3, "expected one variogram for all of 3 components or one for each, got 2"),
         ((MODEL, MODEL, VariogramModel("gaussian", sill=1, range=1)), 9, 3, "differ in family or range"),
-        ((MODEL, 3, MODEL), 9, 3, "int is no variogram model"),
+        ((MODEL, 3, MODEL), 9, 3, "GSTools CovModel, got int"),
     ],
 )
 def test_refusals(variogram, n, d, message, rng):

@@ -147,7 +147,7 @@ def test_coregionalisation_is_found(rng):
         ({"variogram": MODEL, "coregionalisation": -np.eye(3)}, {}, KrigingError, "matrix 0 is not symmetric and"),
         ({"variogram": MODEL}, {"noise_cov": np.eye(2)}, DataError, r"noise_cov has shape \(2, 2\)"),
         ({"variogram": MODEL}, {"noise_cov": -np.eye(3)}, DataError, "noise_cov of row 0 is not symmetric"),
-        ({"variogram": MODEL}, {"noise_cov": np.eye(3), "noise_std": 1.0}, DataError, "both came"),
+        ({"variogram": MODEL}, {"noise_cov": np.eye(3), "noise_std": 1.0}, DataError, "cannot be combined"),
         ({"variogram": MODEL}, {"noise_cov": np.diag([np.inf, 1, 1])}, DataError, "component 0 was measured nowhere"),
     ],
 )

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -68,7 +70,7 @@ def test_noise_is_not_structure():
 @pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_verdict_on_noise(rng):
     band = permutation_envelope(rng.random((100, 3)), rng.standard_normal((100, 3)))
-    assert verdict(fit_variogram(band.variogram), band).startswith("No similarity can be told from chance")
+    assert verdict(fit_variogram(band.variogram), band).startswith("The similarity is not distinguishable from chance")
 
 
 def test_same_seed_same_band(structured):
@@ -104,3 +106,16 @@ def test_picture_of_several_ranges_and_of_gstools(rng):
     ):
         figure = plot_variogram(ev, model, theory=ev, residual=ev)
         assert len(figure.axes[0].lines) == lines + 1  # and the curve of theory
+
+
+def test_results_as_text_and_plain_values(rng):
+    x = rng.random((60, 2)) * 1000
+    band = permutation_envelope(x, np.sin(x / 200), bins=[0.0, 1e-3, 200.0, 400.0])
+    text = repr(band)
+    assert "\n" not in text
+    assert len(text) < 240
+    assert text.startswith("Envelope(p = 0.005 of 199 permutations; ")
+    assert "ExperimentalVariogram(3 bins, 2 components, " in text
+    assert json.loads(json.dumps(band.to_dict()))["variogram"]["pairs"] == band.variogram.pairs.tolist()
+    empty = experimental_variogram(x, x, bins=[0.0, 1e-6])
+    assert repr(empty) == "ExperimentalVariogram(1 bins, 2 components, 0 pairs, 1 weak bins, matheron)"

@@ -71,5 +71,5 @@ def test_refusals():
             as_variogram(gs.Exponential(latlon=True))
         with pytest.raises(KrigingError, match="rotation in 4 dimensions"):
             as_variogram(gs.Gaussian(dim=4, len_scale=[4, 3, 2, 1], angles=[0.3]))
-    with pytest.raises(KrigingError, match="str is no variogram model"):
+    with pytest.raises(KrigingError, match="expected a VariogramModel or a GSTools CovModel, got str"):
         as_variogram("exponential")

@@ -56,7 +56,7 @@ POLYNOMIAL: Final = (
 TARGETS: Final = 16
 
 
-# --- how kernels are compiled ----------------------------------------------------------------------------------------
+# --- how kernels are compiled -----------------------------------------------------------------------------------------
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -90,7 +90,7 @@ def pack(columns: FloatArray) -> FloatArray:
     return np.ascontiguousarray(padded.reshape(blocks, width, c).transpose(0, 2, 1))
 
 
-# --- exp(-t) as vector instructions ---------------------------------------------------------------------------------
+# --- exp(-t) as vector instructions -----------------------------------------------------------------------------------
 
 
 @compiled(fastmath={"contract"}, forceinline=True)
@@ -120,7 +120,7 @@ def _decay(t: float) -> float:
     return p * power
 
 
-# --- families: rho(r), and its slope rho'(r)/r ----------------------------------------------------------------------
+# --- families: rho(r), and its slope rho'(r)/r ------------------------------------------------------------------------
 
 
 @compiled(forceinline=True)
@@ -317,7 +317,7 @@ def slope(family: int, shape: float, q: FloatArray) -> None:
             q[j] = _power_slope(math.sqrt(q[j]), shape)
 
 
-# --- kernels over (targets) x (packed samples) ----------------------------------------------------------------------
+# --- kernels over (targets) x (packed samples) ------------------------------------------------------------------------
 
 
 @compiled(fastmath=REORDER)

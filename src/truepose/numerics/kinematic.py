@@ -1,6 +1,6 @@
 """Loops over pairs of samples of (10), compiled: the covariances of joint errors and Z, and their derivatives.
 
-The formulas are those of `truepose.predictors.kinematic.kernels`, which says what they are.
+The formulas are those of `truepose.predictors.kinematic.kernels`, which explains them.
 """
 
 from __future__ import annotations
@@ -32,16 +32,19 @@ def add_joints_and_rest(
     Parameters
     ----------
     covariance : (r m, 3 n) array [mm²]
-        Changed in place.
+        The matrix, changed in place.
     half, other_half : (m, k, 2), (n, k, 2) arrays
-        Cosine and sine of half of each joint's angle.
+        The cosine and sine of half of each joint's angle.
     lever, other_lever : (m, k, r), (n, k, 3) arrays [mm/rad]
+        The levers of the joints.
     std, length : (k,) arrays [rad]
+        The standard deviation and the range of each joint's error.
     place, other_place : (m, d), (n, d) arrays
-        Coordinates of Z over their ranges.
+        The coordinates of Z over their ranges.
     rest_std : float [mm]
+        The standard deviation b of Z.
     lower : bool
-        Only the lower triangle of blocks, of samples with themselves.
+        Whether only the lower triangle of blocks is added, for samples with themselves.
     """
     root3, root5 = math.sqrt(3.0), math.sqrt(5.0)
     k, rows, d = lever.shape[1], lever.shape[2], place.shape[1]

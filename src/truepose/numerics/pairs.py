@@ -39,26 +39,28 @@ def pair_sums(
     Parameters
     ----------
     x : (n, d) array
-        Coordinates.
+        The coordinates.
     e : (n, c) array
-        Columns whose differences are squared.
+        The columns whose differences are squared.
     edges : (k + 1,) array
-        Increasing; bin b holds edges[b] < h <= edges[b + 1].
+        The increasing edges; bin b holds edges[b] < h <= edges[b + 1].
     axis : (d,) or (0,) array
-        Unit vector of a direction; empty for all directions.
+        The unit vector of a direction; empty for all directions.
     tolerance : float [rad]
-        Largest angle between a pair and the axis.
+        The largest angle between a pair and the axis.
     bandwidth : float
-        Largest distance of one point from the axis through the other.
+        The largest distance of one point from the axis through the other.
     roots : bool
-        Sum square roots of absolute differences in place of squares.
+        Whether square roots of absolute differences are summed instead of squares.
 
     Returns
     -------
     pairs : (k + 1,) array of int
         Entry 0 counts the pairs at or below edges[0]; entry b + 1 those of bin b.
     distance : (k + 1,) array
+        The sum of the distances of each bin.
     squares : (k + 1, c) array
+        The sums of squared differences of each bin.
     """
     n, c = e.shape
     groups = -(-(c + 1) // LANES)

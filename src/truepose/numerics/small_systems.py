@@ -24,10 +24,11 @@ def pair_distances(u: FloatArray, targets: FloatArray, near: IntArray) -> FloatA
     Parameters
     ----------
     u : (n, d) array
-        Points.
+        The points.
     targets : (m, d) array
+        The targets.
     near : (m, k) array of int
-        Points near each target.
+        The points near each target.
 
     Returns
     -------
@@ -49,21 +50,22 @@ def eliminate(
     Parameters
     ----------
     rho : (b, pairs, LANES) array
-        Correlations at the distances of `pair_distances`.
+        The correlations at the distances of `pair_distances`.
     near : (m, k) array of int
+        The points near each target.
     signal : float
-        Factor on rho.
+        The factor on rho.
     diagonal : (n,) array
-        Diagonal of K at each point.
+        The diagonal of K at each point.
     at_target : (m,) array
-        What is added to the covariance of a target with the first of its neighbours.
+        The addition to the covariance of a target with the first of its neighbours.
     right : (n, s − 1) array
-        B at all points.
+        The rows of B at all points.
 
     Returns
     -------
     (m, s, s) array
-        NaN where K is not positive definite.
+        The products; NaN where K is not positive definite.
     """
     s = 1 + right.shape[1]
     out = np.empty((len(near), s, s))

@@ -28,9 +28,9 @@ class LeaveOneOut(NamedTuple):
     Attributes
     ----------
     residual : (n, k) array [mm]
-        Sample minus prediction.
+        The samples minus their predictions.
     std : (n, k) array [mm]
-        Standard deviation of the residual: of the prediction and of the reading together.
+        The standard deviation of the residual: of the prediction and of the reading together.
     """
 
     residual: FloatArray
@@ -62,7 +62,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X : (n, d) array_like
             Positions (n, 3) [mm] in the base frame, or joints (n, dof) [rad].
         y : (n, k) or (n,) array_like [mm]
-            Positional errors e, base frame.
+            The positional errors e, base frame.
         noise_std : float, (n,) or (n, k) array_like [mm], optional
             The standard deviation of the readings: of all, of each sample, or of each sample and component.
 
@@ -133,8 +133,9 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         e : (m, k) or (m,) array [mm]
+            The predicted errors.
         std : (m, k) or (m,) array [mm]
-            Only with `return_std`.
+            The standard deviations, only with `return_std`.
 
         Raises
         ------
@@ -156,7 +157,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         LeaveOneOut
-            residual, std: (n, k) or (n,) arrays [mm].
+            The residuals and their standard deviations, (n, k) or (n,) arrays [mm].
         """
         self._check_fitted()
         with self._blas():
@@ -174,7 +175,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         LeaveOneOut
-            residual, std: (n, k) or (n,) arrays [mm].
+            The residuals and their standard deviations, (n, k) or (n,) arrays [mm].
 
         Raises
         ------

@@ -39,7 +39,7 @@ class Interpolator(Predictor):
     Attributes
     ----------
     std_ : (k,) array [mm]
-        Root mean square of the leave-one-out residuals.
+        The root mean square of the leave-one-out residuals.
     """
 
     has_local_std = False
@@ -90,9 +90,9 @@ class InverseDistance(Interpolator):
     Parameters
     ----------
     power : float
-        Exponent of the distance, above 0.
+        The exponent of the distance, above 0.
     neighbours : int, optional
-        Nearest samples used for each target; all when not given.
+        The number of nearest samples used for each target; all when not given.
 
     Examples
     --------
@@ -165,7 +165,7 @@ class GridCell(Interpolator):
     Parameters
     ----------
     power : float
-        Exponent of the distance, above 0.
+        The exponent of the distance, above 0.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class GridCell(Interpolator):
         if not (math.isfinite(self.power) and self.power > 0):
             raise DataError(f"GridCell: power is {self.power}; expected a number above 0")
         if self._x.shape[1] > 62:
-            raise DataError(f"GridCell: {self._x.shape[1]} coordinates came; a cell has 62 at most")
+            raise DataError(f"GridCell: expected at most 62 coordinates, got {self._x.shape[1]}")
 
     def _interpolate(self, X: FloatArray, leave_out: bool = False) -> FloatArray:
         n, d = self._x.shape
@@ -217,9 +217,9 @@ class RadialBasis(Interpolator):
     Parameters
     ----------
     kernel : {"linear", "thin_plate_spline", "cubic", "quintic"}
-        As of scipy; "linear" is the biharmonic spline of three coordinates.
+        The kernel, as of scipy; "linear" is the biharmonic spline of three coordinates.
     smoothing : float
-        0 passes through the samples (means of repeats); more smooths.
+        The smoothing; at 0 the prediction passes through the samples (means of repeats).
 
     Examples
     --------
@@ -245,8 +245,8 @@ class RadialBasis(Interpolator):
             )
         except (np.linalg.LinAlgError, ValueError) as error:
             raise KrigingError(
-                f"{len(self._points.x)} points cannot bear the {self.kernel} spline in {self._x.shape[1]} coordinates "
-                f"({' '.join(str(error).split())}); measure more, or use kernel='linear'"
+                f"{len(self._points.x)} points do not determine the {self.kernel} spline in "
+                f"{self._x.shape[1]} coordinates ({' '.join(str(error).split())}); measure more, or use kernel='linear'"
             ) from None
 
     @property
@@ -304,3 +304,8 @@ class RegistrationOnly(Predictor):
 
     def _leave_one_out(self) -> LeaveOneOut:
         return LeaveOneOut(self._e.copy(), np.broadcast_to(self.std_, self._e.shape).copy())
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True
+        return tags

@@ -28,14 +28,14 @@ def fit_without_gross(
     Parameters
     ----------
     model : Predictor
-        Is fitted.
+        The predictor, which is fitted.
     x, e, noise_std : (n, d), (n, k), (n, k) arrays
-        As for `Predictor.fit`.
+        The arguments of `Predictor.fit`.
 
     Returns
     -------
     (n,) array
-        How strongly each reading is contradicted, in standard deviations; 0 for those kept.
+        The contradiction of each reading in standard deviations; 0 for those kept.
     """
     gross = np.zeros(len(e))
     while True:

@@ -30,10 +30,11 @@ class Points:
     Attributes
     ----------
     x : (u, d) array
-        Distinct points; in the order of the samples when nothing is repeated.
+        The distinct points; in the order of the samples when nothing is repeated.
     inverse : (n,) array of int
         The point of each sample.
     count : (u,) array of int
+        The number of samples at each point.
     """
 
     x: FloatArray

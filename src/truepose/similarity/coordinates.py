@@ -21,6 +21,7 @@ def lever_arm_weights(position_jacobian: ArrayLike) -> FloatArray:
     Parameters
     ----------
     position_jacobian : (n, 3, dof) array_like [mm/rad]
+        The derivative of the position by the joints.
 
     Examples
     --------
@@ -44,8 +45,9 @@ def joint_coordinates(
     Parameters
     ----------
     q : (n, dof) array_like [rad]
+        The joints.
     weights : (dof,) array_like, optional
-        w; ones when not given. See `lever_arm_weights`.
+        The weights w; ones when not given. See `lever_arm_weights`.
     approach : (n, dof) array_like, optional
         s: sign of the last motion of each joint, −1, 0 (not known) or 1.
     approach_weights : float or (dof,) array_like
@@ -64,7 +66,7 @@ def joint_coordinates(
     if signs.shape != joints.shape or not np.isin(signs, (-1, 0, 1)).all():
         raise DataError(f"approach has shape {signs.shape}; expected {joints.shape}, each -1, 0 or 1")
     if v.shape not in ((), joints.shape[1:]) or not (v >= 0).all():
-        raise DataError(f"approach_weights {v} cannot be right; give a number >= 0, or one for each joint")
+        raise DataError(f"approach_weights is {v}; expected a number >= 0, or one for each joint")
     return np.hstack([joints, signs * np.sqrt(v) / 2])
 
 
@@ -83,13 +85,15 @@ def equal_count_bins(
     Parameters
     ----------
     x : (n, d) array_like
+        The points.
     bins : int
+        The number of bins.
     max_lag : float, optional
-        Half the largest distance when not given.
+        The largest lag; half the largest distance when not given.
     weights : (d,) array_like, optional
-        Of the distance.
+        The weights of the distance.
     rng : Generator or int
-        For the random part.
+        The generator or seed for the random part.
 
     Examples
     --------

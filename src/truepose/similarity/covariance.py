@@ -142,7 +142,7 @@ def slope_moments(
     """Return Σ_(j>i) W_ij (−rho'(r)/r) Δu Δuᵀ, (d, d), of scaled points u (n, d) and the upper triangle of W (n, n).
 
     Its diagonal is Σ W_ij ∂rho_ij/∂log a_k, since ∂rho_ij/∂log a_k = −rho'(r)/r (u_ik − u_jk)²; the trace is the
-    derivative by one common range. The rest, zero unless `full`, is what a turn of the axes needs.
+    derivative by one common range. The other elements, zero unless `full`, are for rotations of the axes.
     """
     samples = pack(u)
     if _needs_bessel(family, shape):

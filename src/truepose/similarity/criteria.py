@@ -37,9 +37,9 @@ class Judged(NamedTuple):
     loss : float
         Half of the table's sums, over all components.
     Q : (n, n) array
-        Derivative of 2 loss by K; its upper triangle alone is filled.
+        The derivative of 2 loss by K; its upper triangle alone is filled.
     scale : (c,) array [mm²]
-        s of each component.
+        The scale s of each component.
     """
 
     loss: float
@@ -53,10 +53,13 @@ def judge(method: str, K: FloatArray, drift: FloatArray, e: FloatArray, common: 
     Parameters
     ----------
     method : {"reml", "ml", "loo"}
+        The criterion.
     K : (n, n) array
+        The covariance matrix, overwritten.
     drift : (n, p) array
-        F; p may be 0.
+        The columns F of the drift; p may be 0.
     e : (n, c) array [mm]
+        The errors.
     common : bool
         Whether the components share one scale.
     """

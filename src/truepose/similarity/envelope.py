@@ -1,7 +1,7 @@
 """Is there similarity at all? A permutation envelope of the semivariogram, and the answer in words.
 
 When the errors are shuffled among the points, nothing is left of their dependence on the distance. At the lags at which
-the semivariance is below nearly all shuffled ones, near points are more alike than chance makes them.
+the semivariance is below nearly all shuffled ones, near points are more alike than by chance.
 """
 
 from __future__ import annotations
@@ -26,24 +26,25 @@ from truepose.similarity.model import VariogramModel
 from truepose.similarity.words import Words, english
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Envelope:
     """Pointwise band of the semivariance under shuffling; k bins, c components.
 
     Attributes
     ----------
     variogram : ExperimentalVariogram
-        Of the errors as they are.
+        The semivariogram of the errors without shuffling.
     lower, upper : (k, c) arrays [mm²]
-        Band of each component.
+        The band of each component.
     vector_lower, vector_upper : (k,) arrays [mm²]
-        Band of the vector.
+        The band of the vector.
     p_value : float
-        Share of all arrangements in which near points are at least as alike, judged at once over the shortest quarter
+        The share of all permutations in which near points are at least as alike, over the shortest quarter
         of the lags: the test of "is there similarity at all".
     level : float
-        Share of the shuffles inside the band at one lag.
+        The share of the shuffles inside the band at one lag.
     permutations : int
+        The number of shuffles.
     """
 
     variogram: ExperimentalVariogram
@@ -67,6 +68,25 @@ class Envelope:
         below: BoolArray = self.variogram.semivariance < self.lower
         return below
 
+    def __repr__(self) -> str:
+        """Return the test's p-value and the number of lags below the band."""
+        lags = f"{self.structured.sum()} of {len(self.structured)} lags below the {100 * self.level:g} % band"
+        return f"Envelope(p = {self.p_value:.3g} of {self.permutations} permutations; {lags}; {self.variogram!r})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return test and band as plain values, units in the names."""
+        return {
+            "p_value": self.p_value,
+            "level": self.level,
+            "permutations": self.permutations,
+            "structured": self.structured.tolist(),
+            "lower_mm2": self.lower.tolist(),
+            "upper_mm2": self.upper.tolist(),
+            "vector_lower_mm2": self.vector_lower.tolist(),
+            "vector_upper_mm2": self.vector_upper.tolist(),
+            "variogram": self.variogram.to_dict(),
+        }
+
 
 def permutation_envelope(
     x: ArrayLike,
@@ -89,24 +109,25 @@ def permutation_envelope(
     Parameters
     ----------
     x, e, bins, max_lag, estimator, direction, weights
-        As in `experimental_variogram`.
+        The arguments of `experimental_variogram`.
     permutations : int
-        Number of shuffles, at least 2/(1 − level) − 1.
+        The number of shuffles, at least 2/(1 − level) − 1.
     level : float
-        0.95 gives the 2.5 and 97.5 % quantiles.
+        The share of shuffles within the band: 0.95 gives the 2.5 and 97.5 % quantiles.
     rng : Generator or int
-        Source, or seed, of the shuffles.
+        The source, or seed, of the shuffles.
 
     Raises
     ------
     DataError
-        If arrays or bins cannot be right, or there are too few permutations for the level.
+        If arrays or bins are invalid, or there are too few permutations for the level.
 
     Examples
     --------
     >>> x = np.linspace(0, 1000, 100)[:, None]
-    >>> bool(permutation_envelope(x, np.sin(x / 200)).structured[0])
-    True
+    >>> envelope = permutation_envelope(x, np.sin(x / 200))
+    >>> bool(envelope.structured[0]), envelope.p_value
+    (True, 0.005)
     """
     from truepose.similarity.robust import estimate
 
@@ -132,7 +153,7 @@ def permutation_envelope(
     filled = np.flatnonzero(variogram.pairs)
     short = filled[: max(1, len(variogram.pairs) // 4)]
     alike, observed = pairs[1:][short] @ vector[short], pairs[1:][short] @ variogram.vector[short]
-    p_value = (1 + np.count_nonzero(alike <= observed)) / (permutations + 1)
+    p_value = float((1 + np.count_nonzero(alike <= observed)) / (permutations + 1))
     return Envelope(variogram, lower, upper, vector_lower, vector_upper, p_value, level, permutations)
 
 
@@ -149,14 +170,15 @@ def verdict(
     Parameters
     ----------
     model : VariogramModel
-        Fitted to `envelope.variogram`.
+        The model fitted to `envelope.variogram`.
     envelope : Envelope
+        The permutation envelope.
     unit : str
-        Unit of the distances, for the text.
+        The unit of the distances, for the text.
     nugget : float [mm²], optional
-        See `sampled`.
+        The nugget, as for `sampled`.
     words : callable
-        Of another language; see `truepose.similarity.words`.
+        The words of another language; see `truepose.similarity.words`.
 
     Examples
     --------
@@ -182,15 +204,16 @@ def verdict(
 
 @dataclass(frozen=True)
 class Sampled:
-    """What a model says of the distances that were sampled: nothing is extrapolated.
+    """The variance and the nugget of a model within the sampled distances: nothing is extrapolated.
 
     Attributes
     ----------
     lag : float
         The largest lag of the semivariogram.
     variance : float [mm²]
-        γ at that lag: sill and nugget where the sill is reached within it.
+        The semivariance γ at that lag: sill and nugget where the sill is reached within it.
     nugget : float [mm²]
+        The nugget.
     sill : bool
         Whether the sill is reached within it.
     """
@@ -207,7 +230,7 @@ class Sampled:
 
     @property
     def structure_percent(self) -> float:
-        """The rest, rounded to the digits in which noise is told, at least to whole percents."""
+        """The share of the structure, rounded to the digits of the noise share, at least to whole percents."""
         noise = float(f"{100 * self.noise_share:.2g}")
         return round(100.0 - noise, max(0, 1 - math.floor(math.log10(noise))) if 0 < noise < 1 else 0)
 
@@ -223,15 +246,16 @@ class Sampled:
 
 
 def sampled(model: VariogramModel, variogram: ExperimentalVariogram, nugget: float | None = None) -> Sampled:
-    """Return what a model says of the distances that a semivariogram holds.
+    """Return variance and nugget of a model within the distances of a semivariogram.
 
     Parameters
     ----------
     model : VariogramModel
         Fitted to `variogram`. Of an anisotropic model the variance is the mean over the axes.
     variogram : ExperimentalVariogram
+        The experimental semivariogram.
     nugget : float [mm²], optional
-        Noise that is known better than the model tells it, as by `fit_likelihood`; the model's when not given.
+        The nugget where it is known better than from the model, as from `fit_likelihood`; the model's when not given.
     """
     lag = float(variogram.lag[variogram.pairs > 0].max())
     axes = [None] if model.isotropic else list(np.eye(variogram.dimensions))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,9 +25,9 @@ class Direction:
     axis : (d,) array_like
         The direction; its length and sign do not matter.
     tolerance : float [rad]
-        Largest angle between a pair and the axis.
+        The largest angle between a pair and the axis.
     bandwidth : float
-        Largest distance of one point from the axis through the other, in the unit of the coordinates.
+        The largest distance of one point from the axis through the other, in the unit of the coordinates.
     """
 
     axis: ArrayLike
@@ -35,33 +35,34 @@ class Direction:
     bandwidth: float = np.inf
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ExperimentalVariogram:
-    """What `experimental_variogram` found; k bins, c components.
+    """An experimental semivariogram of k bins and c components.
 
     Attributes
     ----------
     lag : (k,) array
-        Mean distance of the pairs of each bin, in the unit of the coordinates; NaN in an empty bin.
+        The mean distance of the pairs of each bin, in the unit of the coordinates; NaN in an empty bin.
     semivariance : (k, c) array [mm²]
-        Theory (4) for each component; NaN in an empty bin.
+        The semivariance (4) of each component; NaN in an empty bin.
     vector : (k,) array [mm²]
         Theory (4) with the squared norm of the vector difference: the sum over the components.
     pairs : (k,) array of int
-        Number of pairs N(h).
+        The number of pairs N(h).
     edges : (k + 1,) array
-        Bin b holds edges[b] < h <= edges[b + 1].
+        The edges of the bins; bin b holds edges[b] < h <= edges[b + 1].
     repeats : int
         Pairs at or below edges[0], which no bin holds: with the default bins, repeats of one point.
     repeat_semivariance : (c,) array [mm²]
         Their semivariance: the variance of the noise alone; NaN without repeats.
     dimensions : int
-        Number of coordinates d of the points.
+        The number of coordinates d of the points.
     estimator : str
+        The estimator.
     cross : (k, c, c) array [mm²]
-        Cross-semivariances of the component pairs, where asked for; the diagonal is `semivariance`. Else empty.
+        The cross-semivariances of the component pairs, if requested (else empty); the diagonal is `semivariance`.
     axis : (d,) array
-        Unit vector of the direction of its pairs, in the coordinates that the distances are of; empty for all.
+        The unit vector of the direction of its pairs, in the coordinates that the distances are of; empty for all.
     """
 
     lag: FloatArray
@@ -80,6 +81,28 @@ class ExperimentalVariogram:
     def weak(self) -> BoolArray:
         """Bins with fewer than 30 pairs, (k,)."""
         return self.pairs < WEAK_PAIRS
+
+    def __repr__(self) -> str:
+        """Return sizes, the range of lags, and the semivariance at the shortest and the longest."""
+        filled = np.flatnonzero(self.pairs)
+        size = f"{len(self.pairs)} bins, {self.semivariance.shape[1]} components, {self.pairs.sum()} pairs"
+        text = f"ExperimentalVariogram({size}, {self.weak.sum()} weak bins, {self.estimator}"
+        if filled.size:
+            first, last = filled[[0, -1]]
+            text += f"; γ = {self.vector[first]:.4g} mm² at lag {self.lag[first]:.4g}"
+            text += f", {self.vector[last]:.4g} mm² at lag {self.lag[last]:.4g}"
+        return text + ")"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the bins as plain values, units in the names."""
+        return {
+            "lag": self.lag.tolist(),
+            "semivariance_mm2": self.semivariance.tolist(),
+            "vector_mm2": self.vector.tolist(),
+            "pairs": self.pairs.tolist(),
+            "edges": self.edges.tolist(),
+            "estimator": self.estimator,
+        }
 
 
 def experimental_variogram(
@@ -100,16 +123,17 @@ def experimental_variogram(
     x : (n, d) array_like
         Positions (n, 3) [mm] or joints (n, dof) [rad].
     e : (n, c) or (n,) array_like [mm]
-        Errors at x.
+        The errors at x.
     bins : int or (k + 1,) array_like
-        Number of equal bins between 0 and `max_lag`, or the increasing edges of the bins. A bin is closed on the right.
+        The number of equal bins between 0 and `max_lag`, or the increasing edges of the bins. A bin is closed on the
+        right.
     max_lag : float, optional
-        Largest distance, in the unit of x; half the largest distance between two points when not given.
+        The largest distance, in the unit of x; half the largest distance between two points when not given.
     estimator : {"matheron", "cressie", "dowd", "genton"}
         Matheron is theory (4). The others resist gross errors: Cressie and Hawkins by fourth powers of mean square
         roots, Dowd by the median, Genton by the quartile of the differences' differences; see `robust`.
     direction : Direction or (d,) array_like, optional
-        Count only pairs along this axis.
+        The direction, if only pairs along it are counted.
     weights : (d,) array_like, optional
         w of the joint-space distance sqrt(Σ w_k (x_k - x'_k)²), not negative.
     cross : bool
@@ -118,7 +142,7 @@ def experimental_variogram(
     Raises
     ------
     DataError
-        If arrays, bins or direction cannot be right.
+        If arrays, bins or direction are invalid.
     KrigingError
         If all points are the same.
 
@@ -127,6 +151,8 @@ def experimental_variogram(
     >>> ev = experimental_variogram([[0.0], [1.0], [2.0]], [0.0, 2.0, 2.0], bins=[0.0, 1.0, 2.0])
     >>> ev.lag, ev.semivariance[:, 0], ev.pairs
     (array([1., 2.]), array([1., 2.]), array([2, 1]))
+    >>> ev
+    ExperimentalVariogram(2 bins, 1 components, 3 pairs, 2 weak bins, matheron; γ = 1 mm² at lag 1, 2 mm² at lag 2)
     """
     from truepose.similarity.robust import estimate
 
@@ -161,9 +187,9 @@ class VariogramCloud(NamedTuple):
     Attributes
     ----------
     first, second : (N,) arrays of int
-        Rows of the samples.
+        The rows of the samples.
     distance : (N,) array
-        In the unit of the coordinates.
+        The distances, in the unit of the coordinates.
     semivariance : (N, c) array [mm²]
         Half the squared difference of each component.
     """
@@ -209,7 +235,7 @@ def _cross(direct: FloatArray, sides: FloatArray, duos: list[tuple[int, int]]) -
 
 
 def check_points(x: ArrayLike, e: ArrayLike, weights: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return x as (n, d), scaled by the weights, and e as (n, c); raise DataError where they cannot be right."""
+    """Return x as (n, d), scaled by the weights, and e as (n, c); raise DataError where they are invalid."""
     points, errors = np.asarray(x, dtype=np.float64), np.asarray(e, dtype=np.float64)
     if errors.ndim == 1:
         errors = errors[:, None]
@@ -229,7 +255,7 @@ def check_points(x: ArrayLike, e: ArrayLike, weights: ArrayLike | None = None) -
         w = np.asarray(weights, dtype=np.float64)
         if w.shape != (points.shape[1],) or not (np.isfinite(w).all() and (w >= 0).all() and w.any()):
             raise DataError(
-                f"weights {w} cannot be right; give one number >= 0 for each of the {points.shape[1]} coordinates of x"
+                f"weights are {w}; expected a number >= 0 for each of the {points.shape[1]} coordinates of x"
             )
         points = points * np.sqrt(w)
     return points, errors

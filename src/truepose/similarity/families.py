@@ -1,4 +1,4 @@
-"""The families of correlation functions: what a reader and the fits need to know of each."""
+"""The families of correlation functions: formula, practical range, dimensions and shape of each."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ class Shape:
     Attributes
     ----------
     symbol : str
+        The symbol.
     least, most : float
-        Bounds; `least` is excluded, `most` included.
+        The bounds; `least` is excluded, `most` included.
     """
 
     symbol: str
@@ -34,15 +35,15 @@ class Family:
     Attributes
     ----------
     code : int
-        Its number in the compiled switches.
+        The number of the family in the compiled switches.
     formula : str
-        rho(r), as shown to a reader.
+        The formula of rho(r), for a reader.
     practical : float or callable
         r at which rho first is 0.05, or a function of the shape that gives it; infinite where there is no sill.
     dimensions : float
-        Largest number of coordinates in which rho is positive definite.
+        The largest number of coordinates in which rho is positive definite.
     shape : Shape, optional
-        Its third parameter, where it has one.
+        The third parameter of the family, if any.
     """
 
     code: int
@@ -105,7 +106,7 @@ def check_shape(name: str, shape: float | None) -> None:
     wanted = family_named(name).shape
     if wanted is None:
         if shape is not None:
-            raise KrigingError(f"a {name} variogram has no shape parameter, but shape={shape} came; leave it out")
+            raise KrigingError(f"a {name} variogram has no shape parameter, got shape={shape}; omit it")
         return
     top = 2.0 if name == "power" else wanted.most
     span = f"above {wanted.least:g} and {'below' if name == 'power' else 'up to'} {top:g}"

@@ -73,8 +73,8 @@ def fit_variogram(
     shape : float, optional
         The shape of a family that has one; the best of several when not given.
     ranges : {"one", "each", "rotated"}
-        One range for each structure; one for each coordinate; or one for each axis of a rotation that is found as well,
-        of 2 or 3 coordinates.
+        The ranges of each structure: one; one for each coordinate; or one for each axis of a rotation that is fitted
+        too, of 2 or 3 coordinates.
 
     Returns
     -------

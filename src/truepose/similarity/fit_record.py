@@ -1,4 +1,4 @@
-"""The record of how a variogram model was fitted, and what it says about the model."""
+"""The record of how a variogram model was fitted, with remarks on bounds and range."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class FitRecord:
     candidates : dict of str to float
         The criterion of every family that was tried.
     bounds_hit : dict of str to {"lower", "upper"}
-        Parameters that ended at a bound.
+        The parameters that ended at a bound.
     standard_error : dict of str to float
         The standard error of each parameter; NaN for a parameter at a bound.
     fitted : dict

@@ -32,7 +32,7 @@ def as_variogram(model: Any) -> VariogramModel:
     Parameters
     ----------
     model : VariogramModel or gstools.CovModel
-        Sums, anisotropy and rotation included.
+        The model; sums, anisotropy and rotation are converted too.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def as_variogram(model: Any) -> VariogramModel:
     if isinstance(model, VariogramModel):
         return model
     if not is_covmodel(model):
-        raise KrigingError(f"{type(model).__name__} is no variogram model; give a VariogramModel or a GSTools CovModel")
+        raise KrigingError(f"expected a VariogramModel or a GSTools CovModel, got {type(model).__name__}")
     parts = getattr(model, "models", None)
     if parts is not None:  # a sum; with no parts a pure nugget
         inner = float(sum(part.nugget for part in parts))

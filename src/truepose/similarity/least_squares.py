@@ -60,7 +60,7 @@ class Bins:
     Attributes
     ----------
     h, gamma, pairs : (k,) arrays
-        Lag, semivariance [mm²] and number of pairs.
+        The lag, semivariance [mm²] and number of pairs.
     vectors : (k, d) or (k, 0) array
         The lag as a vector, where the variograms have directions.
     """

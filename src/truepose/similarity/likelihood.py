@@ -28,7 +28,7 @@ from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.trend import polynomial
 
 ROUGH_TO_SMOOTH: Final = ("exponential", "matern32", "matern52")
-"""Families tried by default: valid in any number of coordinates, and never as ill-conditioned as the gaussian."""
+"""Families tried by default: valid in any number of coordinates, and better conditioned than the gaussian."""
 
 LEAST: Final = 5
 STARTS: Final = ((0.5, 0.1), (4.0, 1e-3))
@@ -91,18 +91,18 @@ def fit_likelihood(
     x : (n, d) array_like
         Positions [mm] or joints [rad].
     e : (n, c) or (n,) array_like [mm]
-        Errors at x.
+        The errors at x.
     family : str or sequence of str
-        Families with a sill; the most likely one wins. "spherical+exponential" has two structures, of which the first
-        starts as the shorter one.
+        The families with a sill; the most likely one wins. "spherical+exponential" has two structures, of which the
+        first starts as the shorter one.
     method : {"reml", "ml", "loo"}
-        Restricted likelihood, which does not favour short ranges as likelihood does; likelihood; or the product of the
-        leave-one-out densities, which suffers least where the family is wrong.
+        The criterion: restricted likelihood, which does not favour short ranges as likelihood does; likelihood; or the
+        product of the leave-one-out densities, which is the least sensitive to a wrong family.
     ranges : {"one", "each", "rotated"}
-        One range; one for each coordinate; or one for each axis of a rotation that is found as well, of 2 or 3
+        The ranges: one; one for each coordinate; or one for each axis of a rotation that is fitted too, of 2 or 3
         coordinates.
     shape : float, optional
-        Shape of a family that has one; fitted when not given.
+        The shape of a family that has one; fitted when not given.
     drift : {"none", "constant", "linear", "quadratic"} or (n, p) array_like
         The drift of the mean, by name or as columns.
     common_scale : bool

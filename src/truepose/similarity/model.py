@@ -58,13 +58,13 @@ class VariogramModel(SingleStructure):
     family : str
         A name of the table.
     nugget : float [mm²]
-        C0: the step at the origin; noise or micro-scale variation (`OrdinaryKriging(exact=…)` says which).
+        C0, the step at the origin: noise or micro-scale variation, as stated by `OrdinaryKriging(exact=…)`.
     sill : float [mm²]
-        Partial sill C of the first structure; the total is C0 + C. For "linear" and "power", γ − C0 after one range.
+        The partial sill C of the first structure; the total is C0 + C. For "linear" and "power": γ − C0 at one range.
     range : float or sequence of float
-        a of the formula, in the unit of the coordinates: one, or one for each coordinate or axis.
+        The range a, in the unit of the coordinates: one, or one for each coordinate or axis.
     shape : float, optional
-        ν or α, for the families that have it.
+        The shape ν or α, of the families that have it.
     rotation : Rotation or (3,) array_like [rad], optional
         The axes of the ranges are the columns of this rotation; as a rotation vector. In two coordinates: about z.
     plus : sequence of VariogramModel
@@ -104,7 +104,7 @@ class VariogramModel(SingleStructure):
         _check_parameters(self.nugget, self.sill, self.range, ranges)
         check_shape(self.family, self.shape)
         if kind.practical == 0 and self.sill:
-            raise KrigingError(f"a {self.family} has no sill, but sill={self.sill} came; give it as nugget=")
+            raise KrigingError(f"a {self.family} has no sill, got sill={self.sill}; pass it as nugget=")
         if several:
             object.__setattr__(self, "range", ranges)
         if self.rotation is not None:
@@ -129,7 +129,7 @@ class VariogramModel(SingleStructure):
         parts += [f"remarks={remarks!r}"] if remarks else []
         return f"VariogramModel({', '.join(parts)})"
 
-    # --- what it is -------------------------------------------------------------------------------------------------
+    # --- properties ---------------------------------------------------------------------------------------------------
 
     @property
     def structures(self) -> tuple[VariogramModel, ...]:
@@ -203,7 +203,7 @@ class VariogramModel(SingleStructure):
             if part.rotation is not None:
                 part.axes()
 
-    # --- values -----------------------------------------------------------------------------------------------------
+    # --- values -------------------------------------------------------------------------------------------------------
 
     def semivariance(self, h: ArrayLike, direction: ArrayLike | None = None) -> FloatArray:
         """Return γ(h) [mm²] at distances h >= 0 of any shape; 0 at h = 0.
@@ -211,7 +211,7 @@ class VariogramModel(SingleStructure):
         Parameters
         ----------
         h : array_like
-            In the unit of the coordinates.
+            The distances, in the unit of the coordinates.
         direction : (d,) array_like, optional
             Along which the distances are; needed where the model is anisotropic. Its length does not matter.
         """
@@ -283,10 +283,10 @@ class VariogramModel(SingleStructure):
             found |= {name + suffix: value for name, value in part.structure_derivatives(h, direction).items()}
         return found
 
-    # --- others made of it ------------------------------------------------------------------------------------------
+    # --- others made of it --------------------------------------------------------------------------------------------
 
     def __add__(self, other: VariogramModel) -> VariogramModel:
-        """Return the model of the sum of two independent fields: nuggets add, structures stand side by side."""
+        """Return the model of the sum of two independent fields: the nuggets are added, the structures are kept."""
         if not isinstance(other, VariogramModel):
             return NotImplemented
         return replace(self, plus=(*self.plus, other), fit=None)
@@ -305,7 +305,7 @@ class VariogramModel(SingleStructure):
     def with_pseudo_sill(self, points: FloatArray) -> VariogramModel:
         """Return the same γ with its structures without sill as C (1 − ρ), ρ = 1 − (h/a)^α, C large enough for points.
 
-        Then C ρ can stand for a covariance of these points (n, d): C cancels where weights sum to 1, and the matrix is
+        Then C ρ can be used as a covariance of these points (n, d): C cancels where weights sum to 1, and the matrix is
         positive definite where C is above the largest energy of unit charge in a ball of radius R that holds the
         points, R^α Γ(1 − α/2) Γ((d + α)/2)/Γ(d/2) (N. S. Landkof, Foundations of Modern Potential Theory, 1972); C is
         twice that.
@@ -385,7 +385,7 @@ def _short(values: float | tuple[float, ...]) -> str:
 def _distances(h: ArrayLike) -> FloatArray:
     array = np.asarray(h, dtype=np.float64)
     if not (array >= 0).all():
-        raise KrigingError("distances of a variogram must be numbers of 0 or more; a negative or NaN one came")
+        raise KrigingError("expected distances of 0 or more, got a negative number or NaN")
     return array
 
 

@@ -40,7 +40,7 @@ class Cloud(NamedTuple):
     first, second : (N,) arrays of int
         The points of each pair, ordered so that the first coordinate that differs rises.
     distance : (N,) array
-        In the unit of the coordinates.
+        The distances, in the unit of the coordinates.
     """
 
     first: IntArray

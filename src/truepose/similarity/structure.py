@@ -95,7 +95,7 @@ class SingleStructure:
         Parameters
         ----------
         moments : (…, d, d) array
-            M.
+            The matrix M.
         """
         diagonal = np.diagonal(moments, axis1=-2, axis2=-1)
         if not isinstance(self.range, tuple):

@@ -1,4 +1,4 @@
-"""The semivariogram that parameter errors imply, theory (6): what kinematics explains of the similarity."""
+"""The semivariogram that parameter errors imply, theory (6): the part of the similarity that kinematics explains."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def model_based_variogram(
 ) -> ExperimentalVariogram:
     """Return γ_theory = ½ tr[(J − J') Σ (J − J')ᵀ], averaged over the pairs of each bin, theory (6).
 
-    With Σ = L Lᵀ it is the semivariogram of the columns of J L, summed; so it is averaged over the very pairs of
+    With Σ = L Lᵀ it is the semivariogram of the columns of J L, summed; so it is averaged over the same pairs as in
     `experimental_variogram` with the same x, bins and direction.
 
     Parameters
@@ -31,14 +31,14 @@ def model_based_variogram(
     jacobian : (n, c, p) array_like
         J of the error's c components by p parameters at x, theory (3) [mm per unit of the parameter].
     covariance : (p, p) or (p,) array_like
-        Σ of the parameters' errors; one vector stands for its diagonal.
+        The covariance Σ of the parameters' errors, or its diagonal.
     bins, max_lag, direction, weights
-        As in `experimental_variogram`.
+        The arguments of `experimental_variogram`.
 
     Returns
     -------
     ExperimentalVariogram
-        Its semivariance is the expected one; its estimator is ``model``.
+        The expected semivariogram; its estimator is ``model``.
 
     Raises
     ------

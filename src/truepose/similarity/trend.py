@@ -22,16 +22,16 @@ class Trend:
     Attributes
     ----------
     residual : (n, c) array [mm]
-        Errors less the drift. Their semivariogram is too low at long lags, since the drift fits part of the
+        The errors less the drift. Their semivariogram is too low at long lags, since the drift fits part of the
         correlated field too (N. Cressie, Statistics for Spatial Data, 1993, §3.4.3).
     coefficients : (p, c) array
-        Of the columns.
+        The coefficients of the columns.
     explained : float
-        Share of the errors' variance about their mean that the drift takes away, all components together.
+        The share of the errors' variance about their mean that the drift explains, over all components.
     adjusted : float
-        The same less what p columns take away from noise by chance: 1 − (1 − R²)(n − 1)/(n − p); may be negative.
+        The same, corrected for the noise that p columns fit by chance: 1 − (1 − R²)(n − 1)/(n − p); may be negative.
     rank : int
-        Columns that can be told apart; below p, some are combinations of others.
+        The number of independent columns; below p, some are combinations of others.
     """
 
     residual: FloatArray
@@ -49,8 +49,9 @@ def remove_drift(x: ArrayLike, e: ArrayLike, drift: str | ArrayLike = "linear") 
     x : (n, d) array_like
         Positions [mm] or joints [rad].
     e : (n, c) or (n,) array_like [mm]
+        The errors.
     drift : {"constant", "linear", "quadratic"} or (n, p) array_like
-        Polynomials of x, or columns of your own.
+        The drift: polynomials of x, or columns of your own.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 ENGLISH: Final = {
     "axis": "{family}, axis {number}",
     "band": "shuffled, {percent:g} %",
-    "chance": "No similarity can be told from chance (p = {p:.2g}): {count}.",
+    "chance": "The similarity is not distinguishable from chance (p = {p:.2g}): {count}.",
     "count": "{below} of {lags} lags lie below the {percent:g} % band of shuffled data",
     "distance": "distance h [{unit}]",
     "extent": "similarity fades out at {range:.4g} {unit} (95 % of the sill)",
@@ -29,7 +29,7 @@ ENGLISH: Final = {
 
 
 class Words(Protocol):
-    """What gives a text by its key, with values put in."""
+    """A function that returns the text of a key, with values inserted."""
 
     def __call__(self, key: str, /, **values: float | str) -> str:
         """Return the text."""

@@ -50,7 +50,7 @@ class Kriging(Predictor):
     variogram: VariogramLike
     exact: bool
 
-    # --- methods of a subclass --------------------------------------------------------------------------------------
+    # --- methods of a subclass ----------------------------------------------------------------------------------------
 
     @abstractmethod
     def _drift_kind(self) -> DriftLike | None:
@@ -76,7 +76,7 @@ class Kriging(Predictor):
         """Return a fitted variogram, refined where a subclass can."""
         return model
 
-    # --- fit --------------------------------------------------------------------------------------------------------
+    # --- fit ----------------------------------------------------------------------------------------------------------
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._e, self._points = e, Points.of(X)
@@ -141,7 +141,7 @@ class Kriging(Predictor):
     def _parameter(cls, name: str, value: Any) -> Any:
         return models_from_plain(value) if name == "variogram" else super()._parameter(name, value)
 
-    # --- parts of predictions ---------------------------------------------------------------------------------------
+    # --- parts of predictions -----------------------------------------------------------------------------------------
 
     def _nugget_variance(self) -> FloatArray:
         return self._nugget

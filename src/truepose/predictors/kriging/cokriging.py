@@ -33,14 +33,17 @@ class Cokriging:
     Parameters
     ----------
     x : (n, d) array
+        The points.
     e : (n, k) array
+        The errors.
     models, matrices : sequence of VariogramModel, (s, k, k) array
-        Cov(e_a, e_b') = Σ_s B_s,ab (covariance of model s).
+        The models and matrices of Cov(e_a, e_b') = Σ_s B_s,ab (covariance of model s).
     drift : DriftBasis
+        The drift, or its columns.
     shared : bool
         Whether the components share the coefficients of the drift.
     noise : (n, k, k) array
-        Covariance of the readings; a component with infinite variance was not measured.
+        The covariance of the readings; a component with infinite variance was not measured.
     exact : bool
         Whether the nuggets belong to the error.
     """
@@ -141,7 +144,7 @@ class Cokriging:
     def left_out(self, groups: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residual and variance of the reading's residual, (n, k), of each sample without its group.
 
-        NaN for what was not measured.
+        NaN for components that were not measured.
         """
         n, k = self._e.shape
         residual, variance = np.full((2, n * k), np.nan)
@@ -155,7 +158,7 @@ class Cokriging:
                 factor = cho_factor(self.system.left_out_precision(inside), lower=True)
             except np.linalg.LinAlgError:
                 raise KrigingError(
-                    f"without group {group} the others cannot tell the drift; use smaller groups"
+                    f"without group {group} the others do not determine the drift; use smaller groups"
                 ) from None
             rows = self._rows[inside]
             covariance = cho_solve(factor, np.eye(len(rows)))
@@ -191,7 +194,7 @@ class Cokriging:
 
 
 def given_matrices(coregionalisation: Any, terms: int, k: int) -> FloatArray:
-    """Return what the user gave as (terms, k, k); raise KrigingError where one is no covariance matrix."""
+    """Return given matrices as (terms, k, k); raise KrigingError where one is not a covariance matrix."""
     matrices = np.asarray(coregionalisation, dtype=np.float64)
     matrices = matrices[None] if matrices.ndim == 2 else matrices
     if matrices.shape != (terms, k, k):
@@ -212,7 +215,7 @@ def given_matrices(coregionalisation: Any, terms: int, k: int) -> FloatArray:
 
 
 def floored(matrix: FloatArray) -> FloatArray:
-    """Return a covariance matrix in which every combination of the components varies, if ever so little."""
+    """Return a covariance matrix in which every combination of the components has a positive variance."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     floor = SMALLEST_SCALE * max(float(values[-1]), 1.0)
     return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T)
@@ -227,7 +230,9 @@ def fit_coregionalisation(x: FloatArray, e: FloatArray, models: Sequence[Variogr
     Parameters
     ----------
     x : (n, d) array
+        The points.
     e : (n, k) array
+        The errors.
     models : sequence of VariogramModel
         The structures, as units of variance.
     """

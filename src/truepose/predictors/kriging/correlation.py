@@ -28,13 +28,13 @@ class Structure:
     Attributes
     ----------
     code : int
-        Family, as the kernels number it.
+        The family, as the kernels number it.
     shape : float
-        Shape parameter of the family; 0 where it has none.
+        The shape parameter of the family; 0 where it has none.
     share : float
-        Share of the partial sill; the shares have the sum 1.
+        The share of the partial sill; the shares have the sum 1.
     axes : (d, d) array
-        u = x · axes.
+        The matrix of u = x · axes.
     """
 
     code: int
@@ -54,6 +54,7 @@ class Correlation:
     Attributes
     ----------
     structures : tuple of Structure
+        The structures.
     """
 
     structures: tuple[Structure, ...]
@@ -99,8 +100,9 @@ class Sums:
     Attributes
     ----------
     correlation : Correlation
+        The correlation of the structures.
     n : int
-        Points.
+        The points.
     samples : tuple of packed arrays
         The points as each structure sees them.
     """
@@ -150,10 +152,11 @@ class Support:
     Attributes
     ----------
     nodes : (q, d) array, or (1, 1) for a point
+        The nodes, as shifts from a target.
     weights : (q,) array
-        With the sum 1.
+        The weights of the nodes; their sum is 1.
     within : float
-        Mean correlation of two points of the support.
+        The mean correlation of two points of the support.
     """
 
     nodes: FloatArray

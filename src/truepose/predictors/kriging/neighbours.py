@@ -33,12 +33,13 @@ class Group:
     Attributes
     ----------
     components : array of int
+        The components of the group.
     signal, micro : float
-        Shares of partial sill and exact nugget in the unit variance.
+        The shares of partial sill and exact nugget in the unit variance.
     noise : (u,) array
-        Unit variance of the noise of each point's mean.
+        The unit variance of the noise of each point's mean.
     right : (u, p + c) array
-        Columns of the drift, then the errors of these components.
+        The columns of the drift, then the errors of these components.
     """
 
     components: IntArray
@@ -54,15 +55,16 @@ class Group:
 
 
 class NeighbourKriging(Kriging):
-    """Base of Kriging from the nearest samples; a subclass says how the drift is found.
+    """Base of Kriging from the nearest samples; a subclass determines how the drift is found.
 
     Parameters
     ----------
     neighbours : int
+        The number of nearest samples used for each target.
     variogram, exact
-        As for `OrdinaryKriging`; the variogram needs a sill.
+        The parameters of `OrdinaryKriging`; the variogram needs a sill.
     drift
-        As for `UniversalKriging`.
+        The drift, as for `UniversalKriging`.
     """
 
     def __init__(
@@ -87,7 +89,7 @@ class NeighbourKriging(Kriging):
                 slope[part, group.components] = self._slope(x[part], near, group)
         return slope[:, 0] if self._flat else slope
 
-    # --- methods of a subclass --------------------------------------------------------------------------------------
+    # --- methods of a subclass ----------------------------------------------------------------------------------------
 
     @abstractmethod
     def _group_scale(self, group: Group) -> FloatArray:
@@ -102,9 +104,9 @@ class NeighbourKriging(Kriging):
         """Return beta of each target, (m, p, c), given K⁻¹ of its neighbours (m, k, k)."""
 
     def _prepare(self) -> None:
-        """Prepare what is common to all targets, once the groups exist."""
+        """Prepare the common part of all targets, once the groups exist."""
 
-    # --- fit --------------------------------------------------------------------------------------------------------
+    # --- fit ----------------------------------------------------------------------------------------------------------
 
     def _drift_kind(self) -> DriftLike:
         return self.drift
@@ -147,7 +149,7 @@ class NeighbourKriging(Kriging):
             scale[group.components] = self._group_scale(group)
         return scale
 
-    # --- prediction -------------------------------------------------------------------------------------------------
+    # --- prediction ---------------------------------------------------------------------------------------------------
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e, variance = np.empty((2, len(X), len(self._total)))
@@ -235,7 +237,7 @@ class NeighbourKriging(Kriging):
             slope[:, :, columns] += group.signal * along
         return np.asarray(slope)
 
-    # --- leave-one-out ----------------------------------------------------------------------------------------------
+    # --- leave-one-out ------------------------------------------------------------------------------------------------
 
     def _left_out(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Predict points from their nearest others, mean and variance (m, k)."""
@@ -261,20 +263,20 @@ class LocalKriging(NeighbourKriging):
     Parameters
     ----------
     neighbours : int
-        Nearest samples used for each target.
+        The number of nearest samples used for each target.
     variogram : VariogramModel, sequence of VariogramModel, str or sequence of str, optional
-        As for `OrdinaryKriging`; a model with a sill.
+        The variogram, as for `OrdinaryKriging`; a model with a sill.
     exact : bool
         Whether the nugget belongs to the error and not to the readings.
     drift : {"constant", "linear", "quadratic", "cubic"}, int, sequence of int, or callable
-        As for `UniversalKriging`; its coefficients are each target's own.
+        The drift, as for `UniversalKriging`; each target has its own coefficients.
 
     Attributes
     ----------
     variogram_ : VariogramModel
-        Mean over the components, as given or fitted.
+        The mean over the components, as given or fitted.
     variograms_ : tuple of VariogramModel
-        Of each component.
+        The variogram of each component.
 
     Examples
     --------
@@ -300,8 +302,8 @@ class LocalKriging(NeighbourKriging):
             lagrange = np.linalg.solve(information, unexplained[:, :, None])[:, :, 0]
         except np.linalg.LinAlgError:
             raise KrigingError(
-                f"near some target {self.neighbours} neighbours cannot tell the {p} columns of the drift; use more "
-                "neighbours or a simpler drift"
+                f"near some target {self.neighbours} neighbours do not determine the {p} columns of the drift; use "
+                "more neighbours or a simpler drift"
             ) from None
         mean = gram[:, 0, 1 + p :] + np.einsum("mp,mpc->mc", lagrange, gram[:, 1 : 1 + p, 1 + p :])
         return mean, group.prior - gram[:, 0, 0] + np.einsum("mp,mp->m", unexplained, lagrange)

@@ -31,11 +31,13 @@ class _Group:
     Attributes
     ----------
     components : list of int
+        The components of the group.
     signal, micro : float
-        Shares of partial sill and exact nugget in the unit variance.
+        The shares of partial sill and exact nugget in the unit variance.
     noise : (u,) array
-        Unit variance of the noise of each point's mean.
+        The unit variance of the noise of each point's mean.
     system : System
+        The factorised system.
     """
 
     components: list[int]
@@ -48,7 +50,7 @@ class _Group:
 class GlobalKriging(Kriging):
     """Base of Kriging from all samples: one factorisation, any drift, all components (equations (7) and (8))."""
 
-    # --- what a user asks -------------------------------------------------------------------------------------------
+    # --- methods for users --------------------------------------------------------------------------------------------
 
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X, (m, k, d) or (m, d).
@@ -76,18 +78,20 @@ class GlobalKriging(Kriging):
         Parameters
         ----------
         X : (m, d) array_like
-            Centres of the boxes.
+            The centres of the boxes.
         size : float or (d,) array_like
-            Lengths of the boxes' edges, in the unit of the coordinates.
+            The lengths of the boxes' edges, in the unit of the coordinates.
         return_std : bool
+            Whether the standard deviation is returned as well.
         nodes : int
-            Nodes along each edge.
+            The nodes along each edge.
 
         Returns
         -------
         e : (m, k) or (m,) array [mm]
+            The predicted errors.
         std : (m, k) or (m,) array [mm]
-            Only with `return_std`.
+            The standard deviations, only with `return_std`.
 
         Raises
         ------
@@ -119,21 +123,24 @@ class GlobalKriging(Kriging):
     ) -> FloatArray:
         """Draw fields that could be, given the samples (conditional simulation).
 
-        They pass through what `predict` passes through, and vary between as the variogram says. Drawn from the joint
-        covariance of the targets, which takes 8 m² bytes and O(m³) time.
+        They pass through the same samples as `predict`, and vary between them as the variogram states. They are drawn
+        from the joint covariance of the targets, which takes 8 m² bytes and O(m³) time.
 
         Parameters
         ----------
         X : (m, d) array_like
+            The targets.
         size : int
-            Number of fields.
+            The number of fields.
         rng : Generator or int
+            The generator or seed of the draws.
         include_nugget : bool
-            Add the noise of one new reading at each target.
+            Whether the noise of one new reading is added at each target.
 
         Returns
         -------
         (size, m, k) or (size, m) array [mm]
+            The drawn fields.
         """
         self._check_fitted()
         x = self._validate(X)[0]
@@ -160,7 +167,7 @@ class GlobalKriging(Kriging):
                 field[np.ix_(rows, c)] = own[place, None] * self._total[c]
         return LeaveOneOut(residual, np.sqrt(field + self._reading))
 
-    # --- fit --------------------------------------------------------------------------------------------------------
+    # --- fit ----------------------------------------------------------------------------------------------------------
 
     def _known_mean(self, k: int) -> FloatArray:
         return np.zeros(k)
@@ -201,7 +208,7 @@ class GlobalKriging(Kriging):
     def _scale(self) -> FloatArray:
         return np.asarray(self._own_scale / self._total)
 
-    # --- prediction -------------------------------------------------------------------------------------------------
+    # --- prediction ---------------------------------------------------------------------------------------------------
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         targets, points = self._at_samples(X)
@@ -277,7 +284,7 @@ class GlobalKriging(Kriging):
         targets = np.flatnonzero(np.asarray(found[0]) == 0)
         return targets, np.asarray(found[1])[targets]
 
-    # --- the rest ---------------------------------------------------------------------------------------------------
+    # --- the rest -----------------------------------------------------------------------------------------------------
 
     def _leave_one_out(self) -> LeaveOneOut:
         prediction, field = np.empty_like(self._mean_e), np.empty_like(self._mean_e)
@@ -325,13 +332,13 @@ class OrdinaryKriging(GlobalKriging):
     Attributes
     ----------
     variogram_ : VariogramModel
-        Mean over the components, as given or fitted.
+        The mean over the components, as given or fitted.
     variograms_ : tuple of VariogramModel
-        Of each component.
+        The variogram of each component.
     mean_ : (k,) array [mm]
-        GLS estimate of the mean.
+        The GLS estimate of the mean.
     condition_ : float
-        Condition number of the covariance matrix (the worst, if components have their own).
+        The condition number of the covariance matrix (the worst, if components have their own).
 
     Examples
     --------
@@ -360,7 +367,7 @@ class SimpleKriging(GlobalKriging):
     Parameters
     ----------
     variogram : VariogramModel, sequence of VariogramModel, str or sequence of str, optional
-        As for `OrdinaryKriging`; a model without a sill has no simple Kriging.
+        The variogram, as for `OrdinaryKriging`; a model with a sill.
     exact : bool
         Whether the nugget belongs to the error and not to the readings.
     mean : float or sequence of float [mm]
@@ -393,7 +400,7 @@ class SimpleKriging(GlobalKriging):
 class UniversalKriging(GlobalKriging):
     """Kriging with a drift, theory (8): its coefficients by generalised least squares, their uncertainty in the std.
 
-    The variogram, when it is not given, is that of what the drift leaves by ordinary least squares.
+    A fitted variogram is that of the residuals of the drift by ordinary least squares.
 
     Parameters
     ----------
@@ -401,15 +408,15 @@ class UniversalKriging(GlobalKriging):
         A polynomial of all coordinates by name or degree; numbers of columns of X that are columns of the drift and no
         coordinates; or a function X (m, d) → (m, p). The constant always comes on top. A function cannot be saved.
     variogram, exact
-        As for `OrdinaryKriging`.
+        The parameters of `OrdinaryKriging`.
 
     Attributes
     ----------
     beta_ : (p, k) array [mm]
-        GLS coefficients of the columns: the constant, then polynomials of (x − mean of the points)/half their extent,
-        or columns of X so scaled, or the function's.
+        The GLS coefficients of the columns: the constant, then polynomials of (x − mean of the points)/half their
+        extent, or columns of X scaled in this way, or the function's.
     variogram_, variograms_, condition_
-        As of `OrdinaryKriging`.
+        The attributes of `OrdinaryKriging`.
 
     Examples
     --------
@@ -428,14 +435,15 @@ class UniversalKriging(GlobalKriging):
 
 
 def _inverse(precision: FloatArray, label: Any) -> FloatArray:
-    """Return the inverse of P_II, which is singular where the others cannot tell the drift."""
+    """Return the inverse of P_II, which is singular where the others do not determine the drift."""
     try:
         factor = cho_factor(precision, lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         factor = None
     if factor is None or factor[0].diagonal().min() ** 2 < WORST * precision.diagonal().max():
         raise KrigingError(
-            f"without block {label} of {len(precision)} points the others cannot tell the drift; use smaller blocks"
+            f"without block {label} of {len(precision)} points the others do not determine the drift; use "
+            "smaller blocks"
         )
     inverse: FloatArray = cho_solve(factor, np.eye(len(precision)), check_finite=False)
     return inverse

@@ -25,10 +25,10 @@ WORST: Final = 1e-14
 """Smallest reciprocal condition number with which a solution still has digits."""
 
 POOR: Final = 1e-11
-"""Smaller ones are told: of 16 digits fewer than five are left."""
+"""A smaller one is warned of: fewer than five of 16 digits are left."""
 
 WORST_DRIFT: Final = 1e-10
-"""Smallest ratio of singular values with which the columns of a drift can be told apart."""
+"""Smallest ratio of singular values with which the columns of a drift count as independent."""
 
 REMEDY: Final = "give the variogram a nugget, use a rougher family (matern52 for gaussian), or drop near points"
 PANEL: Final = 256
@@ -41,9 +41,9 @@ class System:
     Attributes
     ----------
     q, r : (n, p) and (p, p) arrays
-        W F = Q R.
+        The factors of W F = Q R.
     condition : float
-        Condition number of K in the 1-norm.
+        The condition number of K in the 1-norm.
     """
 
     def __init__(self, factor: FloatArray, q: FloatArray, r: FloatArray, condition: float) -> None:
@@ -58,14 +58,16 @@ class System:
         Parameters
         ----------
         covariance : (n, n) array, C order, symmetric
+            The covariance matrix, overwritten.
         drift : (n, p) array
+            The drift, or its columns.
         x : (u, d) array
             The points, to name the nearest two when the matrix is singular or nearly so.
 
         Raises
         ------
         KrigingError
-            If the matrix is singular or not positive definite in 64 bits, or columns of the drift cannot be told apart.
+            If the matrix is singular or not positive definite in 64 bits, or columns of the drift are not independent.
 
         Warns
         -----
@@ -95,7 +97,7 @@ class System:
         q, r = _orthonormal(_solved(factor, drift, lower=True))
         if len(drift) < drift.shape[1] or dependent(r):
             raise KrigingError(
-                f"the {drift.shape[1]} columns of the drift cannot be told apart at {len(drift)} points; "
+                f"the {drift.shape[1]} columns of the drift are not independent at {len(drift)} points; "
                 "use a simpler drift, or measure points that differ in every coordinate of it"
             )
         return cls(factor, q, r, 1 / reciprocal)
@@ -120,8 +122,9 @@ class System:
         Parameters
         ----------
         cross : (m, n) array, C order
-            Covariance c of targets and points; overwritten.
+            The covariance c of targets and points; overwritten.
         drift : (m, p) array
+            The drift, or its columns.
         """
         half = blas.dtrmm(1.0, self._invert(), cross.T, lower=1, overwrite_b=1)
         if not drift.shape[1]:
@@ -134,9 +137,9 @@ class System:
         Parameters
         ----------
         cross, drift
-            As for `reduce`.
+            The arguments of `reduce`.
         prior : float or (m,) array
-            Variance of the field at the targets.
+            The variance of the field at the targets.
         """
         half, spread = self.reduce(cross, drift)
         kept: FloatArray = prior - np.einsum("ij,ij->j", half, half) + np.einsum("ij,ij->j", spread, spread)
@@ -208,7 +211,7 @@ def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def dependent(r: FloatArray) -> bool:
-    """Whether columns of a triangular factor (p, p) cannot be told apart, whatever their sizes."""
+    """Whether columns of a triangular factor (p, p) are linearly dependent, whatever their sizes."""
     size = np.linalg.norm(r, axis=0)
     if len(size) == 1 or size.min() == 0:
         return bool(size.min() == 0)
@@ -243,7 +246,7 @@ def draw(covariance: FloatArray, size: int, rng: np.random.Generator | int) -> F
     (1990).
     """
     if size < 1:
-        raise KrigingError(f"{size} fields were asked for; expected 1 or more")
+        raise KrigingError(f"size is {size}; expected 1 field or more")
     generator = np.random.default_rng(rng)
     k, m, _ = covariance.shape
     normal = generator.standard_normal((size, m, k))

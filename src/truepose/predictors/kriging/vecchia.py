@@ -37,17 +37,18 @@ GROWTH: Final = 1.5
 
 @dataclass(frozen=True, eq=False)
 class _Drift:
-    """What all samples say of the drift of one group.
+    """The estimate of the drift of one group from all samples.
 
     Attributes
     ----------
     beta : (p, c) array
+        The coefficients of the drift.
     root : (p, p) array
         R of the whitened drift, upper: Cov(beta) = (RᵀR)⁻¹ in units of the variance.
     squares : (c,) array
-        Sum of squares of the whitened residuals.
+        The sum of squares of the whitened residuals.
     log_determinant : float
-        Of the unit covariance matrix of all samples.
+        The logarithm of the determinant of the unit covariance matrix of all samples.
     """
 
     beta: FloatArray
@@ -67,9 +68,9 @@ class VecchiaKriging(NeighbourKriging):
     Parameters
     ----------
     neighbours, variogram, exact
-        As for `LocalKriging`.
+        The parameters of `LocalKriging`.
     drift : {"constant", "linear", "quadratic", "cubic"}, int, sequence of int, or callable
-        As for `UniversalKriging`.
+        The drift, as for `UniversalKriging`.
     refine : bool
         Whether a fitted variogram, which `fit_likelihood` finds from a part of the samples, is refined by the
         approximate likelihood of all: nugget, sill, and a factor on its ranges. Takes some 50 times as long as the fit.
@@ -77,11 +78,11 @@ class VecchiaKriging(NeighbourKriging):
     Attributes
     ----------
     beta_ : (p, k) array [mm]
-        GLS coefficients of the drift's columns, as of `UniversalKriging`.
+        The GLS coefficients of the drift's columns, as of `UniversalKriging`.
     log_likelihood_ : (k,) array
-        Of each component's errors under its variogram, with the mean of all repeats of a point as one sample.
+        The log-likelihood of each component's errors, with the mean of all repeats of a point as one sample.
     variogram_, variograms_
-        As of `LocalKriging`.
+        The attributes of `LocalKriging`.
 
     Examples
     --------
@@ -155,14 +156,15 @@ class VecchiaKriging(NeighbourKriging):
             variance = group.prior + group.noise[here] - gram[:, 0, 0]
             if not (variance > 0).all():
                 raise KrigingError(
-                    "those near a sample tell it to 64 bits; give the variogram a nugget, or use a rougher family"
+                    "the neighbours of a sample determine it to 64 bits; give the variogram a nugget, or use a rougher "
+                    "family"
                 )
             white = (group.right[here] - gram[:, 0, 1:]) / np.sqrt(variance)[:, None]
             log_determinant += float(np.log(variance).sum())
             triangle = _triangle(np.vstack([triangle, white]))
         root = triangle[:p, :p]
         if dependent(root):
-            raise KrigingError(f"the {p} columns of the drift cannot be told apart; use a simpler drift")
+            raise KrigingError(f"the {p} columns of the drift are not independent; use a simpler drift")
         beta = solve_triangular(root, triangle[:p, p:])
         return _Drift(beta, root, (triangle[p:, p:] ** 2).sum(axis=0), log_determinant)
 
@@ -202,16 +204,18 @@ def predecessors(u: FloatArray, k: int, rows: int) -> Iterator[tuple[IntArray, I
     Parameters
     ----------
     u : (n, d) array
-        Points in their order.
+        The points in their order.
     k : int
+        The number of neighbours.
     rows : int
-        Rows of one part.
+        The rows of one part.
 
     Yields
     ------
     rows : (m,) array of int
+        The rows of one part.
     near : (m, k) array of int
-        Nearest first.
+        The neighbours, nearest first.
     """
     start = k
     while start < len(u):

@@ -29,9 +29,9 @@ class VectorKriging(Predictor):
     factorisation of n × n and one of k × k are all. Several structures (the linear model of coregionalisation), or
     noise of other directions at each sample, take the system of nk × nk.
 
-    In the intrinsic model without noise of its own the prediction is that of ordinary Kriging; what it adds is the
+    In the intrinsic model without noise of its own the prediction is that of ordinary Kriging, with the addition of the
     covariance between the components. With noise per direction, with several structures, and where components were not
-    measured, the components teach each other.
+    measured, the components inform each other.
 
     Parameters
     ----------
@@ -44,20 +44,20 @@ class VectorKriging(Predictor):
     exact : bool
         Whether the nuggets belong to the error and not to the readings.
     drift
-        As for `UniversalKriging`.
+        The drift, as for `UniversalKriging`.
     shared_drift : bool
         Whether the components share the drift's coefficients.
 
     Attributes
     ----------
     variograms_ : tuple of VariogramModel
-        Of each structure.
+        The variogram of each structure.
     coregionalisation_ : (s, k, k) array
-        B of each structure.
+        The matrix B of each structure.
     kronecker_ : bool
         Whether the system was kept as K ⊗ B.
     condition_ : float
-        Condition number of the covariance matrix (the worst).
+        The condition number of the covariance matrix (the worst).
 
     Examples
     --------
@@ -90,10 +90,10 @@ class VectorKriging(Predictor):
         Parameters
         ----------
         X, y, noise_std
-            As for every predictor.
+            The arguments of `Predictor.fit`.
         noise_cov : (k, k) or (n, k, k) array_like [mm²], optional
-            Covariance of the readings, of all or of each sample, instead of `noise_std`. A component whose variance is
-            infinite was not measured; its error is not looked at.
+            The covariance of the readings, of all or of each sample, instead of `noise_std`. A component whose variance
+            is infinite was not measured; its error is not used.
 
         Returns
         -------
@@ -104,10 +104,10 @@ class VectorKriging(Predictor):
         DataError
             If shapes disagree, a number is not finite, or a covariance is none.
         KrigingError
-            If the samples cannot bear the model.
+            If the samples do not determine the model.
         """
         if noise_std is not None and noise_cov is not None:
-            raise DataError("noise_std and noise_cov both came; give one of them")
+            raise DataError("noise_std cannot be combined with noise_cov; give only one")
         self._given_noise = None if noise_cov is None else np.asarray(noise_cov, dtype=np.float64)
         super().fit(X, y, noise_std)
         del self._given_noise
@@ -137,7 +137,7 @@ class VectorKriging(Predictor):
         x = self._validate(X)[0]
         if self._full is not None:
             if size < 1:
-                raise KrigingError(f"{size} fields were asked for; expected 1 or more")
+                raise KrigingError(f"size is {size}; expected 1 field or more")
             normal = np.random.default_rng(rng).standard_normal((size, len(x) * self._e.shape[1]))
             drawn = normal @ root(self._full.joint_covariance(x)).T
             fields = self._full.mean(x) + drawn.reshape(size, len(x), -1)
@@ -145,7 +145,7 @@ class VectorKriging(Predictor):
             fields = self._inner.simulate(x, size, rng=rng) @ self._back.T
         return fields[:, :, 0] if self._flat else fields
 
-    # --- fit --------------------------------------------------------------------------------------------------------
+    # --- fit ----------------------------------------------------------------------------------------------------------
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._e, self._points = e, Points.of(X)
@@ -195,7 +195,7 @@ class VectorKriging(Predictor):
         if bad.any():
             raise DataError(
                 f"noise_cov of row {np.flatnonzero(bad)[0]} is not symmetric and positive semi-definite "
-                f"({bad.sum()} rows in all); infinity is for the variance of what was not measured"
+                f"({bad.sum()} rows in all); use infinity as the variance of a component that was not measured"
             )
         if not measured.any(axis=0).all():
             raise DataError(f"component {np.flatnonzero(~measured.any(axis=0))[0]} was measured nowhere; leave it out")
@@ -209,7 +209,7 @@ class VectorKriging(Predictor):
         self.variograms_ = given_models(self.variogram, terms)[:terms]
         if self.coregionalisation is not None:
             if not self.variograms_:
-                raise KrigingError("coregionalisation came without variogram models; give both, or neither")
+                raise KrigingError("coregionalisation cannot be given without variogram models; give both, or neither")
             self.coregionalisation_ = given_matrices(self.coregionalisation, len(self.variograms_), k)
             return
         if not np.isfinite(noise).all():
@@ -248,7 +248,7 @@ class VectorKriging(Predictor):
         across = np.abs(turned * (1 - np.eye(len(b)))).max()
         return turn if across <= 1e-12 * max(np.abs(turned).max(), np.finfo(float).tiny) else None
 
-    # --- prediction -------------------------------------------------------------------------------------------------
+    # --- prediction ---------------------------------------------------------------------------------------------------
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         e = self._full.mean(X) if self._full is not None else self._inner.predict(X) @ self._back.T
