@@ -402,6 +402,7 @@ def test_measured_ur10(ur10, tmp_path):
     assert figures["before"]["mean_mm"] == pytest.approx(0.72, abs=0.02)
     assert figures["after"]["mean_mm"] < 0.5
     assert figures["seen"] == 0
+    assert repr(figures).splitlines()[0] == f"Accuracy of {len(samples) - 316} poses [mm]"
 
 
 def test_noise_of_the_readings_reaches_the_predictor_and_survives_the_file(virtual, samples, tmp_path):

@@ -144,7 +144,7 @@ def test_the_report_says_it(weak, good, record_property):
         say = load_locale(language)
         for error_map in (weak, good):
             evidence = SimpleNamespace(
-                error_map=error_map, held_out=None, accuracy=error_map.validate(error_map.samples)
+                error_map=error_map, held_out=None, accuracy=error_map.validate(error_map.samples).to_dict()
             )
             told = say("report.weak") in [text.text for text in _lead(evidence, say)]
             assert told == error_map.worth.weak

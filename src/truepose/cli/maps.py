@@ -55,7 +55,7 @@ def validate(
 
     error_map = load_map(map_path)
     samples = read_samples(test_path)
-    data, found = error_map.validate(samples), recheck(error_map, samples)
+    data, found = error_map.validate(samples).to_dict(), recheck(error_map, samples)
     if as_json:
         more = {"holding": found.holding.to_dict(), "campaign": error_map.campaign}
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data, **more})

@@ -6,12 +6,14 @@ from truepose.error_map.map import ErrorMap, load_map
 from truepose.error_map.prediction import Prediction
 from truepose.error_map.selection import choose
 from truepose.error_map.update import Recheck, recheck, update_map
+from truepose.error_map.validation import Validation
 
 __all__ = [
     "ArmCheck",
     "ErrorMap",
     "Prediction",
     "Recheck",
+    "Validation",
     "check_point",
     "choose",
     "fit_cell",

@@ -18,18 +18,16 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
-from truepose._typing import FloatArray, IntArray
+from truepose._typing import IntArray
 from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.prediction import PredictingMap
-from truepose.error_map.registration import reading_noise
+from truepose.error_map.validation import Validation, validate
 from truepose.errors import DataError, RefusedError
 from truepose.samples import Poses, Samples
-from truepose.verification import RP_PER_STD, usual_groups
-from truepose.verification import held_out as verify
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,30 +86,25 @@ class ErrorMap(PredictingMap):
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
 
-    def validate(self, held_out: Samples) -> dict[str, Any]:
+    def validate(self, held_out: Samples) -> Validation:
         """Compare errors before and after on samples that took no part in the fit.
+
+        Parameters
+        ----------
+        held_out : Samples
+            The commanded poses and readings, from the station of the map.
 
         Returns
         -------
-        dict
-            The values of `truepose.verification.HeldOut.to_dict` (intervals hold prediction and noise), with ``seen``:
-            how many of the samples are in the map; and ``worth``: the comparison with no map, see `Worth`.
-        """
-        e = self.errors(held_out)
-        expected, std = self.predict_reading(held_out)
-        groups = usual_groups(self.commanded_positions(held_out), q=held_out.q, robot=self.robot, time=held_out.time)
-        figures = verify(e, e - expected, std, noise=self._noise(held_out), groups=groups)
-        known = {row.tobytes() for row in self.samples.p_meas}
-        seen = sum(row.tobytes() in known for row in held_out.p_meas)
-        return {**figures.to_dict(), "seen": seen, "worth": self.worth.to_dict()}
+        Validation
+            The figures; their intervals include the uncertainty of the prediction and the noise of readings.
 
-    def _noise(self, samples: Samples) -> FloatArray | None:
-        """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known."""
-        reading = reading_noise(self.cell, samples, self.registration)
-        repeatability = self.cell.robot.repeatability_mm
-        if reading is None or repeatability is None:
-            return None
-        return np.asarray(np.sqrt(reading**2 + (repeatability / RP_PER_STD) ** 2))
+        Raises
+        ------
+        DataError
+            If the samples lack joints or positions that the map needs, or prove another tool.
+        """
+        return validate(self, held_out)
 
     def correct(
         self,

@@ -95,7 +95,7 @@ def gather(
     else:
         p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
         after = before - error_map.predict_errors(held_out)[0]
-        figures = error_map.validate(held_out)
+        figures = error_map.validate(held_out).to_dict()
     return Evidence(
         error_map=error_map,
         held_out=held_out,
