@@ -251,9 +251,13 @@ def test_the_next_run_says_what_it_did(fast_folder: Path, monkeypatch: pytest.Mo
     case = Case(fast_folder, 2, "in place")
     with light(monkeypatch) as patch:
         for call, number, message in (
-            ("replace", -2, r"stopped while it wrote .*p0\.src, p1\.src and others; they are as they were before it"),
-            ("replace", -1, r"stopped when it had written .*p0\.src, p1\.src and others; they are complete"),
-            ("write", 2, r"removed \d temporary files of a run that was stopped"),
+            ("replace", -2, r"interrupted while it wrote .*p0\.src, p1\.src and others; these files were restored"),
+            (
+                "replace",
+                -1,
+                r"interrupted after it had written .*p0\.src, p1\.src and others; these files are complete",
+            ),
+            ("write", 2, r"removed \d temporary files of an interrupted run"),
         ):
             killed_at(case, patch, call, number)
             with pytest.warns(RecoveryWarning, match=message) as told:
@@ -273,7 +277,7 @@ def test_readers_see_no_half_corrected_pair(
     assert case.paths[0].read_bytes() != case.sources[0].data
     done = run("check", case.paths[1])
     assert "truepose: warning: " in done.err
-    assert "they are as they were before it" in done.err
+    assert "these files were restored" in done.err
     assert [path.read_bytes() for path in case.paths] == [source.data for source in case.sources]
 
 
@@ -284,7 +288,7 @@ def test_recovery_overwrites_no_work(fast_folder: Path, monkeypatch: pytest.Monk
         killed_at(case, patch, "replace", -2)
         case.paths[0].write_bytes(b"edited by hand")
         for _ in range(2):
-            with pytest.raises(FileError, match=r"p0\.src: was changed after a run .* remove the journal"):
+            with pytest.raises(FileError, match=r"p0\.src: was changed after an interrupted run .* remove the journal"):
                 files.recover(case.folder)
         assert case.paths[0].read_bytes() == b"edited by hand"
         assert case.paths[0].with_name("p0.src.original").read_bytes() == case.sources[0].data
@@ -313,7 +317,7 @@ def test_several_folders(fast_folder: Path, monkeypatch: pytest.MonkeyPatch, fir
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == KILLED
     assert [path.read_bytes() for path in paths] == [b"new", b"new", b"old"]
-    with pytest.warns(RecoveryWarning, match="as they were before it"):
+    with pytest.warns(RecoveryWarning, match="these files were restored"):
         files.recover(fast_folder / first)
     assert [path.read_bytes() for path in paths] == [b"old"] * 3
     assert not list(fast_folder.rglob(".truepose*"))
@@ -365,7 +369,7 @@ def test_the_next_run_to_a_folder(fast_folder: Path, monkeypatch: pytest.MonkeyP
     with light(monkeypatch) as patch:
         killed_at(case, patch, "replace", 1)
         assert list(case.out.glob("*.src"))
-        with pytest.warns(RecoveryWarning, match="as they were before it"):
+        with pytest.warns(RecoveryWarning, match="these files were restored"):
             corrected_module.write([case.corrected], case.out)
         assert case.is_corrected()
 
@@ -425,7 +429,7 @@ def test_a_folder_that_may_not_be_written(fast_folder: Path, monkeypatch: pytest
         killed_at(case, patch, "replace", -2)
         before = {path.name: path.read_bytes() for path in fast_folder.iterdir()}
         fast_folder.chmod(0o555)
-        message = "a run that wrote here was stopped, and what it left cannot be undone: .* run it again"
+        message = "an earlier run was interrupted here and cannot be undone: .* run it again"
         with nobody(), pytest.raises(FileError, match=message):
             files.recover(fast_folder)
         assert {path.name: path.read_bytes() for path in fast_folder.iterdir()} == before

@@ -1,9 +1,9 @@
-"""Several files written all together or not at all, also when the process is killed, the disk is full or a call fails.
+"""Write several files all together or not at all, even if the process is killed, the disk is full or a call fails.
 
-New contents go to drafts beside the files that they become. Before the first rename a journal, flushed to the disk,
-names every file, its draft, a second link to its old content, and the SHA-256 of both contents. Whatever stops the
-renames, the old contents come back by hash: at once, or by the next run in that folder (`recover`). As long as its
-process lives, a journal is locked. In a folder, everything of one commit begins with ``.truepose-TOKEN``.
+New contents are written to drafts beside their files. Before the first rename, a journal is flushed to the disk; it
+names every file, its draft, a second link to its old content, and the SHA-256 of both contents. If the renames are
+interrupted, the old contents are restored by hash, at once or by the next run in that folder (`recover`). A journal is
+locked while its process lives. All temporary names of one commit begin with ``.truepose-TOKEN``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _NO_LINK: Final = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, e
 
 @dataclass(frozen=True)
 class _Change:
-    """File `place` of the commit `token`; hashes are None where there is no file."""
+    """File number `place` of the commit `token`; a hash is None if there is no file."""
 
     token: str
     place: int
@@ -54,17 +54,17 @@ class _Change:
 
     @property
     def draft(self) -> Path:
-        """The new content until the rename."""
+        """The file with the new content until the rename."""
         return self.goal.with_name(f".truepose-{self.token}-{self.place}.draft")
 
     @property
     def old(self) -> Path:
-        """A second link to the old content."""
+        """The second link to the old content."""
         return self.draft.with_suffix(".old")
 
     @property
     def journal(self) -> Path:
-        """The mark of the commit in the folder."""
+        """The journal of the commit in the folder."""
         return _journal(self.goal.parent, self.token)
 
 
@@ -73,19 +73,19 @@ def _journal(folder: Path, token: str) -> Path:
 
 
 written: Final[list[Path]] = []
-"""Files that this command, or this process, has written: for what is said when it is interrupted."""
+"""The files that this command or process has written, for the message of an interrupt."""
 
 
 class Commit:
     """Files that are written all together or not at all.
 
-    A context: what was opened in it takes its place when the block ends well, and leaves no trace otherwise. SIGINT and
-    SIGTERM that arrive during the renames are delivered after them.
+    As a context manager: the files opened in the block replace their goals when the block succeeds; otherwise nothing
+    remains of them. SIGINT and SIGTERM during the renames are delivered after them.
 
     Raises
     ------
     FileError
-        If a file cannot be written. Nothing is changed then, unless the message says what the next run will undo.
+        If a file cannot be written. No file is changed then, unless the message says that the next run will restore it.
     """
 
     def __init__(self) -> None:
@@ -112,16 +112,16 @@ class Commit:
 
     @contextlib.contextmanager
     def open(self, goal: Path, *, like: Path | None = None, expected: str | None = None) -> Iterator[BinaryIO]:
-        """Open a file of the commit to be written; folders above it are made.
+        """Open a file of the commit for writing; missing folders are created.
 
         Parameters
         ----------
         goal : Path
-            The file that is made or replaced.
+            The file to create or replace.
         like : Path, optional
-            The file whose permissions a new one gets.
+            The file whose permissions a new file gets.
         expected : str, optional
-            The SHA-256 of the content that is replaced; any other content is an error.
+            The SHA-256 of the content to replace; any other content is an error.
         """
         self._at = goal
         self._enter(goal.parent)
@@ -179,7 +179,7 @@ class Commit:
                 os.ftruncate(descriptor, 0)  # nothing is to be undone from here on
 
     def _change(self, place: int, goal: Path, expected: str | None) -> _Change:
-        """Return a change with its hashes, and keep the old content by a second link or a copy."""
+        """Return a change with its hashes; the old content is kept by a second link or a copy."""
         self._at = goal
         change = _Change(self._token, place, goal, None, "")
         if goal.exists():
@@ -195,13 +195,13 @@ class Commit:
         except OSError as failure:
             raise FileError(
                 self._at,
-                f"cannot be written ({_reason(error)}), and what was written before it cannot be taken back "
-                f"({_reason(failure)}); the next run of truepose in {main} finishes or undoes it",
+                f"cannot be written ({_reason(error)}), and the files written before it cannot be restored "
+                f"({_reason(failure)}); the next run of truepose in {main} completes or restores them",
             ) from None
         self._pending = False
 
     def _close(self) -> None:
-        """Remove what a commit leaves, unless the next run needs it; what cannot be removed, the next run removes."""
+        """Remove the temporary files of a commit, unless the next run needs them; the next run removes the rest."""
         for folder, descriptor in reversed(self._journals.items()):
             with contextlib.suppress(OSError), _closing(descriptor, [] if self._pending else [folder], self._token):
                 if not self._pending:
@@ -209,12 +209,12 @@ class Commit:
 
 
 def recover(folder: Path) -> None:
-    """Undo or finish what a run that was stopped left in a folder, and remove its temporary files; warn that it did.
+    """Restore or complete the files of an interrupted run in a folder, remove its temporary files, and warn about it.
 
     Raises
     ------
     FileError
-        If that is not possible, because files were changed since or must not be written.
+        If this is not possible because files were changed since or cannot be written.
     """
     here = Path(os.path.realpath(folder))
     try:
@@ -223,18 +223,18 @@ def recover(folder: Path) -> None:
         return
     for journal in journals:
         try:
-            if told := _recover(journal):
-                warnings.warn(told, RecoveryWarning, stacklevel=2)
+            if done := _recover(journal):
+                warnings.warn(done, RecoveryWarning, stacklevel=2)
         except OSError as error:
             raise FileError(
                 folder,
-                f"a run that wrote here was stopped, and what it left cannot be undone: {_reason(error)}; "
-                "let truepose write in this folder, and run it again",
+                f"an earlier run was interrupted here and cannot be undone: {_reason(error)}; "
+                "give truepose write access to this folder and run it again",
             ) from None
 
 
 def _recover(path: Path) -> str:
-    """Recover from one journal, unless its process lives; return what was done."""
+    """Recover from one journal, unless its process lives; return a sentence about it."""
     flags = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         descriptor = os.open(path, flags | (os.O_RDWR if os.access(path, os.W_OK) else os.O_RDONLY))
@@ -248,21 +248,19 @@ def _recover(path: Path) -> str:
         if hasattr(os, "geteuid") and os.fstat(descriptor).st_uid != os.geteuid():
             raise PermissionError(errno.EPERM, f"{path.name} is another user's")
         main, changes = _read(path, descriptor)
-        told = "" if main is None else _recover(main)
+        done = "" if main is None else _recover(main)
         if main is not None and main.exists():  # its process lives
             folders.clear()
-            return told
-        told = told or _settle(changes, path)
+            return done
+        done = done or _settle(changes, path)
         folders[:0] = sorted({change.goal.parent for change in changes} - {path.parent})
         removed = sum(_remove_files(folder, token) for folder in folders)
-        return told or (
-            f"{path.parent}: removed {removed} temporary files of a run that was stopped" if removed else ""
-        )
+        return done or (f"{path.parent}: removed {removed} temporary files of an interrupted run" if removed else "")
 
 
 @contextlib.contextmanager
 def _closing(descriptor: int, folders: Sequence[Path], token: str) -> Iterator[None]:
-    """Close a journal; if the block ends well, remove it and those of other folders: not before, for Windows' sake."""
+    """Close a journal; if the block succeeds, remove it and those of other folders, closed first because of Windows."""
     try:
         yield
     finally:
@@ -272,29 +270,29 @@ def _closing(descriptor: int, folders: Sequence[Path], token: str) -> Iterator[N
 
 
 def _settle(changes: Sequence[_Change], path: Path) -> str:
-    """Finish or undo the changes of a journal; return what was done."""
+    """Complete or undo the changes of a journal; return a sentence about it."""
     if not changes:
         return ""
     names = ", ".join(change.goal.name for change in changes[-3:]) + (" and others" if len(changes) > 3 else "")
     if all(_digest(change.goal) == change.after for change in changes):
-        return f"{path.parent}: a run was stopped when it had written {names}; they are complete"
+        return f"{path.parent}: an earlier run was interrupted after it had written {names}; these files are complete"
     _restore(changes)
-    return f"{path.parent}: a run was stopped while it wrote {names}; they are as they were before it"
+    return f"{path.parent}: an earlier run was interrupted while it wrote {names}; these files were restored"
 
 
 def _restore(changes: Sequence[_Change]) -> None:
-    """Give all files the content that they had; the last ones first, and none if one was changed by others since."""
+    """Restore the old content of all files, last ones first; of none if another program changed one."""
     back = [change for change in reversed(changes) if _digest(change.goal) != change.before]
     for change in back:
         if _digest(change.goal) not in (change.after, None):
-            what = f"was changed after a run that wrote it was stopped; its content before that is {change.old.name}"
+            what = f"was changed after an interrupted run had written it; its earlier content is in {change.old.name}"
         elif change.before is not None and _digest(change.old) != change.before:
-            what = f"was written by a run that was stopped, and its content before that, {change.old.name}, is lost"
+            what = f"was written by an interrupted run, and its earlier content, {change.old.name}, is lost"
         elif not change.journal.exists():
             what = "is named by the journal of another folder"
         else:
             continue
-        raise FileError(change.goal, f"{what}; put the file right by hand, and remove the journal {change.journal}")
+        raise FileError(change.goal, f"{what}; repair the file by hand and remove the journal {change.journal}")
     for change in back:
         if change.before is None:
             change.goal.unlink()
@@ -305,7 +303,7 @@ def _restore(changes: Sequence[_Change]) -> None:
 
 
 def _remove_files(folder: Path, token: str) -> int:
-    """Remove the drafts and links of a commit; return how many there were."""
+    """Remove the drafts and links of a commit; return their number."""
     found = [path for path in folder.iterdir() if path.name.startswith(f".truepose-{token}-")]
     for path in found:
         path.unlink(missing_ok=True)
@@ -313,7 +311,7 @@ def _remove_files(folder: Path, token: str) -> int:
 
 
 def _digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None where there is none, "" where something else is."""
+    """Return the SHA-256 of a file; None without a file, "" if it is not a regular file."""
     try:
         if not stat.S_ISREG(path.lstat().st_mode):
             return ""
@@ -421,15 +419,15 @@ def _lock(descriptor: int) -> bool:
 
 @contextlib.contextmanager
 def _signals_held() -> Iterator[None]:
-    """Deliver signals that would end the process only after the block; only the main thread gets any."""
+    """Delay signals that would end the process until after the block (they reach the main thread only)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    received: list[int] = []
     handlers: dict[int, Any] = {}
 
     def hold(number: int, _frame: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
 
     try:
         for name in _HELD:
@@ -440,7 +438,7 @@ def _signals_held() -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for number in dict.fromkeys(came):
+        for number in dict.fromkeys(received):
             signal.raise_signal(number)
 
 
