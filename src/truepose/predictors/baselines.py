@@ -31,10 +31,10 @@ KERNELS: Final[dict[str, tuple[Callable[[FloatArray], FloatArray], int]]] = {
 
 
 class Interpolator(Predictor):
-    """Base of interpolators that know no noise.
+    """Base of interpolators that have no model of noise.
 
-    The standard deviation is the same everywhere: the root mean square of the leave-one-out residuals, less `noise_std`
-    of the readings where it is given, which the predictions do not use otherwise.
+    The standard deviation is the same everywhere: the root mean square of the leave-one-out residuals. If `noise_std`
+    is given, its mean square is subtracted; the predictions do not use it.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Interpolator(Predictor):
         return np.asarray(np.sqrt(np.maximum(self.std_**2 - known, known / len(self._x))))
 
     def _nugget_variance(self) -> FloatArray:
-        return np.zeros_like(self.std_)  # all that is left out counts to the error
+        return np.zeros_like(self.std_)  # all of the residual is attributed to the error
 
     def _leave_one_out(self) -> LeaveOneOut:
         residual = self._left_out()
@@ -78,14 +78,14 @@ class Interpolator(Predictor):
 
     @abstractmethod
     def _interpolate(self, X: FloatArray, leave_out: bool = False) -> FloatArray:
-        """Return the errors at X (m, k); of the samples that are not at the target, with `leave_out`."""
+        """Return the errors at X, (m, k); with `leave_out` from the samples that are not at the target."""
 
 
 class InverseDistance(Interpolator):
     """Weighted mean of the samples' errors with weights h^-power, theory (12).
 
-    It passes through the samples and knows no noise. Its standard deviation is the root mean square of its
-    leave-one-out residuals, the same everywhere, less `noise_std` where it is given.
+    It passes through the samples. Its standard deviation is the same everywhere: the root mean square of its
+    leave-one-out residuals, with `noise_std` subtracted where it is given.
 
     Parameters
     ----------
@@ -158,9 +158,9 @@ class Nearest(Interpolator):
 class GridCell(Interpolator):
     """Mean of the corners of the grid cell that holds the target, with weights h^-power.
 
-    The corner in each direction is the nearest sample of that orthant about the target, which on a grid of samples is
-    the cell's corner and needs no grid otherwise. Outside the samples the orthants that hold one are used. As all
-    methods by cells it jumps where the cell changes.
+    The corner in each direction is the nearest sample of that orthant about the target. On a grid of samples these are
+    the corners of the cell, but no grid is needed. Outside the samples only the orthants with samples are used. As with
+    all cell methods, the prediction jumps where the cell changes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Fits without gross readings: those that the others contradict."""
+"""Fits without gross readings, which the other readings contradict."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ _HEAVY: Final = 3.0  # tails of good readings beyond those of a normal distribut
 def fit_without_gross(
     model: Predictor, x: FloatArray, e: FloatArray, noise_std: FloatArray | None = None
 ) -> FloatArray:
-    """Fit a predictor, leaving out readings that the others contradict.
+    """Fit a predictor without the readings that the others contradict.
 
-    A reading is gross when its leave-one-out residual is beyond 10 predicted standard deviations (norm over the
-    components); where gross readings have widened all standard deviations, beyond 30 of those that the middle of the
-    readings shows. The worst go first: one gross reading spoils what is expected of its neighbours. Large errors alone
-    are no reason: at the edge of a region they may be the robot's own, and then their neighbours have them, too.
+    A reading is gross if its leave-one-out residual exceeds 10 predicted standard deviations (norm over the
+    components). Where gross readings have increased all standard deviations, the limit is 30 standard deviations as
+    estimated from the median residual. The worst readings are removed first, because one gross reading spoils the
+    predictions of its neighbours. Large errors alone are not gross: at the edge of a region they may be errors of the
+    robot, and then its neighbours have them too.
 
     Parameters
     ----------

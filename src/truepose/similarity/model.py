@@ -189,7 +189,7 @@ class VariogramModel(SingleStructure):
         return tuple(_first_crossing(self, axis) for axis in turned.axes().T)
 
     def check_dimensions(self, d: int) -> None:
-        """Raise KrigingError where a structure is not valid for, or not made for, d coordinates."""
+        """Raise KrigingError where a structure is not valid in d coordinates, or has another number of ranges."""
         for part in self.structures:
             if part.kind.dimensions < d:
                 raise KrigingError(

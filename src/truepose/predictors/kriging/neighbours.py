@@ -256,9 +256,9 @@ class NeighbourKriging(Kriging):
 class LocalKriging(NeighbourKriging):
     """Ordinary or universal Kriging of each target from its nearest samples, theory (13).
 
-    Near is meant in units of the variogram's ranges. The prediction jumps a little where the neighbours change; the
-    standard deviation is that of Kriging from these neighbours. A fitted variogram gets the scale of each component
-    from leave-one-out residuals.
+    Distances are in units of the variogram's ranges. The prediction has small jumps where the neighbours change; the
+    standard deviation is that of Kriging from these neighbours. The scale of each component of a fitted variogram is
+    estimated from leave-one-out residuals.
 
     Parameters
     ----------

@@ -55,8 +55,8 @@ class GlobalKriging(Kriging):
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X, (m, k, d) or (m, d).
 
-        At a sample, where a model with a cusp (spherical, exponential, linear) has none, that sample counts as flat.
-        The nugget of exact Kriging has no derivative either.
+        A model with a cusp (spherical, exponential, linear) has no derivative at a sample; the contribution of that
+        sample is zero there. The nugget of exact Kriging does not contribute either.
         """
         self._check_fitted()
         x = self._validate(X)[0]
@@ -72,8 +72,8 @@ class GlobalKriging(Kriging):
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Predict the mean of the error over boxes (block Kriging).
 
-        The mean over a box is that of Gauss and Legendre's nodes. A nugget averages out over a volume, so the standard
-        deviation has none. Source: A. G. Journel & C. J. Huijbregts, Mining Geostatistics (1978), §V.A.
+        The mean over a box is computed at Gauss–Legendre nodes. A nugget averages out over a volume, so the standard
+        deviation does not contain it. Source: A. G. Journel & C. J. Huijbregts, Mining Geostatistics (1978), §V.A.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class GlobalKriging(Kriging):
         Raises
         ------
         KrigingError
-            If size or nodes cannot be, or the drift has columns of its own, which are not known inside the box.
+            If size or nodes are invalid, or the drift has columns of its own, which are not known inside the box.
         """
         self._check_fitted()
         x = self._validate(X)[0]
@@ -121,7 +121,7 @@ class GlobalKriging(Kriging):
     def simulate(
         self, X: ArrayLike, size: int = 1, *, rng: np.random.Generator | int = 0, include_nugget: bool = False
     ) -> FloatArray:
-        """Draw fields that could be, given the samples (conditional simulation).
+        """Draw random fields given the samples (conditional simulation).
 
         They pass through the same samples as `predict`, and vary between them as the variogram states. They are drawn
         from the joint covariance of the targets, which takes 8 m² bytes and O(m³) time.
@@ -277,7 +277,7 @@ class GlobalKriging(Kriging):
         return out
 
     def _at_samples(self, X: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the targets that are samples, and which, where that makes a difference: else nothing."""
+        """Return the targets at samples, and the points of these samples; empty arrays where it makes no difference."""
         if not any(group.micro or (group.noise == 0).any() for group in self._groups):
             return np.empty(0, np.int64), np.empty(0, np.int64)
         found = KDTree(self._points.x).query(X, distance_upper_bound=1e-150)
@@ -307,25 +307,25 @@ class GlobalKriging(Kriging):
 class OrdinaryKriging(GlobalKriging):
     """Ordinary Kriging of all components from one factorisation, theory (7).
 
-    The nugget of the variogram is noise of the readings (``exact=False``): it is filtered, the prediction does not pass
-    through the samples, and the standard deviation is that of the noise-free error; ``predict(…, include_nugget=True)``
-    adds the noise of a new reading. Or it is micro-scale variation of the error itself (``exact=True``): the prediction
-    passes through the samples, and the standard deviation contains the nugget everywhere but there. `noise_std` given
-    to `fit` is noise in either case, and comes on top of the nugget.
+    With ``exact=False`` the nugget of the variogram is noise of the readings: it is filtered, the prediction does not
+    pass through the samples, and the standard deviation is that of the noise-free error; ``predict(…,
+    include_nugget=True)`` adds the noise of a new reading. With ``exact=True`` the nugget is micro-scale variation of
+    the error itself: the prediction passes through the samples, and the standard deviation contains the nugget except
+    at the samples. The `noise_std` of `fit` is noise in both cases, in addition to the nugget.
 
-    With a variogram of its own the variance is that model's. A fitted one gives all components one correlation (the
-    intrinsic model, theory (9) with B diagonal); the mean square of `noise_std` is taken off its nugget, and the
-    scale of each component follows by generalised least squares.
+    A given variogram determines the variance. A fitted one gives all components the same correlation (the intrinsic
+    model, theory (9) with B diagonal); the mean square of `noise_std` is subtracted from its nugget, and the scale of
+    each component follows from generalised least squares.
 
-    Repeats of one point are averaged. Where the variogram is fitted, or is without nugget and no `noise_std` is given,
-    the noise is at least their scatter. With ``exact=True`` and no `noise_std` they must agree.
+    Repeats of one point are averaged. If the variogram is fitted, or has no nugget and no `noise_std` is given, the
+    noise is at least their scatter. With ``exact=True`` and no `noise_std` repeats must agree.
 
     Parameters
     ----------
     variogram : VariogramModel, sequence of VariogramModel, str or sequence of str, optional
-        For all components; or one for each, of one family and range; or the families to choose from in a fit of the
-        components' mean semivariogram by `fit_variogram`. When not given, `fit_likelihood` finds it, which predicts
-        better where a smooth trend hides how small the nugget is.
+        The variogram of all components; or one for each, of one family and range; or the families to choose from in a
+        fit of the components' mean semivariogram by `fit_variogram`. When not given, it is fitted by `fit_likelihood`,
+        which predicts better where a smooth trend hides a small nugget.
     exact : bool
         Whether the nugget belongs to the error and not to the readings.
 
@@ -405,8 +405,8 @@ class UniversalKriging(GlobalKriging):
     Parameters
     ----------
     drift : {"constant", "linear", "quadratic", "cubic"}, int, sequence of int, or callable
-        A polynomial of all coordinates by name or degree; numbers of columns of X that are columns of the drift and no
-        coordinates; or a function X (m, d) → (m, p). The constant always comes on top. A function cannot be saved.
+        The polynomial of all coordinates by name or degree; the numbers of columns of X that are columns of the drift
+        and not coordinates; or a function X (m, d) → (m, p). A constant is always added. A function cannot be saved.
     variogram, exact
         The parameters of `OrdinaryKriging`.
 

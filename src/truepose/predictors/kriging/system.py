@@ -1,8 +1,8 @@
-"""One factorised covariance matrix, and all that generalised least squares takes from it.
+"""One factorised covariance matrix, and the results of generalised least squares from it.
 
 For e = F beta + Z with Cov(Z) = s² K: equations (7) and (8) in covariance form, with any drift F: a column of ones for
-ordinary Kriging, none for simple Kriging. K = L Lᵀ, W = L⁻¹, and W F = Q R. Everything that is left of the others when
-the drift is taken out goes through P = Wᵀ(I − Q Qᵀ)W. Source: P. K. Kitanidis, Introduction to Geostatistics (1997),
+ordinary Kriging, none for simple Kriging. K = L Lᵀ, W = L⁻¹, and W F = Q R. The residuals of
+the drift follow from P = Wᵀ(I − Q Qᵀ)W. Source: P. K. Kitanidis, Introduction to Geostatistics (1997),
 chapter 6; leave-one-out: O. Dubrule, "Cross validation of kriging in a unique neighborhood", Mathematical Geology 15
 (1983).
 """

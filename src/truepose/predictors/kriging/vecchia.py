@@ -72,8 +72,8 @@ class VecchiaKriging(NeighbourKriging):
     drift : {"constant", "linear", "quadratic", "cubic"}, int, sequence of int, or callable
         The drift, as for `UniversalKriging`.
     refine : bool
-        Whether a fitted variogram, which `fit_likelihood` finds from a part of the samples, is refined by the
-        approximate likelihood of all: nugget, sill, and a factor on its ranges. Takes some 50 times as long as the fit.
+        Whether a fitted variogram, which `fit_likelihood` estimates from a part of the samples, is refined by the
+        approximate likelihood of all: nugget, sill, and a factor on its ranges. This takes about 50 times as long.
 
     Attributes
     ----------

@@ -24,10 +24,10 @@ from truepose.similarity.trend import DriftBasis, DriftLike
 class VectorKriging(Predictor):
     """Kriging of all components together: Cov(e_a(P), e_b(P')) = Σ_s B_s,ab C_s(P, P') + R_ab, theory (9).
 
-    With one structure (the intrinsic model) and noise that the components share or that turns with B, the Kronecker
-    structure K ⊗ B is kept: a rotation and stretching of the components makes them independent, so that one
-    factorisation of n × n and one of k × k are all. Several structures (the linear model of coregionalisation), or
-    noise of other directions at each sample, take the system of nk × nk.
+    With one structure (the intrinsic model), and noise that is diagonal together with B, the Kronecker structure K ⊗ B
+    is kept: a linear map makes the components independent, so that one factorisation of n × n and one of k × k are
+    enough. Several structures (the linear model of coregionalisation), or noise with different directions at each
+    sample, need the system of nk × nk.
 
     In the intrinsic model without noise of its own the prediction is that of ordinary Kriging, with the addition of the
     covariance between the components. With noise per direction, with several structures, and where components were not
@@ -37,10 +37,10 @@ class VectorKriging(Predictor):
     ----------
     variogram : VariogramModel, str, sequence of VariogramModel, or sequence of str, optional
         The structure; or several models, one for each structure, whose nuggets and sills are units of their B. Names of
-        families, and None, mean one structure, fitted as by `OrdinaryKriging`.
+        families, and None, stand for one structure, fitted as by `OrdinaryKriging`.
     coregionalisation : (k, k) or (s, k, k) array_like, optional
-        B of each structure. When not given: by generalised least squares for one structure, from the cross-variograms
-        (`fit_coregionalisation`) for several.
+        The matrix B of each structure. When not given, it is estimated: by generalised least squares for one structure,
+        from the cross-variograms for several.
     exact : bool
         Whether the nuggets belong to the error and not to the readings.
     drift
@@ -102,7 +102,7 @@ class VectorKriging(Predictor):
         Raises
         ------
         DataError
-            If shapes disagree, a number is not finite, or a covariance is none.
+            If shapes disagree, a number is not finite, or a matrix is not a covariance matrix.
         KrigingError
             If the samples do not determine the model.
         """
@@ -132,7 +132,7 @@ class VectorKriging(Predictor):
         return slope[:, 0] if self._flat else slope
 
     def simulate(self, X: ArrayLike, size: int = 1, *, rng: np.random.Generator | int = 0) -> FloatArray:
-        """Draw fields that could be, given the samples: (size, m, k) or (size, m) [mm]; as for `OrdinaryKriging`."""
+        """Draw random fields given the samples, (size, m, k) or (size, m) [mm]; as for `OrdinaryKriging`."""
         self._check_fitted()
         x = self._validate(X)[0]
         if self._full is not None:
