@@ -33,10 +33,10 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     """Run the study."""
     page = Page("Accuracy on a measured UR10", path)
     page.say(
-        "632 poses on the corners and centres of cubes, laser tracker, base and tool fitted (data: Fraunhofer IPA, "
-        "Series_D of ipa-robot-accuracy, MIT). Fitted to some, predicted at others; mm. Means over random splits "
-        "(the spread of the mean between them after ±). Coverage and standard deviation of the standardised residuals "
-        "are of components, a reading's noise included."
+        "632 poses on the corners and centres of cubes, measured with a laser tracker; base and tool fitted (data: "
+        "Fraunhofer IPA, Series_D of ipa-robot-accuracy, MIT). Mean length of held-out residuals [mm] over random "
+        "splits; ± is the standard deviation between splits. Coverage and standardised residuals are those of "
+        "components, with the noise of a reading included."
     )
     samples, splits = read_samples(DATA), 1 if quick else 5
     page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised"])

@@ -1,4 +1,4 @@
-"""What auto leaves on held-out poses, against the best of its candidates."""
+"""Compare the held-out accuracy of auto with the best of its candidates."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ PAGE = "accuracy-auto"
 
 def report(path: Path | None, *, quick: bool = False) -> None:
     """Run the study."""
-    page = Page("What auto leaves", path)
+    page = Page("Accuracy of auto", path)
     page.say(
-        "Mean of held-out residuals [mm] of the predictor that auto takes, of the best of its candidates, and their "
-        "ratio; and what auto itself expects to leave (the mean over random points and blocks, the latter harder than "
-        "held-out poses at random)."
+        "Mean length of held-out residuals [mm] of the predictor that auto chooses and of the best of its candidates, "
+        "their ratio, and the expected mean that auto reports for random points and for blocks, which are harder than "
+        "random held-out poses."
     )
-    page.head(["set", "taken", "auto", "best", "best [mm]", "ratio", "expected: points", "blocks"])
+    page.head(["set", "chosen", "auto [mm]", "best", "best [mm]", "ratio", "expected: points", "blocks"])
     ratios = []
     for title, cell, samples, test in sets(quick):
         every = {name: held_out(cell, samples, test, name) for name in QUICK}

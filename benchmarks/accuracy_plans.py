@@ -1,4 +1,4 @@
-"""What the poses chosen by each method of planning leave, and whether that was to be expected, on virtual cells."""
+"""Compare the accuracy of the poses of each planning method with the expected one, on virtual cells."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page.say(
         f"Virtual robots of 210 kg with a tracker; {TEST} held-out poses, means over {len(seeds)} robots (seeds 0 …). "
         "Ratio: mean held-out residual over the noise floor, the mean length of repeatability and reading noise. "
-        "Coverage and standardised residuals are of components, a reading's noise included."
+        "Coverage and standardised residuals are those of components, with the noise of a reading included."
     )
     columns = ["cell", "predictor", "mean [mm]", "P95", "ratio", "worst ratio", "in 68 %", "in 95 %", "standardised"]
     page.head(columns)
@@ -51,14 +51,15 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         len(set(gross_rows(seed)) & {row["row"] for row in one.error_map.excluded}) for seed, one in enumerate(kriging)
     ]
     page.say(
-        "2 % gross readings (1 … 5 mm) change the held-out mean of kinematic Kriging by "
-        f"{100 * np.mean(change):+.1f} % in the mean, {100 * max(change):+.1f} % at most; "
-        f"{sum(named)} of {4 * len(named)} are named."
+        "2 % gross readings (1 to 5 mm) change the held-out mean of kinematic-kriging by "
+        f"{100 * np.mean(change):+.1f} % on average and {100 * max(change):+.1f} % at most; "
+        f"{sum(named)} of {4 * len(named)} are found."
     )
     reference = mean(whole["kinematic-kriging"], "mean")
     for other in ("calibration", "ordinary-kriging"):
         page.say(
-            f"Kinematic Kriging leaves {100 * (1 - reference / mean(whole[other], 'mean')):.0f} % less than {other}."
+            "Mean residual of kinematic-kriging: "
+            f"{100 * (1 - reference / mean(whole[other], 'mean')):.0f} % below {other}."
         )
 
 

@@ -1,4 +1,4 @@
-"""What the studies of accuracy share: fit, predict what was held out, one row of figures as soon as it is known."""
+"""Fit, predict held-out samples, and write rows of figures: the common part of the accuracy studies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PACKAGES = ("truepose", "numpy", "scipy", "scikit-learn")
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one fit, on samples that took no part in it."""
+    """The figures of one fit on held-out samples."""
 
     mean: float
     p95: float
@@ -29,7 +29,7 @@ class Figures:
 
 
 def held_out(cell: Cell, samples: Samples, test: Samples, predictor: str, **options: object) -> Figures | str:
-    """Fit and predict; or say why not."""
+    """Return the figures of a fit on held-out samples, or the reason of its failure."""
     try:
         found = fit_cell(cell, samples, predictor, **options)  # type: ignore[arg-type]
     except TrueposeError as error:
@@ -53,7 +53,7 @@ def mean(figures: Sequence[Figures], name: str) -> float:
 
 
 class Page:
-    """A Markdown page that prints each row as soon as it is there, and keeps what it has in a file."""
+    """A Markdown page that prints and saves each row at once."""
 
     def __init__(self, title: str, path: Path | None) -> None:
         self._path = path

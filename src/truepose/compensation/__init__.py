@@ -1,6 +1,6 @@
 """Turn predicted errors into commands: solve (15), (16), and guard them (theory, compensation)."""
 
-from truepose.compensation.guards import BELOW, Corrections, Guards, Limits, Policy, Region, apply_policy
+from truepose.compensation.guards import BELOW, Corrections, Guards, Limits, Policy, Region, Verdicts, apply_policy
 from truepose.compensation.in_force import LimitsInForce
 from truepose.compensation.orientations import supported_angle
 from truepose.compensation.solve import Solution, solve
@@ -14,6 +14,7 @@ __all__ = [
     "Policy",
     "Region",
     "Solution",
+    "Verdicts",
     "apply_policy",
     "solve",
     "supported_angle",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -309,9 +309,27 @@ class Corrections:
         return rows
 
 
+class Verdicts(NamedTuple):
+    """The verdicts of targets; the result of `apply_policy`.
+
+    Attributes
+    ----------
+    share : (n,) array
+        The used share of each correction: 1 for all of it, 0 for none.
+    verdict : (n,) array of str
+        The verdicts, see `Corrections`.
+    reason : list of n str
+        The reasons of the guards, and those of too large or too small corrections; empty without one.
+    """
+
+    share: FloatArray
+    verdict: NDArray[np.str_]
+    reason: list[str]
+
+
 def apply_policy(
     correction: FloatArray, std: FloatArray, reasons: Sequence[str], limits: Limits, policy: Policy
-) -> tuple[FloatArray, NDArray[np.str_], list[str]]:
+) -> Verdicts:
     """Return the verdict of each target and the share of its correction that is used.
 
     Under ``refuse`` and ``skip``, a target with a reason keeps its nominal command and gets that verdict. Under
@@ -332,12 +350,7 @@ def apply_policy(
 
     Returns
     -------
-    share : (n,) array
-        The used share of each correction: 1 for all of it, 0 for none.
-    verdict : (n,) array of str
-        The verdicts.
-    reason : list of str
-        The reasons, with those of too large or too small corrections.
+    Verdicts
     """
     length, angle = np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)
     excess = np.maximum(length / limits.max_correction, angle / limits.max_rotation)
@@ -362,4 +375,4 @@ def apply_policy(
     for i in np.flatnonzero(below):
         deviation = f"{times}its standard deviation of {np.linalg.norm(std[i, :3]):.3f} mm"
         reason[i] = f"correction of {length[i]:.3f} mm is smaller than {deviation}"
-    return share, verdict, reason
+    return Verdicts(share, verdict, reason)
