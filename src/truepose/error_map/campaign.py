@@ -17,16 +17,8 @@ from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot
 from truepose.samples import Samples
 from truepose.verification import RP_PER_STD
-from truepose.verification.campaign import (
-    FEWEST,
-    LARGEST,
-    Campaign,
-    Change,
-    changes,
-    noise,
-    reference_change,
-    suspected_drift,
-)
+from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
+from truepose.verification.faults import Change, reference_change
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
