@@ -27,6 +27,7 @@ from truepose.samples import (
     read_samples,
     write_samples,
 )
+from truepose.simulation import VirtualCell
 
 HEADER = "row,q1_deg,q2_deg,x_cmd_mm,y_cmd_mm,z_cmd_mm,x_meas_mm,y_meas_mm,z_meas_mm"
 ROWS = ["7,10,20,100,0,0,2100,1,2", "8,-30,90,400,50,10,2400,51,12", "9,45,15,100,300,10,2100,301,12.5"]
@@ -174,6 +175,16 @@ def test_columns_are_appended_and_replaced(tmp_path: Path) -> None:
 def test_files_that_are_no_tidy_table(tmp_path: Path, lines: list[str], message: str) -> None:
     with pytest.raises(FileError, match=re.escape(message)):
         read_samples(table(tmp_path, *lines))
+
+
+def test_samples_are_shown_in_a_few_lines() -> None:
+    samples = VirtualCell("hard", seed=3).measure(VirtualCell("hard", seed=3).design(30), reflectors=3)
+    lines = repr(samples).splitlines()
+    assert lines[0] == "Samples: 30 rows from virtual cell, seed 3"
+    assert len(lines) < 15
+    assert max(map(len, lines)) < 100
+    for words in ("6 joints, -", "mm (base frame)", "mm (tracker frame)", "mm per axis (RMS)", "s from first to last"):
+        assert words in repr(samples)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])

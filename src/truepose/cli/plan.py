@@ -63,8 +63,8 @@ def plan(
             [(f"{row['n']:.0f}{' (this plan)' if row['n'] == n else ''}", row["mean_mm"]) for row in found.expected],
         )
     )
-    if told := found.observability.describe():
-        say(f"This plan cannot separate these parameters: {told}. Predictions are not affected.")
+    if inseparable := found.observability.describe():
+        say(f"This plan cannot separate these parameters: {inseparable}. Predictions are not affected.")
     if by_home := sum(box != "" for box in found.way):
         say(f"[yellow]{by_home} motions go through home[/]: the direct path would touch a box.")
     if len(written) == 1:

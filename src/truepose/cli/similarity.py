@@ -14,6 +14,7 @@ from truepose.errors import DataError
 
 if TYPE_CHECKING:
     from truepose.report.joint_similarity import JointSimilarity
+    from truepose.report.study import SimilarityStudy
     from truepose.similarity import Direction
 
 
@@ -55,9 +56,8 @@ def similarity(
 
     from truepose.cell import load_cell
     from truepose.error_map.fit import fit_cell
-    from truepose.report.findings import findings, study_to_dict, title
+    from truepose.report.findings import study_to_dict
     from truepose.report.joint_similarity import joint_similarity
-    from truepose.report.locale import load_locale
     from truepose.report.plots.study import plot_format, save_study
     from truepose.report.study import similarity_study
     from truepose.samples import read_samples
@@ -90,6 +90,16 @@ def similarity(
         emit_json({**study_to_dict(study), "campaign": registered.campaign, "plot": plot})
         return
     show_campaign(registered.campaign)
+    _show(study)
+    if plot is not None:
+        say(f"Wrote {plot}.")
+
+
+def _show(study: SimilarityStudy) -> None:
+    """Show the variogram and the findings of each space."""
+    from truepose.report.findings import findings, title
+    from truepose.report.locale import load_locale
+
     english = load_locale("en")
     for part in study.parts:
         rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
@@ -104,8 +114,6 @@ def similarity(
         )
     if study.joints:
         _show_joints(study.joints)
-    if plot is not None:
-        say(f"Wrote {plot}.")
 
 
 def _bins(text: str) -> int | list[float]:

@@ -18,7 +18,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
-_REPR_UNITS: Final = {"temperature": "°C", "load": "kg", "time": "s"}
+_REPR_UNITS: Final = {"temperature": "°C", "load": "kg"}
 _NAMED_ROWS: Final = 6
 
 
@@ -133,7 +133,9 @@ class Poses:
         if name in ("p_std", "rotation_std"):
             rms = float(np.sqrt((value**2).mean()))
             return f"{rms:.3g} mm per axis (RMS)" if name == "p_std" else f"{np.rad2deg(rms):.3g} deg per axis (RMS)"
-        return "" if name == "approach" else f"{value.min():.6g} … {value.max():.6g} {_REPR_UNITS[name]}"
+        if name == "time":
+            return f"{np.ptp(value):.4g} s from first to last"
+        return "" if name == "approach" else f"{value.min():.4g} … {value.max():.4g} {_REPR_UNITS[name]}"
 
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
         """Return the rows selected by a mask, an index array or a slice."""

@@ -127,27 +127,10 @@ def match(
     """
     if plan.p_cmd is None:
         raise plan.error("has no commanded positions (x_cmd_mm …); compute them from the joints and the robot first")
-    p_read = np.where(readings.missing[:, None], np.nan, readings.p)
     count = f"{int((~readings.missing).sum())} readings for {len(plan)} rows of the plan"
-    if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
-        raise DataError(f"{readings.source}: {count}; at least 3 are required to match them by distances")
-    _refuse_other_units(readings, plan.p_cmd)
-    move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
-    _refuse_move(readings, move, two_stations)
-    try:
-        found = assign(plan.p_cmd, p_read, repeat_mm)
-    except DataError as error:
-        raise _stranger(readings, plan, str(error)) from None
-    move = move or describe_move(readings, plan, found, repeat_mm)
-    _refuse_move(readings, move, two_stations)
-    fitting = (found.reading >= 0) & ~found.outlier
-    spread = float(np.sqrt(plan.p_cmd.var(axis=0).sum()))
-    if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
-        raise _stranger(readings, plan, f"only {int(fitting.sum())} fit a row under any one registration")
-    owner = found.owner
-    absent = found.reading < 0
-    moved = _moved(found)
-    extra = (owner < 0) & ~readings.missing
+    found, move = _assign(readings, plan, plan.p_cmd, count, two_stations, repeat_mm)
+    absent, moved = found.reading < 0, _moved(found)
+    extra = (found.owner < 0) & ~readings.missing
     if extra.any():
         strangers = f"{readings.lines(extra)} fit{'s' if extra.sum() == 1 else ''} no row"
         raise DataError(f"{readings.source}: {count}; {strangers}; remove, or complete the plan")
@@ -157,7 +140,7 @@ def match(
     if moved.any() and not reorder:
         described = _describe_moved(found, readings, plan, moved)
         raise DataError(f"{readings.source}: {described}; correct the file, or allow reordering")
-    samples, scatter, averaged = _join(readings, plan[~absent], owner, np.flatnonzero(~absent))
+    samples, scatter, averaged = _join(readings, plan[~absent], found.owner, np.flatnonzero(~absent))
     check(samples)
     check_turns(samples)
     rows = np.asarray(plan.row)
@@ -179,6 +162,29 @@ def match(
         notes=(*readings.notes, *([f"It seems that {move}."] if move else [])),
     )
     return samples, summary
+
+
+def _assign(
+    readings: Readings, plan: Poses, p_cmd: FloatArray, count: str, two_stations: bool, repeat_mm: float
+) -> tuple[Assignment, str]:
+    """Return the assignment of readings to rows, and the description of a move of the tracker."""
+    p_read = np.where(readings.missing[:, None], np.nan, readings.p)
+    if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
+        raise DataError(f"{readings.source}: {count}; at least 3 are required to match them by distances")
+    _refuse_other_units(readings, p_cmd)
+    move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
+    _refuse_move(readings, move, two_stations)
+    try:
+        found = assign(p_cmd, p_read, repeat_mm)
+    except DataError as error:
+        raise _stranger(readings, plan, str(error)) from None
+    move = move or describe_move(readings, plan, found, repeat_mm)
+    _refuse_move(readings, move, two_stations)
+    fitting = (found.reading >= 0) & ~found.outlier
+    spread = float(np.sqrt(p_cmd.var(axis=0).sum()))
+    if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
+        raise _stranger(readings, plan, f"only {int(fitting.sum())} fit a row under any one registration")
+    return found, move
 
 
 def _refuse_move(readings: Readings, move: str, allowed: bool) -> None:

@@ -45,18 +45,28 @@ def plot_variogram(
     Parameters
     ----------
     ev : ExperimentalVariogram
+        The experimental variogram.
     model : VariogramModel or gstools.CovModel, optional
+        The fitted model.
     envelope : Envelope, optional
-        On the same bins as `ev`.
+        The permutation envelope, with the bins of `ev`.
     component : int, optional
-        Column of the errors; the vector when not given.
+        The component of the errors; by default the error vector.
     unit : str
-        Unit of the distances.
+        The unit of the distances.
     title : str
-    theory, residual : ExperimentalVariogram, optional
-        What kinematics implies, theory (6), and what it leaves: of the vector.
+        The title of the figure.
+    theory : ExperimentalVariogram, optional
+        The variogram of the error vector that kinematics implies, theory (6).
+    residual : ExperimentalVariogram, optional
+        The variogram of the residuals after a fit of the kinematic parameters.
     words : callable
-        Of another language; see `truepose.similarity.words`.
+        The texts in another language; see `truepose.similarity.words`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
 
     Examples
     --------
@@ -109,8 +119,8 @@ def draw_variogram(
 def draw_curves(axes: Axes, curves: Mapping[str, tuple[FloatArray, FloatArray]], unit: str) -> None:
     """Draw several semivariograms as lines: by name, lags and semivariances."""
     for colour, (name, (lag, gamma)) in zip(CURVES, curves.items(), strict=False):
-        told = np.isfinite(gamma)
-        axes.plot(lag[told], gamma[told], color=colour, lw=1.5, marker="o", ms=3.5, label=name)
+        known = np.isfinite(gamma)
+        axes.plot(lag[known], gamma[known], color=colour, lw=1.5, marker="o", ms=3.5, label=name)
     axes.set(xlabel=english("distance", unit=unit), ylabel=english("semivariance"))
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
