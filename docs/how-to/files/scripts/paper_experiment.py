@@ -7,9 +7,8 @@ error_map = tp.fit_cell(virtual.cell, virtual.measure(virtual.design(125)), "reg
 p, e = error_map.p_cmd, error_map.e  # commanded positions and errors after registration, (n, 3) mm, base frame
 
 similarity = tp.experimental_variogram(p, e)  # equation (4)
-print(f"semivariance {similarity.semivariance.mean(axis=1).round(4)} mm² at {similarity.lag.round()} mm")
+print(similarity)
 kriging = tp.OrdinaryKriging(tp.fit_variogram(similarity, "spherical")).fit(p, e)  # equation (7)
-print(kriging)
 
 p_target = virtual.robot.forward(virtual.design(100, seed=1), tool=virtual.cell.tf_flange_tool)[:, :3, 3]
 p_command = p_target - kriging.predict(p_target)  # equation (15)
