@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -138,21 +137,22 @@ class VariogramModel(SingleStructure):
             return self.plus
         if not (self.nugget or self.plus or self.fit):
             return (self,)
-        return (self._first, *self.plus)
+        return (replace(self, nugget=0.0, plus=(), fit=None), *self.plus)
 
-    @cached_property
-    def _first(self) -> VariogramModel:
-        return replace(self, nugget=0.0, plus=(), fit=None)
+    @property
+    def _parts(self) -> tuple[VariogramModel, ...]:
+        """The models whose first structures are the structures with a sill; without a copy that has no nugget."""
+        return (self, *self.plus) if self.sill else self.plus
 
     @property
     def bounded(self) -> bool:
         """Whether every structure has a sill, so that a covariance exists."""
-        return all(part.kind.bounded for part in self.structures)
+        return all(part.kind.bounded for part in self._parts)
 
     @property
     def isotropic(self) -> bool:
         """Whether γ depends on the length of h alone."""
-        return all(isinstance(part.range, float | int) for part in self.structures)
+        return all(isinstance(part.range, float | int) for part in self._parts)
 
     @property
     def overridden(self) -> bool:
@@ -190,7 +190,7 @@ class VariogramModel(SingleStructure):
 
     def check_dimensions(self, d: int) -> None:
         """Raise KrigingError where a structure is not valid in d coordinates, or has another number of ranges."""
-        for part in self.structures:
+        for part in self._parts:
             if part.kind.dimensions < d:
                 raise KrigingError(
                     f"a {part.family} variogram is valid in up to {part.kind.dimensions} coordinates, but there are "
@@ -217,7 +217,7 @@ class VariogramModel(SingleStructure):
         """
         h = _distances(h)
         gamma = np.where(h == 0, 0.0, self.nugget)
-        for part in self.structures:
+        for part in self._parts:
             gamma = gamma + part.sill * (1 - part.correlation(part.scaled_distance(h, direction)))
         return gamma
 
@@ -226,7 +226,7 @@ class VariogramModel(SingleStructure):
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         self.check_dimensions(x.shape[1])
         gamma = np.where((x == y).all(axis=1), 0.0, self.nugget)
-        for part in self.structures:
+        for part in self._parts:
             r = np.linalg.norm(part.coordinates(x - y), axis=1)
             gamma = gamma + part.sill * (1 - part.correlation(r))
         return gamma
@@ -241,7 +241,7 @@ class VariogramModel(SingleStructure):
         self._require_sill()
         h = _distances(h)
         total = np.zeros_like(h)
-        for part in self.structures:
+        for part in self._parts:
             total = total + part.sill * part.correlation(part.scaled_distance(h, direction))
         return total
 
@@ -254,7 +254,7 @@ class VariogramModel(SingleStructure):
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         self.check_dimensions(y.shape[1])
         total = np.zeros((len(x), len(y)))
-        for part in self.structures:
+        for part in self._parts:
             u, v = part.coordinates(x), pack(part.coordinates(y))
             total += part.sill * cross_correlation(part.kind.code, u, v, len(y), part.shape or 0.0)
         return total
@@ -263,7 +263,7 @@ class VariogramModel(SingleStructure):
         """Return dγ/dh [mm² per unit of h] at distances h > 0."""
         h = _distances(h)
         slope = np.zeros_like(h)
-        for part in self.structures:
+        for part in self._parts:
             per_h = part.scaled_distance(1.0, direction)
             r = h * per_h
             slope -= part.sill * part.slope_over_distance(r) * r * per_h
@@ -278,7 +278,7 @@ class VariogramModel(SingleStructure):
         """
         h = _distances(h)
         found = {"nugget": np.where(h == 0, 0.0, 1.0)}
-        for k, part in enumerate(self.structures, 1):
+        for k, part in enumerate(self._parts, 1):
             suffix = "" if k == 1 else f"_of_{k}"
             found |= {name + suffix: value for name, value in part.structure_derivatives(h, direction).items()}
         return found
@@ -349,7 +349,7 @@ class VariogramModel(SingleStructure):
         return cls(**values | {"plus": tuple(cls.from_dict(part) for part in values.get("plus", ()))})
 
     def _require_sill(self) -> None:
-        for part in self.structures:
+        for part in self._parts:
             if not part.kind.bounded:
                 raise KrigingError(
                     f"a {part.family} variogram has no sill, so no covariance exists; use its semivariance"
