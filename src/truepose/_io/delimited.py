@@ -129,7 +129,10 @@ def decode(data: bytes, path: str | Path) -> str:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError:
             text = data.decode("latin-1")
-    check_lines(list(enumerate(text.splitlines(), start=1)), path)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if len(line) > LONGEST_LINE:
+            what = f"has {len(line)} characters, expected at most {LONGEST_LINE}; is it a table of poses or readings?"
+            raise FileError(path, what, line=number)
     return text
 
 
@@ -161,7 +164,9 @@ def parse(
     """
     lines = list(enumerate(text.splitlines(), start=1))
     kept = [
-        (number, line) for number, line in lines[skip or 0 :] if line.strip() and not line.lstrip().startswith(COMMENTS)
+        (number, line)
+        for number, line in lines[skip or 0 :]
+        if (bare := line.lstrip()) and not bare.startswith(COMMENTS)
     ]
     if not kept:
         raise FileError(path, "is empty; expected a header line with column names and one line per pose")
@@ -198,7 +203,7 @@ def _fields(lines: Sequence[tuple[int, str]], delimiter: str, path: str | Path) 
     if delimiter == " ":
         return [line.split() for _, line in lines]
     reader = csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
-    rows = [[field.strip() for field in row] for row in reader]
+    rows = [list(map(str.strip, row)) for row in reader]
     if len(rows) != len(lines):
         raise FileError(path, "has a quoted field without an end on its line; remove the quotation marks")
     return rows
@@ -213,20 +218,6 @@ def _check_widths(
         commas = delimiter == "," and count >= 2 * len(header) - 2 and len(header) > 1
         hint = "; decimal commas? Write decimal points, or put ; between the fields" if commas else ""
         raise FileError(path, f"has {count} fields, the header has {len(header)}{hint}", line=int(numbers[first]))
-
-
-def check_lines(lines: Sequence[tuple[int, str]], path: str | Path) -> None:
-    """Refuse numbered lines that are longer than `LONGEST_LINE`.
-
-    Raises
-    ------
-    FileError
-        With the line.
-    """
-    for number, line in lines:
-        if len(line) > LONGEST_LINE:
-            what = f"has {len(line)} characters, expected at most {LONGEST_LINE}; is it a table of poses or readings?"
-            raise FileError(path, what, line=number)
 
 
 def text_array(rows: Sequence[Sequence[str]], path: str | Path, numbers: IntArray) -> NDArray[np.str_]:
