@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeVar
 
@@ -74,16 +74,22 @@ class PointVariable:
     reads: _Uses = field(default_factory=lambda: defaultdict(list))
     writes: _Uses = field(default_factory=lambda: defaultdict(list))
     literals: defaultdict[Index, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
-    _orders: dict[Index, dict[int, int]] = field(default_factory=dict)
+    _places: dict[Index, dict[int, int]] | None = None
 
-    def motions_to(self, numbers: Numbers) -> Iterator[tuple[KrlMotion, int]]:
-        """Yield the motions that may go to one of the literals, each with its place among the motion's goals."""
-        for index in {numbers.index: None, None: None} if numbers.index is not None else list(self.moves):
-            if moves := self.moves.get(index):
-                if index not in self._orders:
-                    goals = concerning(self.literals, index)
-                    self._orders[index] = {id(goal): order for order, goal in enumerate(goals)}
-                yield from ((motion, self._orders[index][id(numbers)]) for motion in moves)
+    def motions_to(self, numbers: Numbers) -> list[tuple[KrlMotion, int]]:
+        """Return the motions that may go to one of the literals, each with its place among the motion's goals."""
+        if len(self.literals) == 1 and len(self.literals[numbers.index]) == 1:
+            return [(motion, 0) for motion in concerning(self.moves, numbers.index)]
+        indices = self.moves if numbers.index is None else {numbers.index: None, None: None}
+        found = [(index, motion) for index in indices for motion in self.moves.get(index, ())]
+        return [(motion, self._place(index, numbers)) for index, motion in found]
+
+    def _place(self, index: Index, numbers: Numbers) -> int:
+        """Return the place of a literal among those that an index may mean."""
+        self._places = {} if self._places is None else self._places
+        if index not in self._places:
+            self._places[index] = {id(goal): k for k, goal in enumerate(concerning(self.literals, index))}
+        return self._places[index][id(numbers)]
 
 
 @dataclass(slots=True, eq=False)
@@ -148,21 +154,26 @@ class KrlJudge(Judge):
         variable, aggregate = numbers.variable, numbers.aggregate
         motions = [(numbers.motion, 0)] if numbers.motion else []
         if variable is not None:
-            motions = list(variable.motions_to(numbers))
+            motions = variable.motions_to(numbers)
         if not motions and (aggregate.is_joint or variable is None or variable.type in ("FRAME", *JOINTS)):
             return None
-        point = Point(numbers.name, numbers.source, numbers.line, problem=_problem_of(numbers))
-        point.status, point.turn = aggregate.integer("S"), aggregate.integer("T")
-        if all(key in aggregate.values for key in CARTESIAN):
-            point.values = tuple([aggregate.values[key] for key in CARTESIAN])
-            point.spans = tuple([aggregate.spans[key] for key in CARTESIAN])
-        if variable is not None:
-            point.reads = concerning(variable.reads, numbers.index)
-            point.writes = concerning(variable.writes, numbers.index)
-            point.shared = None if self._whole else _shared(variable)
-        point.uses = self._uses(motions, _fdat(variable))
-        point.objection = self._objection(aggregate)
-        return point
+        complete = all(key in aggregate.values for key in CARTESIAN)
+        shared = None if variable is None or self._whole else _shared(variable)
+        return Point(
+            numbers.name,
+            numbers.source,
+            numbers.line,
+            tuple([aggregate.values[key] for key in CARTESIAN]) if complete else (),
+            tuple([aggregate.spans[key] for key in CARTESIAN]) if complete else (),
+            _problem_of(numbers),
+            status=aggregate.integer("S"),
+            turn=aggregate.integer("T"),
+            shared=shared,
+            objection=self._objection(aggregate),
+            uses=self._uses(motions, _fdat(variable)),
+            reads=[] if variable is None else concerning(variable.reads, numbers.index),
+            writes=[] if variable is None else concerning(variable.writes, numbers.index),
+        )
 
     def _uses(self, motions: list[tuple[KrlMotion, int]], fdat: FdatFrames | None) -> list[Use]:
         """Return motions with tool and base; one that control never reaches has those of the first one reached."""
@@ -171,7 +182,7 @@ class KrlJudge(Judge):
         for motion, order in motions:
             goes = motion if self._states[motion.node].tool else reached
             tool, base, problem = (None, None, _NEVER) if goes is None else self._in_force_at(goes, fdat)
-            uses.append(motion.use()._replace(tool=tool, frame=base, problem=problem, order=order))
+            uses.append(Use(motion.word, motion.place, tool, base, problem, motion.section, order))
         return uses
 
     def _objection(self, aggregate: Aggregate) -> Problem | None:
