@@ -89,7 +89,7 @@ def test_correct_in_place_keeps_the_original(run, cell_files, near_samples):
     assert path.with_name("a.src.original").read_bytes() == before
     assert "was corrected already" in run("correct", cell_files.map, path, *options, "--in-place").failed()
     path.write_bytes(before)
-    assert "is there already" in run("correct", cell_files.map, path, *options, "--in-place").failed()
+    assert "exists already" in run("correct", cell_files.map, path, *options, "--in-place").failed()
     assert path.read_bytes() == before
 
 

@@ -166,7 +166,7 @@ def test_a_corrected_program_is_not_corrected_again(
     path: Path, frames: FrameTable, make_map: Any, tmp_path: Path
 ) -> None:
     correct_program(path, make_map([0.3, 0.2, 0.1]), frames=frames).write(tmp_path / "out")
-    with pytest.raises(RefusedError, match=r"out/cell\.\w+: was corrected already, says cell\.corrections\.json"):
+    with pytest.raises(RefusedError, match=r"out/cell\.\w+: was corrected already, see cell\.corrections\.json"):
         correct_program(tmp_path / "out" / "cell.src", make_map(), frames=frames)
     # zero correction changed nothing, so the result is the original still
     correct_program(path, make_map(), frames=frames).write(tmp_path / "same")

@@ -196,7 +196,7 @@ def test_joint_targets_and_points_that_are_not_taught(read: Read) -> None:
         (position(body=XYZ.replace("300.000  mm", "300.000  in")), "expected a number in mm"),
         (position(body=XYZ.split("W")[0]), r"P\[1\] has no W, P, R"),
         (position(body=XYZ + ", X = 1 mm"), r"P\[1\] gives X twice"),
-        (position() + position(), r"P\[1\] is there twice, first in line 6"),
+        (position() + position(), r"P\[1\] is given twice, first in line 6"),
         (position().replace("};", ""), r"the brace of P\[1\] is not closed"),
         ("nonsense\n", "a position under /POS that is not understood"),
     ],

@@ -139,7 +139,7 @@ def test_the_output_mirrors_the_tree(tmp_path: Path, make_map: Any) -> None:
     assert {p for p in (tmp_path / "out").rglob("*") if p.is_file()} == set(written)
     assert (tmp_path / "out/R1/Program/points.dat").read_text().count("{X 813.0,Y -40.25,Z") == 1
     assert (tmp_path / "out/R1/System/$config.dat").read_text() == CONFIG
-    with pytest.raises(RefusedError, match=r"was corrected already, says cell\.corrections\.json"):
+    with pytest.raises(RefusedError, match=r"was corrected already, see cell\.corrections\.json"):
         correct_program(tmp_path / "out", make_map())
     assert correct_program(folder, make_map()).files == {folder / name: (folder / name).read_bytes() for name in krl}
     corrected.write_in_place()

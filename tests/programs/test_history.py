@@ -78,7 +78,7 @@ def test_beside_the_map(path: Path, make_map: Any, tmp_path: Path, monkeypatch: 
     correct_program(path, error_map).write(tmp_path / "out")
     (tmp_path / "out" / "a.src").rename(tmp_path / "b.src")
     monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "other"))
-    with pytest.raises(RefusedError, match=r"says .*m\.truepose\.corrected"):
+    with pytest.raises(RefusedError, match=r"listed in .*m\.truepose\.corrected"):
         correct_program(tmp_path / "b.src", error_map)
     assert json.loads((tmp_path / "m.truepose.corrected").read_text())["file"] == "a.src"
 

@@ -92,7 +92,7 @@ def test_circles_other_motions_comments_and_tracks(job: Read) -> None:
     ("positions", "message"),
     [
         ("///POSTYPE BASE\nC00001=1,2,3", "has 3 numbers, expected 6"),
-        (f"///POSTYPE BASE\nC00001={XYZ}\nC00001={XYZ}", "is there twice, first in line 7"),
+        (f"///POSTYPE BASE\nC00001={XYZ}\nC00001={XYZ}", "is given twice, first in line 7"),
         (f"///POSTYPE BASE\nC00001={XYZ.replace('600.000', '1.2.3')}", r"a\.jbi:7: X: 1\.2\.3 is not a number"),
         ("nonsense", "a line under //POS that is not understood"),
     ],

@@ -67,7 +67,7 @@ def test_a_loop_brings_its_end_back_to_its_start(read: Read) -> None:
 
 def test_code_that_is_never_reached_is_left_as_it_is(read: Read) -> None:
     target = read(f"BAS(#BASE,1)\nBAS(#TOOL,1)\nRETURN\nLIN {POSE}").targets[0]
-    assert (target.verdict, target.reason) == ("skip", "the program never gets here")
+    assert (target.verdict, target.reason) == ("skip", "the program never reaches this motion")
 
 
 def test_calls_in_this_file_are_followed(read: Read) -> None:

@@ -32,7 +32,7 @@ def test_csv_units_and_orientations(tmp_path: Path) -> None:
         program = read(tmp_path, "a.csv", f"name;x_mm;y_mm;z_mm;{columns}\np;1;2;3;{numbers}\n")
         np.testing.assert_allclose(program.poses_base()[0, :3, :3], wanted, atol=1e-12)
     text = "name,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\np,1,2,3,10,20,30\n"
-    with pytest.raises(FileError, match="say whose angles they are"):
+    with pytest.raises(FileError, match="name their convention"):
         read(tmp_path, "a.csv", text)
     yaskawa = read(tmp_path, "a.csv", text, angles="yaskawa")
     np.testing.assert_allclose(yaskawa.poses_base()[0, :3, :3], wanted, atol=1e-12)

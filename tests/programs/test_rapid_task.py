@@ -72,7 +72,7 @@ def test_a_module_alone(tmp_path: Path, make_map: Any) -> None:
     path = lay(tmp_path, {"a.mod": module("A", f"{POINT}LOCAL CONST robtarget q:={RT};", code)}) / "a.mod"
     alone = read_program(path, FRAMES)
     assert {t.name: t.verdict for t in alone.targets} == {"p1": "refuse", "q": "refuse", "MoveL:6": "correct"}
-    assert "give the files of the whole task, say that these are all (--whole-task), or declare it LOCAL" in next(
+    assert "give the files of the whole task, state that these are all (--whole-task), or declare it LOCAL" in next(
         t.reason for t in alone.targets if t.name == "p1"
     )
     path.write_text(path.read_text().replace("MoveC p1,q,v1,z1,tGrip;", ""))

@@ -32,7 +32,7 @@ def verdicts(program: Program) -> dict[str, str]:
 
 
 def of_all(program: Program) -> dict[str, str]:
-    """Verdicts by name, and by line where a name is there twice."""
+    """Verdicts by name, and by line where a name is given twice."""
     names = [target.name for target in program.targets]
     return {f"{t.name} (line {t.line})" if names.count(t.name) > 1 else t.name: t.verdict for t in program.targets}
 

@@ -77,7 +77,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
             if abs(sum(a * a for a in axis) - 1.0) > 1e-2:
                 raise source.error(line, f"{name}: the tool axis has not the length 1; correct the file")
             if options.angles not in _RULES:
-                problem = Problem("refuse", "say how the tool axis lies on the tool (--angles z or -z)")
+                problem = Problem("refuse", "state the direction of the tool axis on the tool (--angles z or -z)")
             elif changed:
                 problem = Problem("refuse", f"{changed} changes the coordinates before it")
             padded = (*spans, NOT_HERE, NOT_HERE, NOT_HERE)[:6]

@@ -188,7 +188,7 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
     backups = [_original(source.path) for source in changed]
     for backup in backups:
         if backup.exists() or backup.is_symlink():
-            raise FileError(backup, "is there already, and would be lost; move it away")
+            raise FileError(backup, "exists already and would be lost; move it away")
     records = [[one.program.folder / name for name in names(one.program)[-2:]] for one in corrected]
     files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
     history.remember(corrected)

@@ -19,12 +19,12 @@ from truepose.programs.core.source import Source, Span, is_broken, parse_number
 _NUMBER = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)"
 _EXPONENT = rb"[EeDd][+-]?+[0-9]*+"
 LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + _NUMBER + rb"(?:[EeDd][+-]?+[0-9]++)?+|[^\r\n]")
-"""What may be a number with an exponent is one word here, whatever the reader makes of it."""
+"""A number with an exponent is one word here, whatever the reader takes it for."""
 _WORD = re.compile(rb"([A-Za-z])[ \t]*+(" + _NUMBER + rb")(?![.\d])")
 _WITH_EXPONENT = re.compile(rb"([XYZABCxyzabc])[ \t]*+(" + _NUMBER + _EXPONENT + rb")")
 """An axis and `1.2E+02` or `20.D5`: one number, or a number and another word, depending on the control."""
 _ADHERING: Final = b"%+-*/_#[=,'\":<>@&$^"
-"""What turns the number before it into something else."""
+"""Characters that make the number before them part of an expression."""
 _EXPRESSION = re.compile(
     rb"([A-Za-z])[ \t]*+(=[^\r\n;(]*+(?:\([^)]*\))?|[+-]?[ \t]*+[#\[][^\r\nXYZABCIJKFxyzabcijkf]*+|[+-]?R\d++)"
 )
@@ -39,7 +39,7 @@ _CONTROL = re.compile(
     re.I,
 )
 _VECTOR = re.compile(rb"(?:[ABC]\d|LEAD|TILT|THETA)[ \t]*+=[ \t]*+[-+.\w]*+(?:\([^\r\n()]*+\))?+", re.I)
-"""Other ways to say the orientation."""
+"""Other forms of an orientation."""
 _JUMP = re.compile(rb"(?:GOTO[BFCS]?|REPEATB?)\b[ \t]*+([A-Z_]\w*+|\d++(?![ \t]*+[-+*/.]))?+", re.I)
 _LABEL = re.compile(rb"[ \t/]*+(?:N?+(\d++)|([A-Z_]\w++):)", re.I)
 _AXIS = re.compile(rb"(?<![\w#<])[XYZ][ \t]*+[-+=#\[.\d]", re.I)
@@ -56,11 +56,11 @@ _TRANSFORMS: Final = tuple(
 _STRAY: Final = [b"%c" % c for c in b":,*\"'@$&.<>_-"]
 _CURVES: Final = (b"CIP", b"CT", b"ASPLINE", b"BSPLINE", b"CSPLINE", b"POLY", b"INVCW", b"INVCCW")
 _EXPONENTS: Final = "exponent "
-"""Of an axis: its place among what is strange in a line."""
+"""Prefix of an axis with an exponent among the words that are not understood."""
 _MODAL: Final = ("_offset", "_motion", "_relative", "_unit", "_problem", "_compensated")
-"""Attributes of the reader: what holds from one line to the next. The orientation, which is changed in place, too."""
+"""Attributes of the reader that hold from one line to the next, besides the orientation."""
 _RETURNS: Final = 20
-"""More jumps to different labels are taken as one to the beginning."""
+"""Largest number of labels that jumps are followed to; more count as one jump to the beginning."""
 _ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
 
 
@@ -134,7 +134,7 @@ class _Reader(Reader):
             for point in self.points:
                 other = repeated.get(point.line)
                 if point.problem is None and other is not None and not self._alike(point, other):
-                    reason = f"line {back.line} ({back.word}) comes back here with other settings in force"
+                    reason = f"line {back.line} ({back.word}) returns here with other settings in force"
                     point.problem = Problem("refuse", reason)
 
     def _alike(self, one: Point, other: Point) -> bool:
@@ -226,7 +226,7 @@ class _Reader(Reader):
         if self._compensated:
             return Problem("refuse", f"tool radius compensation since line {self._compensated}")
         if self.options.angles not in _ANGLES:
-            return Problem("refuse", f"say whose angles A, B, C are (--angles {', '.join(_ANGLES)})")
+            return Problem("refuse", f"name the convention of A, B, C (--angles {', '.join(_ANGLES)})")
         without = [key for key in "ABC" if key not in self._angles]
         if without:
             return Problem("refuse", f"no {', '.join(without)} on this line or before: its orientation is not known")

@@ -29,9 +29,9 @@ from truepose.programs.core.program import Program
 
 HashArray = NDArray[np.uint64]
 _KEPT: Final = 1024
-"""Positions of a program that are remembered: those of the smallest hashes, which are the same in every copy."""
+"""Largest number of listed positions of a program: those of the smallest hashes, which are the same in every copy."""
 _ENOUGH: Final = 3
-"""Corrected positions that make a program a corrected one; of up to four targets, half of them."""
+"""Number of corrected positions that identify a corrected program; of up to four targets, half of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ def check(program: Program, map_path: Path | None) -> None:
             where = after.get(entry.after, program.path)
             what = "was corrected already" if entry.after in after else f"holds {same} positions that were corrected"
             raise RefusedError(
-                f"{where}: {what} ({entry.file}, {entry.date[:10]}, says {store}); do not correct it twice: "
+                f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); do not correct it twice: "
                 "take the original"
             )
 

@@ -15,13 +15,14 @@ from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
 
 _OF_ALL_JOBS: Final = Problem(
-    "refuse", "P variables are those of all jobs: another may move to it or write it; say that none does (--whole-task)"
+    "refuse",
+    "P variables are those of all jobs: another may move to it or write it; state that none does (--whole-task)",
 )
 _POSITION = re.compile(rb"[ \t]*(B?E?[CP])(\d{3,6})[ \t]*=[ \t]*")
 _MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
 _MOTION = re.compile(rb"[ \t]*[+*]?[ \t]*S?(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CP]X?\d+)*)", re.I)
 _STRAY = re.compile(rb"\"[^\"]*+\"|(?<![\w*:#$])([SE]?I?MOV[JLCS](?=[ \t]+[A-Z]+[\d\[])|SFTON\b|SFTOF\b)", re.I)
-"""What must begin an instruction; texts are passed over."""
+"""Words that must begin an instruction; texts are skipped."""
 _OPERAND = re.compile(rb"(?<![\w#$])(C|P)X?(\d{3,6})\b")
 _RELATIVE = re.compile(rb"[ \t]*(?:S|E)?IMOV\w*", re.I)
 _CONVEYOR = re.compile(rb"\bCV#\([^)]*\)?", re.I)
@@ -101,7 +102,7 @@ class _Reader(Reader):
                 self._external.add((kind, number))
             return
         if (kind, number) in self._positions:
-            raise self.source.error(line, f"{name} is there twice, first in line {self._positions[kind, number].line}")
+            raise self.source.error(line, f"{name} is given twice, first in line {self._positions[kind, number].line}")
         point = self._positions[kind, number] = Point(name, self.source, line)
         self._fill(point, pieces, line)
 

@@ -24,7 +24,7 @@ from truepose.programs.core.source import Source, printable, prove, replaced
 from truepose.programs.core.target import Target
 
 _OF_ONE: Final = ("name", "line", "xyz", "angles", "status", "turn", "spans", "reason")
-"""What targets of one kind do not share."""
+"""The attributes that targets of one kind do not share."""
 _SHARED: Final = tuple([field.name for field in fields(Target) if field.name not in _OF_ONE])
 _EQUAL: Final = 1e-9  # [mm; the controller's angles] two readings of the same digits
 _REMEDY: Final = "nothing was written; please report this program"

@@ -295,4 +295,4 @@ def _is_data_list(file: Path) -> bool:
         with file.open("rb") as head:
             return b"DEFDAT" in head.read(1 << 16).upper()
     except OSError:
-        return True  # reading it says why
+        return True  # reading it will give the reason

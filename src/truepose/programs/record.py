@@ -125,7 +125,7 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
             for before, after in _hashes(path):
                 if before != after and after in hashes:
                     raise RefusedError(
-                        f"{hashes[after]}: was corrected already, says {path.name}; do not correct it twice: "
+                        f"{hashes[after]}: was corrected already, see {path.name}; do not correct it twice: "
                         "take the original"
                     )
     history.check(program, map_path)

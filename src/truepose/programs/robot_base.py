@@ -22,7 +22,7 @@ from truepose.programs.frame_table import FrameTable
 from truepose.programs.krl.controller import robot_root
 
 _LEVELS: Final = 5
-"""Folders above a program that may be those of its controller's backup."""
+"""Number of folders above a program that may belong to its controller's backup."""
 _BESIDE: Final = {"krl": ("", "Mada"), "rapid": ("", "SYSPAR")}
 _NAMES: Final = {"krl": "$machine.dat", "rapid": "moc.cfg"}
 _M: Final = 1000.0  # MOC.cfg is in metres

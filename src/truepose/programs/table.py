@@ -86,7 +86,7 @@ def _meaning(source: Source, line: int, columns: list[str], options: ReadOptions
     if len(ANGLES[controller].names if controller in ANGLES else ()) != len(found[0]) or (
         not _ORIENTATIONS[found[0]] and controller not in ("yaskawa", "staubli")
     ):
-        raise source.error(line, "rx_deg, ry_deg, rz_deg: say whose angles they are (--angles yaskawa or staubli)")
+        raise source.error(line, "rx_deg, ry_deg, rz_deg: name their convention (--angles yaskawa or staubli)")
     return [*(f"{axis}_{units[0]}" for axis in "xyz"), *found[0]], _UNITS[units[0]], controller
 
 

@@ -35,7 +35,7 @@ _GOAL = re.compile(
 _MOTION = re.compile(rb"\s*([JLCAS])\s+(?=P\s*R?\s*\[)", re.I)
 _HIDDEN_MOTION = re.compile(rb"(?<![\w$\[:])[JLCAS]\s+P\s*R?\s*\[", re.I)
 _OTHER_MOTION = re.compile(rb"\s*([JLCAS])(?:\s+(PAL_?\d*\s*\[[^\]]*\]|[A-Z]\w*\s*\[[^\]]*\])|(PR?)\s*\[)", re.I)
-"""A motion to something that is no position: `J PAL_1[A_1]` goes to where a pattern of palletising leads."""
+"""A motion to an operand other than a position, such as `J PAL_1[A_1]`, a pattern of palletising."""
 _SPEED = re.compile(
     rb"\d\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|\]\s*(?:mm/sec|cm/min|%)|\b(?:FINE|CNT\s*\d+)\b", re.I
 )
@@ -124,7 +124,7 @@ class _Reader(Reader):
             if m := _SECTION.match(data, a, b):
                 section = m[1].upper()
                 if section in seen:
-                    raise self.source.error(line, f"/{section.decode()} stands here a second time; keep one")
+                    raise self.source.error(line, f"/{section.decode()} is given a second time; keep one")
                 seen.add(section)
                 if section == b"POS":
                     start = b
@@ -303,7 +303,7 @@ class _Reader(Reader):
             if close < 0 or data.find(b"{", m.end(), close) >= 0:
                 raise source.error(line, f"the brace of P[{number}] is not closed: the file is truncated or broken")
             if number in self._positions:
-                raise source.error(line, f"P[{number}] is there twice, first in line {self._positions[number].line}")
+                raise source.error(line, f"P[{number}] is given twice, first in line {self._positions[number].line}")
             self._positions[number] = self._position(number, line, m.end(), close)
             position = close + 1
             while data[position : position + 1] in (b" ", b";", b"\t"):

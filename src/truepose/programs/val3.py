@@ -44,7 +44,7 @@ _FATHER = re.compile(r"(\w+)(?:\[([0-9]{1,9})\])?")
 _POINTS: Final = ("pointRx", "point")
 _PUBLIC: Final = Problem(
     "refuse",
-    "it is public: another application may move to it or write it; give the folder with all applications, say that "
+    "it is public: another application may move to it or write it; give the folder with all applications, state that "
     "none does (--whole-task), or make it private",
 )
 
@@ -126,7 +126,7 @@ def _values(source: Source) -> list[tuple[str, _Value]]:
             kind, name, public = data[-1]
             key = attributes.get("key", "0")
             if (name, key) in seen:
-                raise source.error(line, f"{name}[{key}] is there twice, first in line {seen[name, key]}; keep one")
+                raise source.error(line, f"{name}[{key}] is given twice, first in line {seen[name, key]}; keep one")
             seen[name, key] = line
             attributes_at = _attributes(source, parser.CurrentByteIndex)
             found.append((kind, _Value(name, key, attributes_at, line, public=public)))

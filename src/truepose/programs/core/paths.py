@@ -20,11 +20,11 @@ from truepose.programs.core.program import Program
 from truepose.programs.core.source import printable
 
 SMALLEST_LIMIT: Final = 0.1
-"""[mm] No default limit is below this."""
+"""The smallest default limit [mm]."""
 STANDARD_DEVIATIONS: Final = 4.0
 """The default limit in standard deviations of the corrected targets."""
 SLOPE: Final = 0.005
-"""[mm per mm of spacing] Bends below this are the arm's: its errors change by a few millimetres per metre."""
+"""Bends below this [mm per mm of spacing] are allowed: the errors of an arm change by some millimetres per metre."""
 _BACK: Final = -0.5  # cosine of the turn at a target beyond which the path goes back: the tool stops there
 _BLOCK: Final = 1 << 16
 _SHOWN: Final = 3  # paths that a message names

@@ -331,7 +331,7 @@ class Judge:
             return Frame(str(default), default)
         if (known := self._default[which]) is not None:
             return known
-        raise NotCorrected("refuse", f"the program names no {which}; say which is in force (--{which} NAME)")
+        raise NotCorrected("refuse", f"the program names no {which}; state the one in force (--{which} NAME)")
 
     def _transform(self, which: str, frame: Frame) -> FloatArray | None:
         if frame.text == AS_MEASURED:
@@ -414,7 +414,7 @@ def in_order(
 _NO_PATH: Final = re.compile(
     r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
 )
-"""Motions by joints, whose path is no line in space; and points of data that no motion is known to."""
+"""Joint motions, whose path is no line in space, and data whose motions are not known."""
 
 
 def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[Target | Stretch]) -> Motions:

@@ -29,15 +29,15 @@ from truepose.errors import FileError, RefusedError
 
 Span = tuple[int, int]
 NUMBER: Final = rb"[+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+(?![\w.])"
-"""Pattern of a number that nothing adheres to: `1.2.3` is none."""
+"""Pattern of a number without adhering characters: `1.2.3` does not match."""
 LARGEST: Final = 1e6
-"""A coordinate [mm] or an angle [deg] beyond this is a mistake."""
+"""Largest coordinate [mm] or angle [deg]; more is a mistake."""
 
 LONGEST_LINE: Final = 2**16
-"""Bytes of a line of a program; no controller takes such a line."""
+"""Largest number of bytes of a line; no controller accepts more."""
 
 LONGEST: Final = 40
-"""Characters of a number; 17 digits say everything about a double."""
+"""Largest number of characters of a number; 17 digits determine a double."""
 
 _NUMBER = re.compile(NUMBER)
 PLAIN_LEXER: Final = re.compile(rb"\r\n|[\r\n]|[ \t]++|" + NUMBER + rb"|[A-Za-z_$][\w$]*+|\w++|[^\r\n]")

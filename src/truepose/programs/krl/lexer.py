@@ -49,7 +49,7 @@ _COMMON = re.compile(
     + rb"))?\}",
     re.I,
 )
-"""The dress that nearly all points wear, for speed; `parse_aggregate` reads it too."""
+"""Fast path for the usual form of a point; `parse_aggregate` reads all forms."""
 _PREFIX = re.compile(rb"\{" + _WS + rb"(?:([A-Za-z_]\w*+)" + _WS + rb":)?")
 _LITERAL = re.compile(rb"'\s*(?:B\s*([01]+)|H\s*([0-9A-F]+))\s*'", re.I)
 _BRACE = re.compile(rb"[{}]|\"[^\"]*\"")

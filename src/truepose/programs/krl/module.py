@@ -47,7 +47,7 @@ _ROUTINE = re.compile(
     rb"[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I
 )
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
-"""Those that other modules do not see, and the first."""
+"""Routines that other modules do not see, and the first one."""
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")

@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 
 Goal = Numbers | Point | Element
-"""Where a motion goes: to numbers, to a target without numbers, or to a named point."""
+"""The goal of a motion: numbers, a target without numbers, or a named point."""
 
 
 class KrlMotionReader:

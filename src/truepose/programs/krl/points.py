@@ -27,7 +27,7 @@ _ABSOLUTELY_ACCURATE: Final = 16
 _LARGEST_STATUS: Final = 1 << 16
 _NAMES: Final = {"tool": ("$TOOL", "TOOL_DATA", "tools"), "base": ("$BASE", "BASE_DATA", "bases")}
 _EXTERNAL: Final = ("E1", "E2", "E3", "E4", "E5", "E6")
-_NEVER: Final = Problem("skip", "the program never gets here")
+_NEVER: Final = Problem("skip", "the program never reaches this motion")
 _Item = TypeVar("_Item")
 _InForceAt = tuple[Frame | None, Frame | None, Problem | None]
 """Tool, base, and the reason why they are not known."""

@@ -31,13 +31,13 @@ KEEPS_FRAMES: Final = _words(
     STRTOFRAME STRTOPOS STRTOAXIS STRTOE6POS STRTOE6AXIS VARSTATE VARTYPE FRAND TIMER EXISTS_KRLMSG EXISTS_KRLDLG
     SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG MSGNOTIFY MSGQUIT MSGSTATE MSGDIALOG MSGLOG IR_STOPM"""
 )
-"""Words before a parenthesis after which tool and base are what they were: the language's own, common messages."""
+"""Words before a parenthesis that leave tool and base unchanged: the language's own, and common messages."""
 
 IDENTIFIER: Final = re.compile(
     rb"\"[^\"]*+\"|'[^'\r\n]*+'|#[ \t]*+\w+|\.[ \t]*+[A-Za-z_]\w*+"
     rb"|(?<!\w)([A-Za-z_$][\w$]*+)[ \t]*+(\(|\[[ \t]*+[\d, \t]+\]|\[)?+"
 )
-"""A name, and what follows it; texts, enumerations and components are passed over."""
+"""A name and the bracket behind it; texts, enumerations and components are skipped."""
 STRAY_MOTION: Final = re.compile(
     rb"\"[^\"]*+\"|(?<![\w$#.'])(S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL(?:_REL)?)(?=[ \t]*\{|[ \t]+[A-Za-z_$])", re.I
 )
@@ -47,13 +47,13 @@ FRAME_CHANGE: Final = re.compile(rb"\$(?:TOOL|BASE)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)
 WORLD_CHANGE: Final = re.compile(rb"\$(?:ROBROOT|WORLD)\b[ \t]*(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I)
 """$ROBROOT or $WORLD set inside another statement."""
 APPROACH: Final = re.compile(rb"(?:(?:[ \t]++|(?<=\}))C_(?:PTP|DIS|VEL|ORI|SPL)\b)+[ \t]*\Z", re.I)
-"""How a motion ends."""
+"""The approximation at the end of a motion."""
 HANDED_POSE: Final = re.compile(
     rb"\"[^\"]*+\"|(?<![\w.$])([A-Za-z]\w*+)[ \t]*+\("
     rb"[^()\"{}]*+\{[ \t]*+(?:(?:E6)?POS[ \t]*+:)?[ \t]*+X[ \t]++[-+.\w]",
     re.I,
 )
-"""A pose that a subprogram is given."""
+"""A pose that is an argument of a subprogram."""
 _PARAMETER: Final = re.compile(
     rb"[ \t]*+([A-Za-z_]\w*+)[ \t]*+(?:\[[^\]]*+\][ \t]*+)?(?::[ \t]*+(?:IN|OUT)[ \t]*+)?", re.I
 )

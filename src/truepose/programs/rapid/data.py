@@ -15,7 +15,7 @@ from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, is_broken, parse_number
 from truepose.programs.rapid.syntax import Token, Value, is_list
 
-_UNUSED_AXIS: Final = 8.9e9  # 9E9 says that there is no such axis
+_UNUSED_AXIS: Final = 8.9e9  # 9E9 means that there is no such axis
 
 
 def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, line: int) -> Point:

@@ -23,13 +23,13 @@ from truepose.programs.rapid.names import RapidTask, RobtargetVariable
 
 _ALONE: Final = Problem(
     "refuse",
-    "global to the task: other modules may move to it under other workobjects; give the files of the whole task, say "
+    "global to the task: other modules may move to it under other workobjects; give the files of the whole task, state "
     "that these are all (--whole-task), or declare it LOCAL",
 )
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a RAPID module by itself: the whole task only if `options` says so.
+    """Read a RAPID module alone; it is the whole task only if `options.whole_task` is set.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def read_tasks(
     Parameters
     ----------
     tasks : sequence of (path, paths)
-        The path that stands for the task, and those of its modules.
+        The path that names the task, and those of its modules.
     frames : KnownFrames
     options : ReadOptions
     whole : bool

@@ -19,13 +19,13 @@ JOINT_MOTIONS: Final = frozenset(["MOVEABSJ", "MOVEEXTJ"])
 ZONE: Final = re.compile(r"FINE|Z\d+")
 SPEED: Final = re.compile(r"V\d+|VMAX")
 TOOL_AFTER: Final = {"MOVE": 3, "TRIGG": 4, "ARC": 5, "SEARCH": 2, "CONTACT": 2, "PAINT": 3, "DISP": 4, "CAP": 5}
-"""Positions from the end point to the tool."""
+"""Number of arguments from the end point to the tool."""
 WITHOUT_TRIGGER: Final = frozenset(["TRIGGLIOS", "TRIGGJIOS"])
 OFFSETS: Final = frozenset(["OFFS", "RELTOOL"])
 DISPLACEMENTS: Final = {
     "PDISPON": "ipo", "PDISPSET": "ipo", "PDISPOFF": "ipo", "EOFFSON": "tool", "EOFFSSET": "tool", "EOFFSOFF": "tool",
 }  # fmt: skip
-"""Instructions that displace the motions behind them, or end that, and where `truepose.programs.core.flow` keeps it."""
+"""Instructions that begin or end a displacement, and the value of the flow that holds it."""
 LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE"}
 DATA: Final = frozenset(["CONST", "PERS", "VAR"])
 HANDLERS: Final = frozenset(["ERROR", "UNDO", "BACKWARD"])
