@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.spatial.distance import cdist
+from scipy.spatial.distance import cdist, pdist
 
 ROOT3 = math.sqrt(3.0)
 
@@ -55,6 +55,16 @@ class Kriging:
         half = solve_triangular(self.L, cross.T, lower=True)
         spread = 1 - self.one[:, 0] @ half
         return self.mean + cross @ self.alpha, np.sqrt(1 - (half**2).sum(axis=0) + spread**2 / self.q)
+
+
+def semivariance(x: Any, e: Any, edges: Any) -> tuple[Any, Any]:
+    """Return pairs (k,) and semivariance (k, c) of each bin edges[b] < h <= edges[b + 1], from all pairs at once."""
+    i, j = np.triu_indices(len(x), 1)
+    bins = np.searchsorted(edges, pdist(x), side="left")
+    pairs = np.bincount(bins, minlength=len(edges) + 1)
+    squares = [np.bincount(bins, (e[i, c] - e[j, c]) ** 2, minlength=len(edges) + 1) for c in range(e.shape[1])]
+    with np.errstate(invalid="ignore"):
+        return pairs[1 : len(edges)], (np.array(squares).T / pairs[:, None] / 2)[1 : len(edges)]
 
 
 def eliminate(rho: Any, near: Any, signal: float, diagonal: Any, at_target: Any, right: Any) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import plain
 from benchmarks.harness import Call, Job, Slow
 from truepose.similarity import VariogramModel, experimental_variogram, fit_likelihood
 
@@ -24,6 +25,7 @@ PACKAGES = ("truepose", "numpy", "scipy", "numba", "gstools", "gstools-core", "s
 def jobs(*, quick: bool = False) -> Iterator[Job]:
     """Yield the jobs."""
     yield _variogram(1_000 if quick else 10_000)
+    yield _plain_variogram(1_000 if quick else 2_000)
     yield _likelihood(150 if quick else 1_000)
 
 
@@ -51,6 +53,17 @@ def _variogram(n: int) -> Job:
         filled = ours.pairs > 0
         np.testing.assert_allclose(ours.semivariance.mean(axis=1)[filled], gamma[filled], rtol=1e-9)
     return Job(f"variogram, {n:,} points, all pairs, 20 bins, 3 components", sides, target=">= 80")
+
+
+def _plain_variogram(n: int) -> Job:
+    rng = np.random.default_rng(0)
+    x, e = rng.random((n, 3)) * 1000, rng.standard_normal((n, 3))
+    edges = np.linspace(0.0, 1000 * np.sqrt(3), 21)
+    sides: dict[str, Call | Slow | str] = {
+        "truepose": lambda: experimental_variogram(x, e, bins=edges),
+        "numpy and scipy": lambda: plain.semivariance(x, e, edges),
+    }
+    return Job(f"kernel: variogram, {n:,} points, all pairs, 20 bins, 3 components", sides, target=">= 1.5")
 
 
 def _likelihood(n: int) -> Job:

@@ -10,7 +10,7 @@ from truepose.numerics.kernels import MATERN32, cross_correlation, pack, weighte
 from truepose.numerics.small_systems import eliminate, pair_distances
 from truepose.predictors import OrdinaryKriging
 from truepose.predictors.kriging.system import System
-from truepose.similarity import VariogramModel
+from truepose.similarity import VariogramModel, experimental_variogram
 from truepose.similarity.covariance import correlation
 
 
@@ -23,6 +23,16 @@ def test_correlations(rng, n):
     np.testing.assert_allclose(out, plain.matern32(u, v), rtol=1e-13)
     np.testing.assert_allclose(plain.matern32_by_loops(u, v), out, rtol=1e-13)
     np.testing.assert_allclose(weighted_sum(MATERN32, 0.0, u, pack(v), pack(w)), out @ w, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 17, 256, 300])
+def test_semivariance(rng, n):
+    x, e = rng.random((n, 3)), rng.standard_normal((n, 2))
+    edges = np.linspace(0.0, 1.0, 11)
+    found = experimental_variogram(x, e, edges)
+    pairs, semivariance = plain.semivariance(x, e, edges)
+    np.testing.assert_array_equal(found.pairs, pairs)
+    np.testing.assert_allclose(found.semivariance, semivariance, rtol=1e-11)
 
 
 def test_small_systems(rng):

@@ -9,7 +9,6 @@ from itertools import combinations_with_replacement
 from typing import Any, Final
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
@@ -236,6 +235,8 @@ class RadialBasis(Interpolator):
             raise DataError(f"RadialBasis: kernel is {self.kernel!r}; expected {', '.join(KERNELS)}")
         if not (np.isfinite(self.smoothing) and self.smoothing >= 0):
             raise DataError(f"RadialBasis: smoothing is {self.smoothing}; expected a number of 0 or more")
+        from scipy.interpolate import RBFInterpolator
+
         kernel: Any = self.kernel
         self._points = Points.of(self._x)
         self._mean_e, _ = self._points.average(self._e, np.ones_like(self._e))
