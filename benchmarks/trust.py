@@ -20,12 +20,16 @@ import numpy as np
 from benchmarks.held_out import Page
 from benchmarks.trust_cells import KINDS, SAMPLES, TARGETS, Fate, fates
 from truepose.numerics.threads import become_worker, cores
-from truepose.predictors import PREDICTORS
+from truepose.predictors import FORMER_NAMES, PREDICTORS
 
 PAGE = "trust"
 ROOT = Path(__file__).parent.parent
 SEEDS = range(20)
 QUICK_PREDICTORS = ("ordinary-kriging", "kinematic-kriging")
+ALL_PREDICTORS = tuple(
+    sorted([*PREDICTORS, *FORMER_NAMES.values()], key=lambda name: [*PREDICTORS].index(name.split(":")[0]))
+)
+"""Every name, each followed by its options that are worth a row."""
 COLUMNS = (
     *(
         "kind",
@@ -133,7 +137,7 @@ def _study(page: Page, kinds: Sequence[str], seeds: range, *, quick: bool) -> No
         "campaign that was refused. `below`: targets that stay nominal since their correction is below its uncertainty."
     )
     page.head(COLUMNS)
-    names = QUICK_PREDICTORS if quick else tuple(PREDICTORS)
+    names = QUICK_PREDICTORS if quick else ALL_PREDICTORS
     failed = []
     for kind in kinds:
         of_kind = _of_kind(kind, seeds, names)
