@@ -45,13 +45,7 @@ class _Statement(NamedTuple):
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read APT or CL data.
-
-    Raises
-    ------
-    FileError
-        If there is no GOTO, or one is broken; with its line.
-    """
+    """Read APT or CL data; a FileError names the line if they are broken."""
     source = Source.read(path)
     reader = Reader(source, frames, options)
     points = reader.points

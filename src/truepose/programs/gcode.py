@@ -65,13 +65,7 @@ _ANGLES: Final = ("kuka", "fanuc", "staubli", "yaskawa")
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read G-code.
-
-    Raises
-    ------
-    FileError
-        If no word of it is G-code, or a number is broken; with its line.
-    """
+    """Read G-code; a FileError names the line if it is broken."""
     return _Reader(Source.read(path), frames, options).read()
 
 

@@ -37,13 +37,7 @@ _BASES: Final = ("BASE", "ROBOT")
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a .jbi file.
-
-    Raises
-    ------
-    FileError
-        If it is no job, truncated, or has a broken position; with its line.
-    """
+    """Read a .jbi file; a FileError names the line if it is broken."""
     return _Reader(Source.read(path), frames, options).read()
 
 

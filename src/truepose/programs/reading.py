@@ -75,19 +75,22 @@ class Reading:
 
 
 def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
-    r"""Read a robot program; its ending names the language.
+    r"""Read a robot program; the ending of the file determines the language.
 
     Parameters
     ----------
     path : str or Path
-        KUKA: the .src, or the .dat beside it, or the folder of a project. Others: docs/programs.md.
+        The path of the program. KUKA: the .src, or the .dat beside it, or the folder of a project. docs/programs.md
+        lists the other languages.
     frames : FrameTable, optional
         The controller's tools and bases. Without it only number 0 is known.
     options : ReadOptions, optional
+        The options of reading.
 
     Returns
     -------
     Program
+        The program, with a verdict on each target.
 
     Raises
     ------
@@ -99,7 +102,10 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "a.src"
     >>> _ = path.write_text("DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
-    >>> read_program(path).positions_base()
+    >>> program = read_program(path)
+    >>> program.counts()
+    {'correct': 1, 'skip': 0, 'refuse': 0}
+    >>> program.positions_base()
     array([[1., 2., 3.]])
     """
     path = Path(path)

@@ -30,13 +30,7 @@ _TEXT: Final = ("name", "frame", "tool", "motion")
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a CSV file of targets.
-
-    Raises
-    ------
-    FileError
-        If columns are missing or a row is broken; with its line.
-    """
+    """Read a CSV file of targets; a FileError names the line if it is broken."""
     source = Source.read(path)
     rows = [(line, start, end) for line, start, end in source.lines() if source.data[start:end].strip()]
     rows = [row for row in rows if not source.data[row[1] : row[2]].lstrip().startswith(b"#")]

@@ -81,13 +81,7 @@ class _Move(NamedTuple):
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a .ls file.
-
-    Raises
-    ------
-    FileError
-        If it is no such file, truncated, or has a broken position; with its line.
-    """
+    """Read a .ls file; a FileError names the line if it is broken."""
     return _Reader(Source.read(path), frames, options).read()
 
 

@@ -78,13 +78,7 @@ class _Named(NamedTuple):
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a .script file.
-
-    Raises
-    ------
-    FileError
-        If it is no URScript, truncated, or has a broken pose; with its line.
-    """
+    """Read a .script file; a FileError names the line if it is broken."""
     return _Reader(Source.read(path), frames, options).read()
 
 

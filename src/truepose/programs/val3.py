@@ -66,13 +66,7 @@ class _Value:
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions, *, folder: Path | None = None) -> Program:
-    """Read a .dtx file; `folder` holds all applications that may use its public data.
-
-    Raises
-    ------
-    FileError
-        If it is no XML, no VAL3 data, or a point is broken; with its line.
-    """
+    """Read a .dtx file; `folder` holds all applications that may use its public data."""
     source = Source.read(path)
     values = _values(source)
     tables: dict[str, dict[str, _Value]] = {"frame": {}, "tool": {}}

@@ -453,13 +453,7 @@ def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], .
 def numbers_at(
     source: Source, line: int, names: Sequence[str], tokens: Sequence[bytes], starts: Sequence[int]
 ) -> tuple[tuple[float, ...], tuple[Span, ...]]:
-    """Return the values of number tokens and their spans.
-
-    Raises
-    ------
-    FileError
-        If one is broken; it is named.
-    """
+    """Return the values of number tokens and their spans; a FileError names a broken one."""
     values = []
     for name, token in zip(names, tokens, strict=True):
         try:

@@ -119,13 +119,7 @@ class Lines(NamedTuple):
 
 
 def statements(source: Source) -> Iterator[Statement]:
-    """Yield the statements with code; comments and headers have none.
-
-    Raises
-    ------
-    FileError
-        If a text is not closed on its line.
-    """
+    """Yield the statements with code; comments and headers have none."""
     for statement in pieces(source, lambda _, position: (position, 0), 1):
         assert isinstance(statement, Statement)
         yield statement
@@ -171,13 +165,7 @@ def pieces(source: Source, find_run: FindRun, fewest: int) -> Iterator[Statement
 
 
 def parse_aggregate(source: Source, start: int, end: int, line: int) -> Aggregate:
-    """Read the aggregate between two braces, `start` at the first and `end` behind the last.
-
-    Raises
-    ------
-    FileError
-        If it is not a list of components, names one twice, or has a broken number.
-    """
+    """Read the aggregate between two braces, `start` at the first and `end` behind the last."""
     data = source.data
     prefix = _PREFIX.match(data, start, end)
     assert prefix is not None
@@ -212,13 +200,7 @@ def parse_aggregate(source: Source, start: int, end: int, line: int) -> Aggregat
 
 
 def parse_point(source: Source, start: int, end: int, line: int) -> Aggregate:
-    """Read an aggregate that is a pose or joint values; see `parse_aggregate`.
-
-    Raises
-    ------
-    FileError
-        Also if it has components of neither.
-    """
+    """Read an aggregate that is a pose or joint values; see `parse_aggregate`."""
     if (common := _COMMON.fullmatch(source.data, start, end)) is not None:
         count = common.lastindex or 0
         tokens = common.groups()[:count]
@@ -238,13 +220,7 @@ def parse_point(source: Source, start: int, end: int, line: int) -> Aggregate:
 
 
 def closing_brace(source: Source, start: int, end: int, line: int) -> int:
-    """Return the position behind the brace that closes the one at `start`.
-
-    Raises
-    ------
-    FileError
-        If there is none before `end`.
-    """
+    """Return the position behind the brace that closes the one at `start`, before `end`."""
     depth = 0
     for m in _BRACE.finditer(source.data, start, end):
         depth += {b"{": 1, b"}": -1}.get(m[0], 0)

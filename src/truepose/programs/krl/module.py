@@ -121,13 +121,7 @@ class KrlModule:
             self.motions = self._motions = KrlMotionReader(src, self.names, self._flow, named=shared.project)
 
     def read_src(self) -> None:
-        """Read the statements.
-
-        Raises
-        ------
-        FileError
-            If the file is broken; with its line.
-        """
+        """Read the statements; a FileError names the line of a broken one."""
         if self._shared.project:
             inner = [m[1].decode().upper() for m in _ROUTINES.finditer(self._src.data)][1:]
             self._own = {name: f"{self.name}.{name}" for name in inner}
@@ -148,13 +142,7 @@ class KrlModule:
             raise self._src.error(line, f"{name} has no END: the file is truncated")
 
     def read_dat(self) -> None:
-        """Read the data list.
-
-        Raises
-        ------
-        FileError
-            If the file is broken; with its line.
-        """
+        """Read the data list; a FileError names the line of a broken one."""
         if self.dat is None:
             return
         dat = self.dat

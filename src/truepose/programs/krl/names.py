@@ -54,13 +54,7 @@ class Names:
                 self.module[name] = variable
 
     def declare(self, source: Source, start: int, end: int, line: int, origin: Literal["dat", "src"]) -> None:
-        """Read a declaration, with initial values if there are any.
-
-        Raises
-        ------
-        FileError
-            If a point is declared twice, or its value is broken.
-        """
+        """Read a declaration, with its initial values."""
         data = source.data
         m = _DECLARATION.match(data, start, end)
         if m is None:

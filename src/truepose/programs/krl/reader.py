@@ -21,15 +21,7 @@ _HOME: Final = re.compile(r"X?HOME\d*", re.I)
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a KRL program: a .src, or a .dat with the .src beside it.
-
-    A .src with inline targets alone needs no .dat.
-
-    Raises
-    ------
-    FileError
-        If one of the pair is missing, or a file is broken; with its line.
-    """
+    """Read a KRL program: a .src, or a .dat with the .src beside it. A .src with inline targets alone needs no .dat."""
     src_path = path if path.suffix.lower() == ".src" else _partner(path, ".src")
     if src_path is None:
         raise FileError(path, f"is the data list of {path.stem}.src, which is not beside it; both are needed")
@@ -43,13 +35,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 
 
 def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
-
-    Raises
-    ------
-    FileError
-        If a file is broken, or two modules have one name.
-    """
+    """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines."""
     found: dict[str, dict[str, Path]] = {}
     for file in files:
         kind = found.setdefault(file.stem.upper(), {})

@@ -19,13 +19,7 @@ _UNUSED_AXIS: Final = 8.9e9  # 9E9 means that there is no such axis
 
 
 def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, line: int) -> Point:
-    """Return the point of a literal robtarget.
-
-    Raises
-    ------
-    FileError
-        If it does not have the numbers of a robtarget, or if they are broken.
-    """
+    """Return the point of a literal robtarget; a FileError names the line if its numbers are broken."""
     groups = [group for group in parsed if isinstance(group, list)]
     sizes = [len(group) if is_list(group) else 0 for group in groups]
     if sizes != [3, 4, 4, 6]:

@@ -70,13 +70,7 @@ class RapidModule:
             raise self.source.error(line, f"{word} has no END{word}: the file is truncated")
 
     def read(self) -> None:
-        """Read the statements.
-
-        Raises
-        ------
-        FileError
-            If the file is broken; with its line.
-        """
+        """Read the statements; a FileError names the line of a broken one."""
         for tokens, line in self._initial:
             self._names.read_by(tokens, line)
         line = 1

@@ -29,13 +29,7 @@ _ALONE: Final = Problem(
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a RAPID module alone; it is the whole task only if `options.whole_task` is set.
-
-    Raises
-    ------
-    FileError
-        If it is no module, truncated, or broken; with its line.
-    """
+    """Read a RAPID module alone; it is the whole task only if `options.whole_task` is set."""
     (program,) = read_tasks([(path, [path])], frames, options, whole=options.whole_task)
     return program
 
@@ -43,23 +37,10 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 def read_tasks(
     tasks: Sequence[tuple[Path, Sequence[Path]]], frames: KnownFrames, options: ReadOptions, *, whole: bool = True
 ) -> list[Program]:
-    """Read the tasks of one controller, each from its modules.
+    """Read the tasks of one controller, each from a path that names it and the paths of its modules.
 
-    A tool or workobject that one task changes counts as changed in all of them: PERS data of one name are shared.
-
-    Parameters
-    ----------
-    tasks : sequence of (path, paths)
-        The path that names the task, and those of its modules.
-    frames : KnownFrames
-    options : ReadOptions
-    whole : bool
-        The files are all modules of the task.
-
-    Returns
-    -------
-    list of Program
-        In the order of the tasks.
+    `whole`: these are all modules of the task. A tool or workobject that one task changes counts as changed in all of
+    them, because PERS data of one name are shared.
 
     Raises
     ------

@@ -44,13 +44,7 @@ Value = list["Value"] | list[Token]
 
 
 def tokens(source: Source) -> Iterator[Token]:
-    """Yield all tokens but blanks and comments.
-
-    Raises
-    ------
-    FileError
-        If a text is not closed on its line.
-    """
+    """Yield all tokens but blanks and comments."""
     data = source.data
     header = _HEADER.match(data)
     for m in _TOKEN.finditer(data, header.end() if header else 0):
@@ -64,13 +58,7 @@ def tokens(source: Source) -> Iterator[Token]:
 
 
 def statements(source: Source) -> Iterator[list[Token]]:
-    """Yield the statements, without their semicolons.
-
-    Raises
-    ------
-    FileError
-        If brackets do not pair within a statement.
-    """
+    """Yield the statements, without their semicolons."""
     now: list[Token] = []
     brackets: list[Token] = []
     for token in tokens(source):
