@@ -74,7 +74,7 @@ class Outcome:
         return self.p_after - self.p_before
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Outcomes(Sequence[Outcome]):
     """The outcomes of a program's targets.
 
@@ -98,6 +98,10 @@ class Outcomes(Sequence[Outcome]):
     e: FloatArray
     std: FloatArray
     why: dict[int, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{n} {verdict}" for k, verdict in enumerate(DONE) if (n := int((self.code == k).sum())))
+        return f"<Outcomes of {self.program.path}: {counts or 'no targets'}>"
 
     @classmethod
     def none(cls, program: Program, width: int = 3) -> Outcomes:
