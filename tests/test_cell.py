@@ -194,3 +194,37 @@ def test_repr_fits_a_screen() -> None:
     assert repr(described).startswith("<Cell of kuka-kr210-r2700-extra: tool at (0, 0, 360) mm, fit position; ")
     assert "payload 120 kg" in repr(described)
     assert len(repr(described)) < 240
+
+
+REPORT = """
+[report]
+company = "Müller & Söhne"
+logo = "logo.svg"
+measured = 2026-03-31
+tracker_calibration_due = "2026-12-31"
+temperature_C = 20.5
+tolerance_mm = 0.3
+"""
+
+
+def test_facts_of_the_report(tmp_path) -> None:
+    cell = Cell.from_toml(template("kuka-kr150-2") + REPORT, folder=tmp_path)
+    assert (cell.report.company, str(cell.report.measured)) == ("Müller & Söhne", "2026-03-31")
+    assert (cell.tolerance_mm, cell.logo) == (0.3, tmp_path / "logo.svg")
+    assert Cell.from_toml(cell.to_toml()).report == cell.report
+    again = Cell.model_validate(cell.model_dump(mode="json", exclude_unset=True))
+    assert again.report == cell.report
+
+
+def test_tolerance_of_the_report_is_that_of_the_correction() -> None:
+    text = '[robot]\nmodel = "kuka-kr150-2"\n[correction]\ntolerance_mm = 0.2\n[report]\n'
+    assert Cell.from_toml(text).tolerance_mm == 0.2
+    with pytest.raises(FileError, match=r"\[report\] tolerance_mm: states 0.3 mm, but \[correction\] states 0.2 mm"):
+        Cell.from_toml(text + "tolerance_mm = 0.3\n")
+
+
+@pytest.mark.parametrize("value", ["20260331", '"31.3.2026"', "2026-03-31T10:00:00", "true"])
+def test_dates_of_the_report_are_dates(value: str) -> None:
+    text = f'[robot]\nmodel = "kuka-kr150-2"\n[report]\nmeasured = {value}\n'
+    with pytest.raises(FileError, match=r"toml:4: \[report\] measured: expected a date such as 2026-03-31, got"):
+        Cell.from_toml(text)

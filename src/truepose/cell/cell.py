@@ -15,6 +15,7 @@ from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import parse_toml
 from truepose._typing import FloatArray
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, CellSection, Pose
+from truepose.cell.report import ReportSection
 from truepose.cell.sections import (
     Base,
     Box,
@@ -38,7 +39,7 @@ class Cell(CellSection):
 
     Attributes
     ----------
-    robot, tool, base, tracker, payload, frames, region, measuring, correction : CellSection
+    robot, tool, base, tracker, payload, frames, region, measuring, correction, report : CellSection
         The tables of the file; ``region`` is None if not stated.
     obstacles : dict of str to Box
         The obstacles by name.
@@ -66,6 +67,7 @@ class Cell(CellSection):
     obstacles: dict[str, Box] = Field(default_factory=dict)
     measuring: Measuring = Field(default_factory=Measuring)
     correction: Correction = Field(default_factory=Correction)
+    report: ReportSection = Field(default_factory=ReportSection)
 
     _folder: Path = PrivateAttr(default=Path())
     _controller: str | None = PrivateAttr(default=None)
@@ -121,6 +123,10 @@ class Cell(CellSection):
                 pose.matrix(self._controller)
             except CellError as error:
                 raise CellError((*loc, *error.loc), str(error)) from None
+        tolerances = (self.report.tolerance_mm, self.correction.tolerance_mm)
+        if None not in tolerances and tolerances[0] != tolerances[1]:
+            message = "states {:g} mm, but [correction] states {:g} mm; state one tolerance".format(*tolerances)
+            raise CellError(("report", "tolerance_mm"), message)
         return self
 
     def __repr__(self) -> str:
@@ -153,6 +159,16 @@ class Cell(CellSection):
     def station_fitted(self) -> bool:
         """Whether the tracker's station, or the equivalent base, is fitted to the samples."""
         return self.tracker.fit == "pose" or self.base.fit != "none"
+
+    @property
+    def tolerance_mm(self) -> float | None:
+        """The largest permitted length of a positional error [mm], as ``[report]`` or ``[correction]`` states it."""
+        return self.report.tolerance_mm or self.correction.tolerance_mm
+
+    @property
+    def logo(self) -> Path | None:
+        """The path of the company's logo, or None if the file does not state it."""
+        return None if self.report.logo is None else self._folder / self.report.logo
 
     @property
     def config_dat(self) -> Path | None:

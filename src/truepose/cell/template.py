@@ -89,6 +89,23 @@ on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" th
 max_tool_mm = 50.0       # between the tool point of a target and the measured point
 max_rotation_mrad = 10.0      # largest correction of orientation, if orientations are corrected
 max_rotation_std_mrad = 3.0   # largest predicted standard deviation of orientation
+
+# [report]               # what an auditor expects in `truepose report`; missing facts are flagged there
+# company = "Example Ltd."
+# logo = "logo.svg"      # .svg, .png or .jpg, relative to this file
+# site = "Hall 3, cell 12"
+# operator = "A. Example"
+# job = "2026-0042"
+# part = "Panel 7"
+# measured = 2026-03-31  # date of the measurement
+# robot_serial = "123456"
+# tracker = "maker and model"
+# tracker_serial = "7890"
+# tracker_calibration_due = 2026-12-31
+# reflector = "1.5 in SMR, no. 12"
+# reflector_calibration_due = 2026-12-31
+# temperature_C = 20.0
+# tolerance_mm = 0.3     # decides PASS or FAIL; default: that of [correction]
 """
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import re
+from datetime import date
 from types import UnionType
 from typing import Any, TypeGuard, get_args
 
@@ -18,12 +19,16 @@ def tables(header: tuple[str, ...], table: dict[Any, Any]) -> list[str]:
     values = {key: value for key, value in table.items() if not isinstance(value, dict)}
     names = [name if re.fullmatch(r"[\w-]+", name, re.A) else json.dumps(name, ensure_ascii=False) for name in header]
     lines = [f"\n[{'.'.join(names)}]"] if values else []
-    # a JSON string is a TOML string if non-ASCII letters are not escaped
-    lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    lines += [f"{key} = {_value(value)}" for key, value in values.items()]
     for key, value in table.items():
         if isinstance(value, dict):
             lines += tables((*header, str(key)), value)
     return lines
+
+
+def _value(value: Any) -> str:
+    # a JSON string is a TOML string if non-ASCII letters are not escaped
+    return value.isoformat() if isinstance(value, date) else json.dumps(value, ensure_ascii=False)
 
 
 def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
