@@ -149,6 +149,16 @@ def test_verifying_at_the_machine(practice: Path, tmp_path: Path) -> None:
     assert after < 0.2 * before
 
 
+def test_two_arms_of_ones_own() -> None:
+    lines = script("check_arm.py", FILES / "arms").splitlines()
+    assert lines[0].endswith("flange [mm] [-817.2, -232.9, 62.8]")
+    assert lines[1].endswith("flange [mm] [374.0, 0.0, 630.0]")
+    assert lines[2].endswith("flange [mm] [0.0, 374.0, 630.0]")
+    for file, name in (("ur5e.csv", "universal-robots-ur5e"), ("irb120.toml", "abb-irb120")):
+        q = np.full(6, 0.4)
+        np.testing.assert_allclose(tp.load_robot(FILES / "arms" / file).forward(q), tp.load_robot(name).forward(q))
+
+
 def test_comparing(practice: Path) -> None:
     lines = script("compare.py", practice / "cell.toml", practice / "fit_samples.csv").splitlines()
     assert {line.split()[0] for line in lines[:4]} == {"registration", "idw", "ordinary-kriging", "calibration"}

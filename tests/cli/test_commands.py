@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import typer
 
+import truepose as tp
 from truepose.cli import app
 from truepose.geometry import apply_transform, invert_transform
 from truepose.samples import write_samples
@@ -75,6 +76,34 @@ def test_robots(run):
     assert shown["joints"][0]["max_deg"] == pytest.approx(185.0)
     assert "KUKA" in run("robots", "kuka-kr210-r2700-extra").out
     assert "kuka-kr210-r2700-extra" in run("robots", "kuka-kr210").failed()
+
+
+def test_the_list_of_robots_fits_80_columns_by_maker(run):
+    lines = run("robots").out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "KUKA" in lines
+    assert any(line.startswith("  kuka-kr150-2 ") for line in lines)
+    makers = [line for line in lines[:-1] if not line.startswith(" ")]
+    assert makers == sorted(makers, key=str.lower)
+    assert len(set(makers)) == len(makers)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".csv"])
+def test_a_robot_of_ones_own_from_file_to_cell(run, tmp_path, monkeypatch, suffix):
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "arms" / f"my{suffix}"
+    own.parent.mkdir()
+    table = "# convention = mdh\nalpha_deg,a_mm,d_mm,offset_deg\n0,0,400,0\n-90,25,0,0\n"
+    own.write_text(run("robots", "--template").out if suffix == ".toml" else table, "utf-8")
+    assert run("init", "lab/cell", "--robot", f"arms/my{suffix}").code == 0
+    assert f'model = "../../arms/my{suffix}"' in (tmp_path / "lab" / "cell" / "cell.toml").read_text("utf-8")
+    monkeypatch.chdir(tmp_path / "arms")
+    robot = tp.load_cell("../lab/cell/cell.toml").load_robot()
+    assert robot.name == ("my-arm" if suffix == ".toml" else "my")
+    (tmp_path / "copy.toml").write_text(run("robots", f"my{suffix}", "--toml").out, "utf-8")
+    q = np.full((1, robot.dof), 0.3)
+    np.testing.assert_allclose(tp.load_robot(tmp_path / "copy.toml").forward(q), robot.forward(q), atol=1e-9)
+    assert run("robots", f"my{suffix}", "--json").json["name"] == robot.name
 
 
 def test_init_writes_a_cell_that_loads(run, tmp_path):

@@ -32,6 +32,7 @@ from truepose.cell.text import explain, line_of, tables
 from truepose.errors import FileError
 from truepose.geometry.transforms import invert_transform
 from truepose.robots import Robot, load_robot
+from truepose.robots.io.library import ROBOT_FILES
 
 
 class Cell(CellSection):
@@ -148,7 +149,7 @@ class Cell(CellSection):
             robot: Robot = self._robot
             return robot
         model = self.robot.model
-        return load_robot(str(self._folder / model) if model.lower().endswith((".toml", ".urdf")) else model)
+        return load_robot(str(self._folder / model) if model.lower().endswith(ROBOT_FILES) else model)
 
     @property
     def controller(self) -> str | None:

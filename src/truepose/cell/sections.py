@@ -15,7 +15,7 @@ Fit = Literal["none", "position", "pose"]
 
 
 class RobotSection(CellSection):
-    """``[robot]``: a library name, or the path of a .toml or .urdf file relative to the cell file.
+    """``[robot]``: a library name, or the path of a .toml, .csv or .urdf file relative to the cell file.
 
     ``repeatability_mm`` is RP of ISO 9283, as stated by the maker.
     """

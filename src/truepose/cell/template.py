@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import os
+from pathlib import Path
 from typing import Final
 
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER
 from truepose.robots import load_robot
+from truepose.robots.io.library import ROBOT_FILES
 
 _TEMPLATE: Final = """\
 # A robot cell for truepose. Lengths are in mm; angles are those of the controller ({angles}).
 # Only the robot's model is required.
 
 [robot]
-model = "{model}"        # a library name (see `truepose robots`), or the path of a .toml or .urdf file
+model = {model}        # a library name (see `truepose robots`), or the path of a .toml, .csv or .urdf file
 # repeatability_mm = 0.06  # RP of ISO 9283; with the noise of a reading it limits the accuracy of any map
 
 [tool]                   # from the flange to the measured point (the reflector)
@@ -109,13 +113,16 @@ max_rotation_std_mrad = 3.0   # largest predicted standard deviation of orientat
 """
 
 
-def template(robot_name: str) -> str:
+def template(robot_name: str, folder: str | Path | None = None) -> str:
     """Return a commented ``cell.toml`` for a robot, which is valid as it is.
 
     Parameters
     ----------
     robot_name : str
-        The library name, or the path of a .toml or .urdf file.
+        The library name, or the path of a .toml, .csv or .urdf file.
+    folder : str or Path, optional
+        The folder of the cell file, to which the path of a robot file is made relative. When not given, the path is
+        written as it is.
 
     Raises
     ------
@@ -125,16 +132,26 @@ def template(robot_name: str) -> str:
     Examples
     --------
     >>> print(template("kuka-kr150-2").splitlines()[4])
-    model = "kuka-kr150-2"        # a library name (see `truepose robots`), or the path of a .toml or .urdf file
+    model = "kuka-kr150-2"        # a library name (see `truepose robots`), or the path of a .toml, .csv or .urdf file
     """
     robot = load_robot(robot_name)
     maker = robot.maker.lower()
     keys = ANGLE_KEYS.get(CONTROLLER.get(maker, maker), ANGLE_KEYS["kuka"])
     zero = [f"{key} = {1.0 if key == 'q1' else 0.0}" for key in keys]
     return _TEMPLATE.format(
-        model=robot_name,
+        model=json.dumps(_model(robot_name, folder), ensure_ascii=False),
         angles=", ".join(keys),
         zero_angles="\n".join(zero),
         region_angles="\n".join(f"# {line}" for line in zero),
         home=[0.0] * robot.dof,
     )
+
+
+def _model(robot_name: str, folder: str | Path | None) -> str:
+    """Return the value of ``[robot] model``: a library name, or a path with forward slashes."""
+    if folder is None or not robot_name.lower().endswith(ROBOT_FILES):
+        return robot_name
+    try:
+        return Path(os.path.relpath(robot_name, folder)).as_posix()
+    except ValueError:  # on another drive
+        return Path(robot_name).absolute().as_posix()

@@ -16,24 +16,58 @@ if TYPE_CHECKING:
 
 
 def robots(
-    name: Annotated[str | None, typer.Argument(help="Name of one robot to show.")] = None, as_json: Json = False
+    name: Annotated[
+        str | None, typer.Argument(help="Library name, or a .toml, .csv or .urdf file, of one robot to show.")
+    ] = None,
+    as_template: Annotated[
+        bool, typer.Option("--template", help="Print a commented robot file to fill in: --template > my.toml.")
+    ] = False,
+    as_toml: Annotated[
+        bool, typer.Option("--toml", help="Print the robot as a robot file: dh.csv --toml > my.toml.")
+    ] = False,
+    as_json: Json = False,
 ) -> None:
-    """List the robots of the library, or show the parameters of one."""
-    import numpy as np
+    """List the robots of the library, show the parameters of one, or start a robot file of your own."""
+    from truepose.robots import load_robot, robot_template, to_toml
 
+    if as_template:
+        typer.echo(robot_template(), nl=False)
+    elif name is None:
+        _list(as_json)
+    elif as_toml:
+        typer.echo(to_toml(load_robot(name)), nl=False)
+    elif as_json:
+        emit_json(_robot_data(load_robot(name)))
+    else:
+        _show(load_robot(name))
+
+
+def _list(as_json: bool) -> None:
+    """Print the names of the library, by maker."""
     from truepose.robots import list_robots, load_robot
 
-    if name is None:
-        names = list_robots()
-        if as_json:
-            emit_json({"robots": names})
-        else:
-            say(*names)
-        return
-    robot = load_robot(name)
+    names = list_robots()
     if as_json:
-        emit_json(_robot_data(robot))
+        emit_json({"robots": names})
         return
+    makers: dict[str, list[Robot]] = {}
+    for robot in map(load_robot, names):
+        makers.setdefault(robot.maker, []).append(robot)
+    for maker, arms in sorted(makers.items(), key=lambda item: item[0].lower()):
+        say(f"[bold]{maker}[/]")
+        say(*(f"  {arm.name:<34} {arm.model:<24} {_reach(arm)}".rstrip() for arm in arms))
+    say(f"{len(names)} robots. One of your own: truepose robots --template > my.toml")
+
+
+def _reach(robot: Robot) -> str:
+    sheet = robot.data_sheet
+    return "" if sheet is None or sheet.reach_mm is None else f"{sheet.reach_mm:6.0f} mm"
+
+
+def _show(robot: Robot) -> None:
+    """Print the parameters of a robot."""
+    import numpy as np
+
     limits, alpha, offset = (np.rad2deg(values) for values in (robot.limits, robot.alpha, robot.offset))
     rows = [
         (
@@ -48,7 +82,10 @@ def robots(
         for i in range(robot.dof)
     ]
     columns = ["joint", "alpha [deg]", "a [mm]", "d [mm]", "sign", "offset [deg]", "limits [deg]"]
-    say(table(f"{robot.maker} {robot.model} ({robot.convention})", columns, rows), f"Source: {robot.source}")
+    plate = f"{robot.maker} {robot.model}".strip() or robot.name
+    say(table(f"{plate} ({robot.convention})", columns, rows), f"Source: {robot.source}")
+    if robot.data_sheet is not None:
+        say(f"Data sheet: {robot.data_sheet}")
 
 
 def _robot_data(robot: Robot) -> dict[str, Any]:
@@ -69,13 +106,14 @@ def _robot_data(robot: Robot) -> dict[str, Any]:
         for i in range(robot.dof)
     ]
     named = {key: getattr(robot, key) for key in ("name", "maker", "model", "source", "convention")}
-    return {**named, "joints": joints}
+    sheet = None if robot.data_sheet is None else robot.data_sheet.to_dict()
+    return {**named, "joints": joints, "data_sheet": sheet}
 
 
 def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the new cell; created if needed.")],
     robot: Annotated[
-        str, typer.Option("--robot", help="Library name (see 'truepose robots'), or a .toml or .urdf file.")
+        str, typer.Option("--robot", help="Library name (see 'truepose robots'), or a .toml, .csv or .urdf file.")
     ],
     force: Force = False,
     as_json: Json = False,
@@ -83,12 +121,11 @@ def init(
     """Write a commented cell.toml as a starting point."""
     from truepose._io.files import write_atomic
     from truepose.cell import template
-    from truepose.robots import load_robot
 
-    load_robot(robot)
     path = directory / "cell.toml"
+    text = template(robot, directory)
     overwrite(force, path)
-    write_atomic(path, template(robot))
+    write_atomic(path, text)
     if as_json:
         emit_json({"cell": path})
     else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -50,7 +51,7 @@ def to_bytes(error_map: MapData) -> bytes:
     content = _content(error_map)
     if error_map.cell.config_dat is not None:  # relative to the cell file, which the map leaves behind
         content["cell"]["frames"]["config_dat"] = str(error_map.cell.config_dat.resolve())
-    content |= {"robot": to_toml(error_map.robot), "worth": error_map.worth.to_dict()}
+    content |= {"robot": to_toml(replace(error_map.robot, data_sheet=None)), "worth": error_map.worth.to_dict()}
     return archive.pack(content, _arrays(error_map))
 
 

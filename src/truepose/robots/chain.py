@@ -1,7 +1,7 @@
 """Serial chains of revolute joints: nominal parameters and forward kinematics on arrays, theory (1) and (2).
 
-Every convention is reduced to fixed transforms between rotations about z. This module imports no other module of the
-package; `truepose.robots.robot.Robot` adds the methods that need them.
+Every convention is reduced to fixed transforms between rotations about z. This module does not import the functions
+on chains; `truepose.robots.robot.Robot` adds the methods that need them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 from truepose.geometry.transforms import axis_rotation, axis_translation, check_transforms, make_transform
+from truepose.robots.data_sheet import DataSheet
 
 LinkConvention = Literal["mdh", "dh"]
 LINK_CONVENTIONS: tuple[LinkConvention, ...] = ("mdh", "dh")
@@ -53,6 +54,7 @@ class Chain:
     maker: str = ""
     model: str = ""
     source: str = ""
+    data_sheet: DataSheet | None = None
 
     def __post_init__(self) -> None:
         dof = np.size(self.alpha)

@@ -47,6 +47,8 @@ class Robot(Chain):
         The fixed transforms before the first and after the last A_i; the identity when not given.
     maker, model, source : str
         The maker, the model as printed on the name plate, and the source of the numbers, for display.
+    data_sheet : DataSheet, optional
+        The reach, repeatability and payload that the maker states.
 
     Raises
     ------

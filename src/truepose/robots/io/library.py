@@ -5,13 +5,17 @@ from __future__ import annotations
 import difflib
 from importlib.resources import files
 from pathlib import Path
+from typing import Final
 
 from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose.errors import RobotError
+from truepose.robots.io.csv import parse_robot_csv
 from truepose.robots.io.toml import parse_robot
 from truepose.robots.io.urdf import load_urdf
 from truepose.robots.robot import Robot
 
+ROBOT_FILES: Final = (".toml", ".csv", ".urdf")
+"""The endings of robot files; other names are those of the library."""
 _FOLDER = files("truepose.robots") / "library"
 
 
@@ -27,13 +31,14 @@ def list_robots() -> list[str]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Return a robot from the library, or from a .toml or .urdf file.
+    """Return a robot from the library, or from a .toml, .csv or .urdf file.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A name from `list_robots`, or the path of a file. From URDF the chain between the root link and the only tip
-        is read; pass other links to `truepose.robots.load_urdf`.
+        A name from `list_robots`, or the path of a file. A .csv is a table of D-H parameters, see
+        `truepose.robots.parse_robot_csv`. From URDF the chain between the root link and the only tip is read; pass
+        other links to `truepose.robots.load_urdf`.
 
     Raises
     ------
@@ -53,11 +58,13 @@ def load_robot(name_or_path: str | Path) -> Robot:
         return load_urdf(name)
     if suffix == ".toml":
         return parse_robot(read_text(name, LARGEST_CONFIG), path=name)
+    if suffix == ".csv":
+        return parse_robot_csv(read_text(name, LARGEST_CONFIG), path=name)
     if suffix in (".xacro", ".xml"):
         raise RobotError(f"{name}: only .urdf is read; expand xacro first (xacro {Path(name).name} > robot.urdf)")
     known = list_robots()
     if name not in known:
         near = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"the library has {', '.join(known)}"
-        raise RobotError(f'no robot "{name}"; {hint} (or the path of a .toml or .urdf file)')
+        raise RobotError(f'no robot "{name}"; {hint} (or the path of a .toml, .csv or .urdf file)')
     return parse_robot((_FOLDER / f"{name}.toml").read_text("utf-8"), path=f"{name}.toml")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,17 +17,34 @@ from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry.angles import euler
 from truepose.geometry.transforms import make_transform
 from truepose.robots.chain import Chain
+from truepose.robots.data_sheet import DataSheet
 from truepose.robots.robot import Robot
 
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "quaternion_wxyz")
-_KEYS: Final = {
-    "": ("name", "maker", "model", "source", "kinematics", "limits", "base", "flange"),
+KEYS: Final = {
+    "": ("name", "maker", "model", "source", "kinematics", "limits", "data_sheet", "base", "flange"),
     "kinematics": ("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign"),
     "limits": ("lower_deg", "upper_deg"),
+    "data_sheet": tuple(field.name for field in fields(DataSheet)),
     "base": _POSE,
     "flange": _POSE,
 }
 _OPTIONAL: Final = ("beta_deg", "sign", "lower_deg", "upper_deg")
+_THETA: Final = 'use "offset_deg", the angle theta [deg] when the controller shows 0 (theta = sign q + offset)'
+_OTHER_NAMES: Final = {
+    "theta": _THETA,
+    "theta_deg": _THETA,
+    "theta_rad": _THETA,
+    "theta_offset_deg": _THETA,
+    "r_mm": 'use "a_mm", the length of the link',
+    "r": 'use "a_mm", the length of the link',
+    "alpha": 'use "alpha_deg"',
+    "alpha_rad": 'use "alpha_deg", in degrees',
+    "offset_rad": 'use "offset_deg", in degrees',
+    "a_m": 'use "a_mm", in mm',
+    "d_m": 'use "d_mm", in mm',
+    "type": 'use "convention": "mdh" (Craig\'s modified D-H) or "dh" (standard D-H)',
+}
 
 
 def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
@@ -45,9 +63,13 @@ def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
         If the text is not TOML, a key is missing or unknown (the message names the nearest one), a value is not a
         number, or the parameters are invalid.
     """
-    table = parse_toml(text, path)
+    return parse_table(parse_toml(text, path), path)
+
+
+def parse_table(table: Mapping[str, Any], path: str | Path) -> Robot:
+    """Return the robot of the content of a library file; errors as `parse_robot`."""
     _check_keys(path, "", table)
-    for section in ("kinematics", "limits", "base", "flange"):
+    for section in ("kinematics", "limits", "data_sheet", "base", "flange"):
         if section in table and not isinstance(table[section], dict):
             raise FileError(path, f"{section} must be a table: [{section}]")
         _check_keys(path, section, table.get(section, {}))
@@ -56,15 +78,7 @@ def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
     if not isinstance(name, str) or not kinematics:
         raise FileError(path, 'expected name = "maker-model" and a table [kinematics]')
 
-    dof: int | None = None
-    columns: dict[str, FloatArray] = {}
-    for section, key in [("kinematics", key) for key in _KEYS["kinematics"][1:]] + [
-        ("limits", k) for k in _KEYS["limits"]
-    ]:
-        value = table.get(section, {}).get(key)
-        if value is not None or key not in _OPTIONAL:
-            columns[key] = _numbers(path, f"{section}.{key}", value, dof)
-            dof = len(columns[key])
+    columns = _columns(path, table)
     optional: dict[str, Any] = {key: str(table[key]) for key in ("maker", "model", "source") if key in table}
     optional |= {"sign": columns["sign"]} if "sign" in columns else {}
     optional |= {"beta": np.deg2rad(columns["beta_deg"])} if "beta_deg" in columns else {}
@@ -76,6 +90,8 @@ def parse_robot(text: str, *, path: str | Path = "robot.toml") -> Robot:
         if section in table:
             optional[key] = _pose(path, section, table[section])
     try:
+        if "data_sheet" in table:
+            optional["data_sheet"] = _data_sheet(path, table["data_sheet"])
         return Robot(
             name=name,
             alpha=np.deg2rad(columns["alpha_deg"]),
@@ -110,8 +126,12 @@ def to_toml(robot: Chain) -> str:
     lines += ["", "[kinematics]", f"convention = {_quoted(robot.convention)}"]
     lines += [f"{key} = {_listed(column)}" for key, column in columns.items()]
     lines += ["", "[limits]"]
-    limits = zip(_KEYS["limits"], np.rad2deg(robot.limits.T), strict=True)
+    limits = zip(KEYS["limits"], np.rad2deg(robot.limits.T), strict=True)
     lines += [f"{key} = {_listed(column)}" for key, column in limits]
+    if robot.data_sheet is not None:
+        stated = {key: value for key, value in robot.data_sheet.to_dict().items() if value is not None}
+        lines += ["", "[data_sheet]"]
+        lines += [f"{key} = {_quoted(value) if isinstance(value, str) else value}" for key, value in stated.items()]
     for section, tf in (("base", robot.tf_base_first), ("flange", robot.tf_last_flange)):
         if not np.array_equal(tf, np.eye(4)):
             lines += ["", f"[{section}]"]
@@ -120,12 +140,39 @@ def to_toml(robot: Chain) -> str:
     return "\n".join(lines) + "\n"
 
 
+def unknown_key(path: str | Path, key: str, known: Sequence[str], where: str = "") -> FileError:
+    """Return the error of an unknown key; it names the key to use."""
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    hint = f'did you mean "{near[0]}"?'
+    if "alpha_deg" in known:
+        hint = _OTHER_NAMES.get(key.lower(), hint)
+    return FileError(path, f'unknown key "{key}"{f" in {where}" if where else ""}; {hint}')
+
+
 def _check_keys(path: str | Path, section: str, table: Mapping[str, Any]) -> None:
     for key in table:
-        if key not in _KEYS[section]:
-            near = difflib.get_close_matches(key, _KEYS[section], n=1, cutoff=0.0)
-            where = f" in [{section}]" if section else ""
-            raise FileError(path, f'unknown key "{key}"{where}; did you mean "{near[0]}"?')
+        if key not in KEYS[section]:
+            raise unknown_key(path, key, KEYS[section], f"[{section}]" if section else "")
+
+
+def _columns(path: str | Path, table: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """Return the lists of numbers, one for each joint, by key."""
+    dof: int | None = None
+    columns: dict[str, FloatArray] = {}
+    for section, keys in (("kinematics", KEYS["kinematics"][1:]), ("limits", KEYS["limits"])):
+        for key in keys:
+            value = table.get(section, {}).get(key)
+            if value is not None or key not in _OPTIONAL:
+                columns[key] = _numbers(path, f"{section}.{key}", value, dof)
+                dof = len(columns[key])
+    return columns
+
+
+def _data_sheet(path: str | Path, table: Mapping[str, Any]) -> DataSheet:
+    for key, value in table.items():
+        if key != "reach_at" and type(value) not in (int, float):
+            raise FileError(path, f"data_sheet.{key} must be a number; got {value!r}")
+    return DataSheet(**table)
 
 
 def _numbers(path: str | Path, key: str, value: object, count: int | None) -> FloatArray:
