@@ -35,7 +35,7 @@ if TYPE_CHECKING:
         VecchiaKriging,
         VectorKriging,
     )
-    from truepose.programs import FrameTable, correct_program, read_program
+    from truepose.programs import FrameTable, correct_program, read_program, verify_program
     from truepose.report import write_report
     from truepose.robots import Robot, list_robots, load_robot
     from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
@@ -94,6 +94,7 @@ _HOME = {
     "register": "geometry",
     "register_with_tool": "geometry",
     "update_map": "error_map",
+    "verify_program": "programs",
     "write_readings": "trackers",
     "write_report": "report",
     "write_samples": "samples",
@@ -149,6 +150,7 @@ __all__ = [
     "register",
     "register_with_tool",
     "update_map",
+    "verify_program",
     "write_readings",
     "write_report",
     "write_samples",

@@ -15,7 +15,7 @@ from typing import Final, TextIO
 
 import typer
 
-from truepose.cli import demo, fit, importing, iso9283, maps, plan, programs, report, setup, similarity, update
+from truepose.cli import demo, fit, importing, iso9283, maps, plan, programs, report, setup, similarity, update, verify
 from truepose.cli.options import Command
 from truepose.errors import TrueposeError, one_line
 
@@ -44,6 +44,7 @@ _COMMANDS: Final[dict[str, Callable[..., None]]] = {
     "report": report.report,
     "check": programs.check,
     "correct": programs.correct,
+    "verify": verify.verify,
     "study": demo.study,
 }
 for _name, _command in _COMMANDS.items():

@@ -8,6 +8,8 @@ from truepose.programs.corrected import CorrectedProgram
 from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.reading import Reading, read_program, read_programs
+from truepose.programs.verified import ProgramVerification, VerifiedTarget
+from truepose.programs.verify import verify_program
 
 __all__ = [
     "CorrectedProgram",
@@ -16,10 +18,13 @@ __all__ = [
     "FrameTable",
     "Outcome",
     "Program",
+    "ProgramVerification",
     "ReadOptions",
     "Reading",
     "Target",
+    "VerifiedTarget",
     "correct_program",
     "read_program",
     "read_programs",
+    "verify_program",
 ]

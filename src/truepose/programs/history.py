@@ -32,6 +32,7 @@ _KEPT: Final = 1024
 """Largest number of listed positions of a program: those of the smallest hashes, which are the same in every copy."""
 _ENOUGH: Final = 3
 """Number of corrected positions that identify a corrected program; of up to four targets, half of them."""
+_REMEDY: Final = "do not correct it twice: take the original"
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +150,8 @@ def _append(path: Path, lines: str) -> None:
         os.close(descriptor)
 
 
-def check(program: Program, map_path: Path | None) -> None:
-    """Refuse a program that holds corrected targets.
+def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> None:
+    """Refuse a program that holds corrected targets; `remedy` ends the message.
 
     Raises
     ------
@@ -171,10 +172,7 @@ def check(program: Program, map_path: Path | None) -> None:
                 continue
             where = after.get(entry.after, program.path)
             what = "was corrected already" if entry.after in after else f"holds {same} positions that were corrected"
-            raise RefusedError(
-                f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); do not correct it twice: "
-                "take the original"
-            )
+            raise RefusedError(f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); {remedy}")
 
 
 def _entries(store: Path) -> Iterator[_Entry]:

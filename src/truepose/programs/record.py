@@ -120,15 +120,21 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
         If a record cannot be read.
     """
     hashes = {source.sha256: source.path for source in program.sources}
+    for path, entries in records_of(program):
+        for before, after in entries:
+            if before != after and after in hashes:
+                raise RefusedError(
+                    f"{hashes[after]}: was corrected already, see {path.name}; do not correct it twice: "
+                    "take the original"
+                )
+    history.check(program, map_path)
+
+
+def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
+    """Yield the records beside the files of a program, each with the hashes before and after of its files."""
     for folder in {program.folder, *(source.path.parent for source in program.sources)}:
         for path in sorted(folder.glob(f"*{SUFFIX}")):
-            for before, after in _hashes(path):
-                if before != after and after in hashes:
-                    raise RefusedError(
-                        f"{hashes[after]}: was corrected already, see {path.name}; do not correct it twice: "
-                        "take the original"
-                    )
-    history.check(program, map_path)
+            yield path, _hashes(path)
 
 
 def _hashes(path: Path) -> list[tuple[str, str]]:

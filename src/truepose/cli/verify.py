@@ -1,0 +1,127 @@
+"""``truepose verify``: compare re-measured targets of a program with nominal ones."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truepose.cli.options import Force, Json, MapPath
+from truepose.cli.output import emit_json, overwrite, say, table
+from truepose.cli.programs import Reading, with_reading
+
+if TYPE_CHECKING:
+    from truepose.programs import ProgramVerification
+
+_LISTED = 60  # targets that are shown one by one
+_COLOURS = {"pass": "green", "undecided": "yellow", "fail": "red"}
+_READING = Reading()
+
+
+class Match(StrEnum):
+    """The way to match readings with targets."""
+
+    auto = "auto"
+    name = "name"
+    position = "position"
+
+
+@with_reading
+def verify(
+    map_path: MapPath,
+    program_path: Annotated[
+        Path,
+        typer.Argument(metavar="PROGRAM", help="The corrected program, with its record beside it, or an original."),
+    ],
+    readings_path: Annotated[
+        Path, typer.Argument(metavar="READINGS", help="The tracker's file with the measured targets.")
+    ],
+    tolerance: Annotated[
+        float | None, typer.Option("--tolerance", help="Tolerance of an error, mm; by default the cell file's.")
+    ] = None,
+    before: Annotated[
+        Path | None, typer.Option("--before", help="Readings of the original program, for the errors before.")
+    ] = None,
+    register: Annotated[
+        bool,
+        typer.Option("--register", help="Register the readings to the targets: the tracker was moved. See the docs."),
+    ] = False,
+    match: Annotated[Match, typer.Option("--match", help="Way to match readings with targets.")] = Match.auto,
+    uncertainty: Annotated[
+        float | None, typer.Option("--uncertainty", help="Standard uncertainty of a reading, mm (k = 1).")
+    ] = None,
+    columns: Annotated[
+        str | None, typer.Option("--columns", help="Columns of READINGS, as for import: 'x=4, y=5, z=6, unit=m'.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="File to write: .csv or .json.")] = None,
+    reading: Reading = _READING,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Compare re-measured targets of a corrected program with nominal ones; exit with 1 if one fails the tolerance."""
+    import json
+
+    from truepose._io.files import write_atomic
+    from truepose.error_map import load_map
+    from truepose.errors import FileError
+    from truepose.programs import verify_program
+    from truepose.trackers import Columns
+
+    if out is not None and out.suffix.lower() not in (".csv", ".json"):
+        raise FileError(out, "expected a name that ends in .csv or .json")
+    overwrite(force, *([] if out is None else [out]))
+    error_map = load_map(map_path)
+    cell = reading.cell()
+    stated = None if columns is None else Columns.parse(columns) if "=" in columns else Columns.load(columns)
+    found = verify_program(
+        error_map,
+        program_path,
+        readings_path,
+        cell=cell,
+        tolerance_mm=tolerance,
+        before=before,
+        register=register,
+        match=match.value,
+        uncertainty_mm=uncertainty,
+        frames=reading.frames(cell or error_map.cell),
+        options=reading.options(),
+        columns=stated,
+    )
+    if out is not None:
+        in_json = json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n"
+        write_atomic(out, found.to_csv() if out.suffix.lower() == ".csv" else in_json)
+    if as_json:
+        emit_json(found.to_dict())
+    else:
+        _show(found)
+        if out is not None:
+            say(f"Wrote {out}.")
+    if found.decision == "fail":
+        raise typer.Exit(1)
+
+
+def _show(found: ProgramVerification) -> None:
+    from rich.markup import escape
+
+    order = {"fail": 0, "undecided": 1, "pass": 2}
+    shown = sorted(found.targets, key=lambda t: order[t.decision])[:_LISTED]
+    shown = list(found.targets) if len(found.targets) <= _LISTED else shown
+    rows = [
+        (
+            t.name,
+            t.line,
+            "–" if t.before_mm is None else f"{t.before_mm:.3f}",
+            f"{t.error_mm:.3f}",
+            f"{t.uncertainty_mm:.3f}",
+            t.decision.upper(),
+        )
+        for t in shown
+    ]
+    columns = ["target", "line", "before", "error", "U (k = 2)", f"T = {found.tolerance_mm:g}"]
+    say(table(f"Re-measured targets of {Path(found.program).name} [mm]", columns, rows))
+    if len(found.targets) > len(shown):
+        say(f"… and {len(found.targets) - len(shown)} more that pass (--out lists all).")
+    verdict, *others = found.sentences()
+    say(f"[{_COLOURS[found.decision]}]{escape(verdict)}[/]", *map(escape, others))

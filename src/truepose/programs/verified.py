@@ -1,0 +1,181 @@
+"""The result of the verification of a program: an error and a decision for each target."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from truepose._io.delimited import escaped
+from truepose.verification.conformity import CONFORMITIES, RULE, Conformity, overall
+
+FORMAT: Final = "truepose verification"
+SCHEMA: Final = 1
+_STATION: Final = {
+    "map": "The station is that of the map: errors include a common shift of all targets.",
+    "registered": (
+        "The readings were registered again to the nominal targets: a common shift or turn of all targets, as by a "
+        "wrong base, is not seen."
+    ),
+}
+
+
+@dataclass(frozen=True)
+class VerifiedTarget:
+    """A target that was measured again.
+
+    Attributes
+    ----------
+    name, file : str
+        The name of the target and its file.
+    line : int
+        Its line.
+    correction : str
+        The verdict of the correction, such as ``correct`` or ``skip``; ``original`` in an original program.
+    nominal_mm, measured_mm : tuple of 3 float [mm], base frame
+        The nominal position of the measured point, and the mean of its readings.
+    error_mm : float [mm]
+        The distance between them.
+    uncertainty_mm : float [mm]
+        The expanded uncertainty U (k = 2) of the reading.
+    before_mm : float [mm] or None
+        The error without correction; see `ProgramVerification.before`.
+    readings : int
+        The number of readings.
+    decision : {"pass", "undecided", "fail"}
+        The decision on the error.
+    """
+
+    name: str
+    file: str
+    line: int
+    correction: str
+    nominal_mm: tuple[float, float, float]
+    measured_mm: tuple[float, float, float]
+    error_mm: float
+    uncertainty_mm: float
+    before_mm: float | None
+    readings: int
+    decision: Conformity
+
+
+@dataclass(frozen=True, repr=False)
+class ProgramVerification:
+    """The verification of a program by re-measured targets; made by `verify_program`.
+
+    Attributes
+    ----------
+    program, readings : str
+        The program and the file of the readings.
+    record : str
+        The record of the correction; empty for an original program.
+    map_sha256 : str or None
+        The hash of the map.
+    tolerance_mm : float [mm]
+        The tolerance T of the length of an error.
+    tolerance_origin : str
+        Where the tolerance is stated.
+    station : {"map", "registered"}
+        Whether the station is that of the map, or was registered again.
+    station_std_mm : float [mm]
+        The standard uncertainty of the station at the targets (RMS), which shifts all errors alike and is no part of U.
+    before : {"predicted", "measured", ""}
+        Whether the errors before the correction were predicted by the map or measured; empty if there are none.
+    targets : tuple of VerifiedTarget
+        The measured targets.
+    unmeasured : tuple of str
+        The names of targets without a reading.
+    unknown : int
+        The number of targets whose position or frame is not known.
+    notes : tuple of str
+        Further sentences.
+    """
+
+    program: str
+    readings: str
+    record: str
+    map_sha256: str | None
+    tolerance_mm: float
+    tolerance_origin: str
+    station: str
+    station_std_mm: float
+    before: str
+    targets: tuple[VerifiedTarget, ...]
+    unmeasured: tuple[str, ...]
+    unknown: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def decision(self) -> Conformity:
+        """The worst decision on a measured target."""
+        return overall([target.decision for target in self.targets])
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of measured targets with each decision."""
+        count = Counter(target.decision for target in self.targets)
+        return {decision: count[decision] for decision in CONFORMITIES}
+
+    @property
+    def figures(self) -> dict[str, dict[str, float | int]]:
+        """The mean and the maximum of the errors after and, where they are known, before the correction."""
+        before = [t.before_mm for t in self.targets if t.before_mm is not None]
+        states = {"before": before, "after": [t.error_mm for t in self.targets]}
+        return {
+            state: {"n": len(errors), "mean_mm": sum(errors) / len(errors), "max_mm": max(errors)}
+            for state, errors in states.items()
+            if errors
+        }
+
+    def sentences(self) -> list[str]:
+        """Return the result in sentences."""
+        count, after = self.counts, self.figures["after"]
+        decided = f"{count['pass']} of {len(self.targets)} measured targets pass"
+        size = f"mean {after['mean_mm']:.3f} mm, maximum {after['max_mm']:.3f} mm"
+        said = [
+            f"{self.decision.upper()}: {decided}, {count['undecided']} undecided, {count['fail']} fail.",
+            f"Error: {size}; tolerance {self.tolerance_mm:g} mm ({self.tolerance_origin}).",
+        ]
+        if (before := self.figures.get("before")) is not None:
+            said.append(
+                f"Before correction ({self.before}, {before['n']} targets): mean {before['mean_mm']:.3f} mm, "
+                f"maximum {before['max_mm']:.3f} mm."
+            )
+        if not self.record:
+            said.append("This is an original program: the errors are those before a correction.")
+        if self.unmeasured:
+            shown = ", ".join(self.unmeasured[:6])
+            more = f" and {len(self.unmeasured) - 6} more" if len(self.unmeasured) > 6 else ""
+            said.append(f"Not measured: {len(self.unmeasured)} targets ({shown}{more}).")
+        if self.unknown:
+            said.append(f"Not verifiable, because position or frame is not known: {self.unknown} targets.")
+        said += [RULE, _STATION[self.station]]
+        said.append(
+            f"Standard uncertainty of the station at the targets: {self.station_std_mm:.3f} mm; it is no part of U."
+        )
+        return [*said, *self.notes]
+
+    def __repr__(self) -> str:
+        return f"<ProgramVerification {self.program}: {' '.join(self.sentences()[:2])}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verification for JSON, as the report reads it."""
+        head = {"format": FORMAT, "schema": SCHEMA, "decision": self.decision, "counts": self.counts}
+        own = asdict(self)
+        return {**head, "figures": self.figures, "rule": RULE, **own}
+
+    def to_csv(self) -> str:
+        """Return the measured targets as CSV, units in the names."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        places = [f"{axis}_{kind}_mm" for kind in ("nominal", "measured") for axis in "xyz"]
+        words = ("file", "line", "name", "correction")
+        numbers = ("before_mm", "error_mm", "uncertainty_mm", "tolerance_mm")
+        writer.writerow([*words, *places, *numbers, "readings", "decision"])
+        for t in self.targets:
+            values = [*t.nominal_mm, *t.measured_mm, t.before_mm, t.error_mm, t.uncertainty_mm, self.tolerance_mm]
+            shown = ["" if value is None else f"{value:.6f}" for value in values]
+            writer.writerow([escaped(t.file), t.line, escaped(t.name), t.correction, *shown, t.readings, t.decision])
+        return buffer.getvalue()
