@@ -1,4 +1,4 @@
-"""Held-out accuracy on a measured UR10 (tests/data/ur10)."""
+"""Held-out accuracy on a measured UR10 (`truepose.load_example`)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.held_out import Figures, Page, held_out, mean
-from truepose import Cell, Samples, read_samples
+from truepose import Samples, load_example
 
-DATA = Path(__file__).parents[1] / "tests" / "data" / "ur10" / "samples.csv"
+UR10 = load_example("ur10")
 PAGE = "accuracy"
-CELL = {"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}}
 CANDIDATES = (
     "kinematic-kriging",
     "registration",
@@ -38,7 +37,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "splits; ± is the standard deviation between splits. Coverage and standardised residuals are those of "
         "components, with the noise of a reading included."
     )
-    samples, splits = read_samples(DATA), 1 if quick else 5
+    samples, splits = UR10.samples, 1 if quick else 5
     page.head(["set", "predictor", "mean", "P95", "in 68 %", "in 95 %", "standardised"])
     for title, divide, candidates in (
         ("150 / 316 at random", few, (*CANDIDATES, *TERMS)),
@@ -47,7 +46,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     ):
         parts = list(divide(samples, splits))
         for name in candidates:
-            found = [held_out(Cell.model_validate(CELL), fit, test, name) for fit, test in parts]
+            found = [held_out(UR10.cell, fit, test, name) for fit, test in parts]
             page.row(title, name, *cells(found))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks import accuracy
 from benchmarks.accuracy_virtual import TEST, measured, spoiled
 from benchmarks.held_out import Figures, Page, held_out
-from truepose import Cell, Samples, VirtualCell, read_samples
+from truepose import Cell, Samples, VirtualCell
 from truepose.predictors.selection.choice import QUICK
 
 PAGE = "accuracy-auto"
@@ -59,7 +59,7 @@ def sets(quick: bool) -> Iterator[tuple[str, Cell, Samples, Samples]]:
         yield "hard, 200 samples, 2 % gross, seed 0", cell.cell, spoiled(cell, 0), test
         one = measured(cell, 200, 0, 0.0), measured(cell, TEST, 10_000, 0.0)
         yield "hard, 200 samples, one orientation, seed 0", cell.cell, *one
-    ur10, samples = Cell.model_validate(accuracy.CELL), read_samples(accuracy.DATA)
+    ur10, samples = accuracy.UR10.cell, accuracy.UR10.samples
     for seed, (fit, test) in enumerate(accuracy.halves(samples, 1 if quick else 2)):
         for n in (60,) if quick else (60, 100, 150):
             yield f"UR10, {n} at random, split {seed}", ur10, fit[:n], test

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks import accuracy
 from benchmarks.accuracy_virtual import TEST, measured
 from benchmarks.held_out import Figures, Page, held_out, mean
-from truepose import Cell, Samples, VirtualCell, read_samples
+from truepose import Cell, Samples, VirtualCell
 from truepose.predictors import FORMER_NAMES, PREDICTORS
 
 PAGE = "accuracy-predictors"
@@ -52,5 +52,4 @@ def virtual(preset: str, seeds: int) -> list[Part]:
 
 def ur10(splits: int) -> list[Part]:
     """Return cell, samples to fit and samples to test of each random split."""
-    cell = Cell.model_validate(accuracy.CELL)
-    return [(cell, *part) for part in accuracy.few(read_samples(accuracy.DATA), splits)]
+    return [(accuracy.UR10.cell, *part) for part in accuracy.few(accuracy.UR10.samples, splits)]

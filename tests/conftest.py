@@ -22,6 +22,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job 
 import numpy as np
 import pytest
 
+import truepose
 from truepose.numerics.threads import cores
 
 
@@ -54,7 +55,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def ur10() -> Path:
     """The folder of a UR10's measurements: samples.csv, and README.md with its source."""
-    return Path(__file__).parent / "data" / "ur10"
+    return Path(truepose.__file__).parent / "samples" / "data" / "ur10"
 
 
 @pytest.fixture

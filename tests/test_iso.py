@@ -97,7 +97,7 @@ def test_registered_readings_are_left_where_they_are(virtual, measured):
 
 
 def test_measured_ur10(ur10: Path):
-    """tests/data/ur10: some of its cube poses were measured two to five times."""
+    """The measured UR10: some of its cube poses were measured two to five times."""
     samples = tp.read_samples(ur10 / "samples.csv")
     cell = tp.Cell.model_validate({"robot": {"model": "universal-robots-ur10"}, "tool": {"fit": "position"}})
     found = tp.iso9283(samples, cell=cell)

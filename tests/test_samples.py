@@ -23,6 +23,7 @@ from truepose.samples import (
     check,
     check_against,
     check_not_compensated,
+    load_example,
     read_poses,
     read_samples,
     write_samples,
@@ -367,3 +368,13 @@ def test_measured_robot(ur10: Path) -> None:
     check_not_compensated(samples, load_robot("universal-robots-ur10"))
     left = check_against(samples, load_robot("universal-robots-ur10"))
     assert np.median(left) < 3.0
+
+
+def test_example(ur10: Path) -> None:
+    example = load_example("ur10")
+    assert "MIT" in example.description
+    assert "MIT License" in (ur10 / "LICENSE").read_text("utf-8")
+    assert example.samples.source == "ur10/samples.csv"
+    np.testing.assert_array_equal(example.samples.p_meas, read_samples(ur10 / "samples.csv").p_meas)
+    with pytest.raises(DataError, match="no example 'ur5'; expected one of ur10"):
+        load_example("ur5")

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from truepose.programs import FrameTable, correct_program, read_program, verify_program
     from truepose.report import write_report
     from truepose.robots import Robot, list_robots, load_robot
-    from truepose.samples import Poses, Samples, read_poses, read_samples, write_samples
+    from truepose.samples import Poses, Samples, load_example, read_poses, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
     from truepose.simulation import VirtualCell
     from truepose.studies.performance import iso9283, iso9283_poses
@@ -82,6 +82,7 @@ _HOME = {
     "iso9283_poses": "studies.performance",
     "list_robots": "robots",
     "load_cell": "cell",
+    "load_example": "samples",
     "load_map": "error_map",
     "load_robot": "robots",
     "permutation_envelope": "similarity",
@@ -138,6 +139,7 @@ __all__ = [
     "iso9283_poses",
     "list_robots",
     "load_cell",
+    "load_example",
     "load_map",
     "load_robot",
     "permutation_envelope",

@@ -189,7 +189,7 @@ class TestOutliers:
 
 
 class TestMeasuredRobot:
-    """tests/data/ur10: figures from its README."""
+    """The measured UR10: figures from its README."""
 
     @pytest.fixture
     def table(self, ur10: Path) -> np.ndarray:

@@ -1,10 +1,12 @@
 """The table of commanded poses and measurements, its file (the tidy table), and the checks on it."""
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
+from truepose.samples.examples import Example, load_example
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import append_columns, read_poses, read_samples, samples_text, write_samples
 
 __all__ = [
+    "Example",
     "Poses",
     "Samples",
     "append_columns",
@@ -12,6 +14,7 @@ __all__ = [
     "check_against",
     "check_not_compensated",
     "check_turns",
+    "load_example",
     "looks_like_metres",
     "read_poses",
     "read_samples",
