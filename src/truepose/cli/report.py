@@ -49,6 +49,10 @@ def report(
     programs: Annotated[
         list[Path] | None, typer.Option("--program", help="Record (JSON) of a corrected program; may be repeated.")
     ] = None,
+    verifications: Annotated[
+        list[Path] | None,
+        typer.Option("--verification", help="File of 'truepose verify --out FILE.json'; may be repeated."),
+    ] = None,
     locale: Annotated[str, typer.Option(help="Language: en, de or zh.")] = "en",
     force: Force = False,
     as_json: Json = False,
@@ -63,7 +67,9 @@ def report(
         error_map = load_map(map_path)
         held_out = None if test is None else read_samples(test)
         progress("Writing the report")
-        write_report(error_map, out, held_out, sidecars=programs or [], locale=locale)
+        write_report(
+            error_map, out, held_out, sidecars=programs or [], verifications=verifications or [], locale=locale
+        )
     if as_json:
         emit_json({"report": out})
     else:

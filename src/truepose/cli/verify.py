@@ -55,7 +55,9 @@ def verify(
     columns: Annotated[
         str | None, typer.Option("--columns", help="Columns of READINGS, as for import: 'x=4, y=5, z=6, unit=m'.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="File to write: .csv or .json.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="File to write: .csv, or .json for 'truepose report --verification'.")
+    ] = None,
     reading: Reading = _READING,
     force: Force = False,
     as_json: Json = False,

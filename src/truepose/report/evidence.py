@@ -15,9 +15,11 @@ from truepose._io import files
 from truepose._typing import FloatArray
 from truepose._version import __version__
 from truepose.error_map import ErrorMap
+from truepose.programs import ProgramVerification
 from truepose.report.records import Record, read_record
 from truepose.report.region import Plane, planes
 from truepose.report.study import SimilarityStudy, similarity_study
+from truepose.report.verification import read_verification
 from truepose.samples import Samples
 from truepose.verification import held_out as held_out_figures
 from truepose.verification import usual_groups
@@ -49,6 +51,8 @@ class Evidence:
         The predictions on planes through the work region.
     records : list of Record
         The records of corrected programs.
+    verifications : list of ProgramVerification
+        The verifications of programs.
     date : datetime
         The date of the report, UTC.
     """
@@ -62,6 +66,7 @@ class Evidence:
     study: SimilarityStudy
     planes: list[Plane]
     records: list[Record]
+    verifications: list[ProgramVerification]
     date: datetime
 
     @property
@@ -82,11 +87,13 @@ def gather(
     held_out: Samples | None = None,
     *,
     sidecars: Sequence[str | Path] = (),
+    verifications: Sequence[str | Path | ProgramVerification] = (),
     study: SimilarityStudy | None = None,
     date: datetime | None = None,
 ) -> Evidence:
     """Compute the content of a report; see `truepose.report.write_report` for the parameters."""
     records = [read_record(path) for path in sidecars]
+    verified = [one if isinstance(one, ProgramVerification) else read_verification(one) for one in verifications]
     if held_out is None:
         p, before = error_map.p_cmd, error_map.e
         after, _ = error_map.leave_one_out()
@@ -106,5 +113,6 @@ def gather(
         study=study or similarity_study(error_map, rng=SEED),
         planes=planes(error_map),
         records=records,
+        verifications=verified,
         date=(date or datetime.now(UTC)).astimezone(UTC),
     )

@@ -12,6 +12,7 @@ from typing import Any, Final
 from truepose._io import files
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
+from truepose.programs import ProgramVerification
 from truepose.report import fonts
 from truepose.report.document import Document
 from truepose.report.evidence import Evidence, gather
@@ -30,6 +31,7 @@ def write_report(
     held_out: Samples | None = None,
     *,
     sidecars: Sequence[str | Path] = (),
+    verifications: Sequence[str | Path | ProgramVerification] = (),
     study: SimilarityStudy | None = None,
     locale: str = "en",
     date: datetime | None = None,
@@ -47,6 +49,8 @@ def write_report(
         from the others, and the report says so.
     sidecars : sequence of str or Path
         Records of corrected programs, as ``truepose correct`` writes them.
+    verifications : sequence of str, Path or ProgramVerification
+        Verifications of corrected programs, from `truepose.verify_program` or ``truepose verify --out FILE.json``.
     study : SimilarityStudy, optional
         The similarity study of the samples; computed if not given.
     locale : {"en", "de", "zh"}
@@ -73,7 +77,9 @@ def write_report(
         raise FileError(path, f"expected a name that ends in .html or .pdf, got {ending or 'no ending'}")
     if ending == ".pdf":
         _typst(path)
-    evidence: Evidence = gather(error_map, held_out, sidecars=sidecars, study=study, date=date)
+    evidence: Evidence = gather(
+        error_map, held_out, sidecars=sidecars, verifications=verifications, study=study, date=date
+    )
     made = document(evidence, say)
     files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))
 

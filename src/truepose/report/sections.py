@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._version import __version__
-from truepose.report import records
+from truepose.report import records, verification
 from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
 from truepose.report.findings import findings, title
@@ -30,6 +30,7 @@ _NARROW: Final = 0.7
 def document(evidence: Evidence, say: Locale) -> Document:
     """Return the document of a report in a language."""
     error_map = evidence.error_map
+    verified = verification.section(evidence.verifications, error_map.hash, say)
     robot = f"{error_map.robot.maker} {error_map.robot.model}".strip() or error_map.robot.name
     return Document(
         language=say.name,
@@ -49,6 +50,7 @@ def document(evidence: Evidence, say: Locale) -> Document:
             _similarity(evidence, say),
             _model(evidence, say),
             records.section(evidence.records, error_map.hash, say),
+            *([] if verified is None else [verified]),
             _provenance(evidence, say),
         ],
     )

@@ -61,7 +61,7 @@ def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Loca
     largest = float(np.linalg.norm(before, axis=1).max())
     extent = float(np.ptp(p, axis=0).max())
     magnify = _round_down(0.15 * extent / largest) if largest > 0 and extent > 0 else 1.0
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         figure = Figure(figsize=(WIDTH, 4.2))
         for k, (e, colour, state) in enumerate(((before, BEFORE, "before"), (after, AFTER, "after")), 1):
             axes = figure.add_subplot(1, 2, k, projection="3d")
@@ -76,14 +76,14 @@ def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Loca
                 axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
         figure.text(0.5, 0.02, say("figure.arrows_scale", times=magnify), ha="center", fontsize=8)
         figure.subplots_adjust(left=0.02, right=0.95, wspace=0.08, bottom=0.1, top=0.95)
-        return _to_svg(figure, say)
+        return to_svg(figure, say)
 
 
 def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
     """Draw a histogram of the lengths of errors (n, 3) [mm] before and after."""
     lengths = [np.linalg.norm(e, axis=1) for e in (before, after)]
     edges = np.linspace(0.0, max(float(length.max()) for length in lengths) or 1.0, 31)
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         figure = Figure(figsize=(6.4, 2.7))
         axes = figure.add_subplot()
         for length, colour, state in zip(lengths, (BEFORE, AFTER), ("before", "after"), strict=True):
@@ -91,12 +91,12 @@ def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
             axes.axvline(float(length.max()), color=colour, linewidth=1.0, linestyle=":")
         axes.set(xlabel=say("figure.length"), ylabel=say("figure.poses"))
         axes.legend(frameon=False)
-        return _to_svg(figure, say)
+        return to_svg(figure, say)
 
 
 def variogram(part: StudyPart, say: Locale) -> str:
     """Draw the semivariogram of one space with its fit and envelope."""
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         figure = plot.plot_variogram(
             part.envelope.variogram,
             part.model,
@@ -105,7 +105,7 @@ def variogram(part: StudyPart, say: Locale) -> str:
             words=say.words("similarity"),
             **kinematic_curves(part),
         )
-        return _to_svg(figure, say)
+        return to_svg(figure, say)
 
 
 def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
@@ -120,7 +120,7 @@ def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
     say : Locale
         The language.
     """
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         widths = [float(np.ptp(plane.u)) for plane in planes]
         height = 7.0 * max(float(np.ptp(plane.v)) for plane in planes) / sum(widths)
         figure = Figure(figsize=(WIDTH, 2 * height + 1.2), layout="constrained")
@@ -141,10 +141,11 @@ def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
             bar = figure.colorbar(drawn, ax=row.tolist(), shrink=0.9, pad=0.02, format=_ticks(say))
             bar.set_label(say(f"figure.{quantity}"))
             bar.ax.tick_params(labelsize=7)
-        return _to_svg(figure, say)
+        return to_svg(figure, say)
 
 
-def _style() -> dict[Any, Any]:
+def style() -> dict[Any, Any]:
+    """Return the settings of all pictures."""
     return {
         "font.family": fonts.use_in_figures(),
         "font.size": 9.0,
@@ -167,7 +168,7 @@ def _ticks(say: Locale) -> ScalarFormatter:
     return Formatter()
 
 
-def _to_svg(figure: Figure, say: Locale) -> str:
+def to_svg(figure: Figure, say: Locale) -> str:
     """Return a figure as an SVG element."""
     for axes in figure.axes:
         for name in ("xaxis", "yaxis", "zaxis"):

@@ -1,0 +1,113 @@
+"""Verified programs: the file that ``truepose verify`` writes, and its section of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from truepose._io import files
+from truepose.errors import FileError
+from truepose.programs import ProgramVerification
+from truepose.report.document import Block, Picture, Section, Table, Text
+from truepose.report.locale import Locale
+from truepose.report.plots.verification import target_errors
+
+_SHOWN: Final = 60
+"""The largest number of targets that are listed one by one."""
+_ADAPTER: Final = TypeAdapter(ProgramVerification)
+
+
+def read_verification(path: str | Path) -> ProgramVerification:
+    """Read a verification that ``truepose verify --out FILE.json`` wrote.
+
+    Raises
+    ------
+    FileError
+        If the file does not exist or is not a verification.
+    """
+    try:
+        found = _ADAPTER.validate_json(files.read_bytes(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise FileError(
+            path,
+            f"is not the verification of a program ({where + ': ' if where else ''}{first['msg']}); "
+            "name a .json file written by 'truepose verify --out'",
+        ) from None
+    if not found.targets:
+        raise FileError(path, "is the verification of no target")
+    return found
+
+
+def section(found: Sequence[ProgramVerification], map_hash: str, say: Locale) -> Section | None:
+    """Return the section on verified programs; None if there is none."""
+    if not found:
+        return None
+    blocks: list[Block] = []
+    for one in found:
+        blocks += _program(one, map_hash, say)
+    return Section(say("verification.title"), [*blocks, Text(say("verification.rule"))])
+
+
+def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block]:
+    name = Path(one.program).name
+    count, after, before = one.counts, one.figures["after"], one.figures.get("before")
+    blocks: list[Block] = [
+        Text(
+            say(
+                "verification.result",
+                program=name,
+                decision=say(f"verification.{one.decision}"),
+                n=len(one.targets),
+                passed=count["pass"],
+                undecided=count["undecided"],
+                failed=count["fail"],
+                tolerance=one.tolerance_mm,
+                mean=float(after["mean_mm"]),
+                largest=float(after["max_mm"]),
+            ),
+            warns=one.decision != "pass",
+        )
+    ]
+    if before is not None:
+        figures = {"mean": float(before["mean_mm"]), "largest": float(before["max_mm"]), "n": before["n"]}
+        blocks.append(Text(say(f"verification.before_{one.before}", **figures)))
+    for condition, key in (
+        (not one.record, "original"),
+        (one.map_sha256 != map_hash, "other_map"),
+        (one.station == "registered", "registered"),
+        (bool(one.unmeasured), "unmeasured"),
+        (bool(one.unknown), "unknown"),
+    ):
+        if condition:
+            n = len(one.unmeasured) if key == "unmeasured" else one.unknown
+            blocks.append(Text(say(f"verification.{key}", n=n), warns=True))
+    station = say("verification.station", std=one.station_std_mm, readings=Path(one.readings).name)
+    picture = Picture(target_errors(one, say), say("verification.caption", program=name))
+    return [*blocks, Text(station), picture, *_table(one, say)]
+
+
+def _table(one: ProgramVerification, say: Locale) -> list[Block]:
+    """Return the table of targets; of a long one, the targets that do not pass first."""
+    shown = list(one.targets)
+    more: list[Block] = []
+    if len(shown) > _SHOWN:
+        shown = sorted(shown, key=lambda t: (t.decision == "pass", -t.error_mm))[:_SHOWN]
+        more = [Text(say("verification.more", shown=_SHOWN, n=len(one.targets)))]
+    words = [say(f"verification.column_{key}") for key in ("target", "line", "before", "error", "uncertainty")]
+    rows = [
+        [
+            target.name,
+            str(target.line),
+            say.number(target.before_mm, ".3f"),
+            say.number(target.error_mm, ".3f"),
+            say.number(target.uncertainty_mm, ".3f"),
+            say(f"verification.{target.decision}"),
+        ]
+        for target in shown
+    ]
+    return [Table([*words, say("verification.column_decision")], rows, last_left=1), *more]
