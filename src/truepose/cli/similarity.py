@@ -44,6 +44,13 @@ def similarity(
         float | None,
         typer.Option("--range", help="Range parameter of the model in mm or rad, instead of the fitted one."),
     ] = None,
+    weights: Annotated[
+        str, typer.Option(help="Weights of the distance classes in the fit: cressie, pairs, pairs/h2 or equal.")
+    ] = "cressie",
+    hold: Annotated[
+        bool,
+        typer.Option("--hold", help="Hold --nugget, --sill and --range in the fit, and fit the other parameters."),
+    ] = False,
     joint_wise: Annotated[
         bool, typer.Option("--joint-wise", help="Add the similarity of each joint's own error; takes about a minute.")
     ] = False,
@@ -66,7 +73,10 @@ def similarity(
     if plot is not None:
         plot_format(plot)
     cell, samples = load_cell(cell_path), read_samples(samples_path)
-    by_hand = {"nugget": nugget, "sill": sill, "range": range_}
+    given = {"nugget": nugget, "sill": sill, "range": range_}
+    by_hand = {name: value for name, value in given.items() if value is not None}
+    if hold and not by_hand:
+        raise DataError("--hold has no effect without --nugget, --sill or --range; give one of them")
     with working() as progress:
         registered = fit_cell(cell, samples, "registration", accept_campaign=True)
         study = similarity_study(
@@ -78,7 +88,9 @@ def similarity(
             estimator=estimator,
             direction=None if direction is None else _direction(direction, tolerance, bandwidth),
             space=space,
-            by_hand={name: value for name, value in by_hand.items() if value is not None},
+            by_hand={} if hold else by_hand,
+            weights=weights,
+            fixed=by_hand if hold else None,
         )
         if joint_wise:
             progress("Estimating each joint's own error")

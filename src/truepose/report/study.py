@@ -169,6 +169,8 @@ def similarity_study(
     direction: Direction | None = None,
     space: str = "both",
     by_hand: Mapping[str, Any] | None = None,
+    weights: str = "cressie",
+    fixed: Mapping[str, float] | None = None,
     rng: int = 0,
 ) -> SimilarityStudy:
     """Compute the variogram, its fitted model and the permutation envelope of the errors of a map's samples.
@@ -193,6 +195,8 @@ def similarity_study(
         The space to study.
     by_hand : mapping of str to float, optional
         The values of nugget, sill and range that replace the fitted ones, which stay in ``model.fit.fitted``.
+    weights, fixed
+        The weights and the held parameters of the fit, as for `truepose.fit_variogram`.
     rng : int
         The seed of the permutations.
 
@@ -213,7 +217,7 @@ def similarity_study(
         spaces["joint"] = ("rad", tuple(f"q{k + 1}" for k in range(q.shape[1])), q)
     if space not in ("both", *spaces):
         raise DataError(f"expected a space of these samples ({', '.join(spaces)}) or both, got {space!r}")
-    if space == "both" and len(spaces) > 1 and (by_hand or direction or max_lag or not isinstance(bins, int)):
+    if space == "both" and len(spaces) > 1 and (by_hand or fixed or direction or max_lag or not isinstance(bins, int)):
         settings = "bin edges, largest distance, direction and values set by hand"
         raise DataError(f"{settings} apply to one space only; choose it with space")
     effect = kinematic_columns(error_map)
@@ -227,7 +231,7 @@ def similarity_study(
             x, error_map.e, edges, longest, estimator=estimator, direction=direction, rng=rng
         )
         with without_warning():  # the findings say so in words
-            model = replace(fit_variogram(envelope.variogram, family), **(by_hand or {}))
+            model = replace(fit_variogram(envelope.variogram, family, weights=weights, fixed=fixed), **(by_hand or {}))
             parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
     return SimilarityStudy(parts)
 

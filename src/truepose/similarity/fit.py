@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.families import FAMILIES
 from truepose.similarity.fit_record import FitRecord, warn_of_remarks
-from truepose.similarity.least_squares import ITERATIONS, Bins, Fitted, fit_one, fit_several, standard_errors
+from truepose.similarity.least_squares import ITERATIONS, WEIGHTS, Bins, Fitted, fit_one, fit_several, standard_errors
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.parametrisation import Parametrisation
 
@@ -27,22 +28,29 @@ class VariogramFit(FitRecord):
     """The record of a fit by weighted least squares.
 
     The criterion in `candidates` is the objective. Standard errors [mm², and the unit of the range] are from the
-    weighted Jacobian at the shape that was chosen; NaN for a parameter at a bound, and for all where there are no more
-    bins than parameters. Bins share points, so these errors are lower than the true ones.
+    weighted Jacobian at the shape that was chosen; NaN for a parameter at a bound or held, and for all where there are
+    no more bins than parameters. Bins share points, so these errors are lower than the true ones.
 
     Attributes
     ----------
     objective : float
-        Σ N (γ/γ_model − 1)² / Σ N, the mean squared relative deviation: the criterion by which families are compared.
+        The criterion by which families are compared. With Cressie's weights Σ N (γ/γ_model − 1)² / Σ N, the mean
+        squared relative deviation; with others Σ w (γ − γ_model)² / Σ w over the squared mean of γ.
     bins : int
         The number of bins used.
     converged : bool
         Whether the weights settled.
+    weights : str
+        The weights of the bins.
+    held : mapping of str to float
+        The parameters that were not fitted.
     """
 
     objective: float
     bins: int
     converged: bool
+    weights: str = "cressie"
+    held: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -57,6 +65,8 @@ def fit_variogram(
     component: int | None = None,
     shape: float | None = None,
     ranges: str = "one",
+    weights: str = "cressie",
+    fixed: Mapping[str, float] | None = None,
 ) -> VariogramModel:
     """Fit a variogram model to an experimental variogram.
 
@@ -75,6 +85,13 @@ def fit_variogram(
     ranges : {"one", "each", "rotated"}
         The ranges of each structure: one; one for each coordinate; or one for each axis of a rotation that is fitted
         too, of 2 or 3 coordinates.
+    weights : {"cressie", "pairs", "pairs/h2", "equal"}
+        The weights of the bins: N(h)/γ(h)² with the fitted γ, iterated (Cressie 1985; gstat's method 2); N(h) (gstat's
+        1); N(h)/h² (gstat's default, 7); or 1 (gstat's 6, the default of GSTools).
+    fixed : mapping of str to float, optional
+        The values of parameters that are not fitted, such as ``{"nugget": 0.01}``: ``nugget`` [mm²], ``sill`` [mm²]
+        (the partial sill), ``range`` (the range parameter, in the unit of the lags). With several structures or ranges
+        the names are those of `VariogramModel.derivatives`, as in ``range_of_2``. For a shape use `shape`.
 
     Returns
     -------
@@ -89,7 +106,9 @@ def fit_variogram(
     Raises
     ------
     KrigingError
-        If fewer bins than parameters hold pairs, if the errors do not vary, or if the family is not known.
+        If fewer bins than fitted parameters hold pairs, if the errors do not vary, or if the family is not known.
+    DataError
+        If the weights are not known, or a fixed parameter does not exist or is out of its range.
 
     Examples
     --------
@@ -98,11 +117,17 @@ def fit_variogram(
     >>> vm = fit_variogram(experimental_variogram(x, np.sin(x / 50)), "gaussian")
     >>> vm.structural_ratio > 0.99
     True
+    >>> fit_variogram(experimental_variogram(x, np.sin(x / 50)), weights="pairs/h2", fixed={"nugget": 0.01}).nugget
+    0.01
     """
     evs = [ev] if isinstance(ev, ExperimentalVariogram) else list(ev)
     names = _families(family, evs)
-    bins = _bins(evs, component, ranges)
-    parameters = min(_parameters(name, ranges, evs[0].dimensions) for name in names)
+    if weights not in WEIGHTS:
+        raise DataError(f"weights is {weights!r}; expected one of {', '.join(WEIGHTS)}")
+    bins = replace(_bins(evs, component, ranges), weighting=weights, held=dict(fixed or {}))
+    for name in names:
+        _check_held(bins.held, name, ranges, evs[0].dimensions)
+    parameters = min(_parameters(name, ranges, evs[0].dimensions) for name in names) - len(bins.held)
     if len(bins.h) < parameters:
         raise KrigingError(
             f"{len(bins.h)} bins hold pairs, but a variogram model has {parameters} parameters; "
@@ -120,6 +145,8 @@ def fit_variogram(
         bounds_hit=fits[best].bounds_hit,
         bins=len(bins.h),
         converged=fits[best].converged,
+        weights=weights,
+        held=bins.held,
         candidates=candidates,
         fitted=model.to_dict(),
         practical_range=model.practical_range,
@@ -149,6 +176,22 @@ def _bins(evs: Sequence[ExperimentalVariogram], component: int | None, ranges: s
         pairs=np.concatenate([one.pairs[u] for one, u in zip(evs, used, strict=True)]).astype(np.float64),
         vectors=np.concatenate(along),
     )
+
+
+def _check_held(held: Mapping[str, float], family: str, ranges: str, dimensions: int) -> None:
+    """Raise DataError where a model has no such parameter, or not with this value."""
+    known: tuple[str, ...] = ("nugget",) if family == "nugget" else ("nugget", "sill", "range")
+    if ranges != "one" or "+" in family:
+        known = ("nugget", "sill", *Parametrisation.of(family, ranges, dimensions).names)
+    known = tuple(name for name in known if not name.startswith("shape"))
+    for name, value in held.items():
+        if name not in known:
+            raise DataError(f"fixed: a {family} variogram has no parameter {name!r}; expected {', '.join(known)}")
+        positive = name.startswith("range")
+        least = -math.inf if name.startswith("rotation") else 0.0
+        if not math.isfinite(value) or value < least or (positive and value == 0):
+            expected = "above 0" if positive else "of 0 or more" if least == 0 else ""
+            raise DataError(f"fixed: {name} is {value}; expected a finite number {expected}".rstrip())
 
 
 def _parameters(name: str, ranges: str, dimensions: int) -> int:

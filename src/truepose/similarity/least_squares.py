@@ -1,7 +1,7 @@
 """Weighted least squares of a variogram model to the bins of one or several semivariograms.
 
 N. Cressie, "Fitting variogram models by weighted least squares", Mathematical Geology 17 (1985): weights N(h)/γ(h)²
-with the fitted γ, iterated until γ settles. For given ranges, rotations and shapes the nugget and the sills are linear
+with the fitted γ, iterated until γ settles; or weights that do not depend on the fit (`WEIGHTS`). For given ranges, rotations and shapes the nugget and the sills are linear
 and not negative (C. L. Lawson & R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23), so the search is over the
 others alone (variable projection: G. H. Golub & V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
@@ -9,8 +9,8 @@ others alone (variable projection: G. H. Golub & V. Pereyra, SIAM Journal on Num
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -21,6 +21,8 @@ from truepose._typing import FloatArray
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.parametrisation import Parametrisation
 
+WEIGHTS: Final = ("cressie", "pairs", "pairs/h2", "equal")
+"""Weights of a bin with N pairs at lag h: N/γ_model(h)², N, N/h² (the default of gstat), 1 (the default of GSTools)."""
 SHAPES: Final[dict[str, tuple[float, ...]]] = {
     "matern": (0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 4.0, 8.0),
     "stable": (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
@@ -63,12 +65,18 @@ class Bins:
         The lag, semivariance [mm²] and number of pairs.
     vectors : (k, d) or (k, 0) array
         The lag as a vector, where the variograms have directions.
+    weighting : str
+        The weights, of `WEIGHTS`.
+    held : mapping of str to float
+        The parameters that are not fitted.
     """
 
     h: FloatArray
     gamma: FloatArray
     pairs: FloatArray
     vectors: FloatArray
+    weighting: str = "cressie"
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def correlation(self, part: VariogramModel) -> FloatArray:
         """Return ρ of one structure at each lag, (k,)."""
@@ -90,14 +98,23 @@ class Bins:
         each = [model.derivatives(h, v) for h, v in zip(self.h[:, None], self.vectors, strict=True)]
         return {name: np.concatenate([one[name] for one in each]) for name in each[0]}
 
-    def weights(self, fitted: FloatArray) -> FloatArray:
-        """Return the square roots of Cressie's weights N/γ²."""
-        return np.asarray(np.sqrt(self.pairs) / np.maximum(fitted, FLOOR * self.gamma.max()))
+    @property
+    def counts(self) -> FloatArray:
+        """The part of the weights that does not depend on the fit, (k,)."""
+        if self.weighting == "pairs/h2":
+            return np.asarray(self.pairs * (self.h.mean() / self.h) ** 2)
+        return np.ones_like(self.pairs) if self.weighting == "equal" else self.pairs
+
+    def weights(self, fitted: FloatArray | None = None) -> FloatArray:
+        """Return the square roots of the weights, given the fitted γ, or before a fit."""
+        if fitted is None or self.weighting != "cressie":
+            return np.asarray(np.sqrt(self.counts) / self.gamma.mean())
+        return np.asarray(np.sqrt(self.counts) / np.maximum(fitted, FLOOR * self.gamma.max()))
 
     def objective(self, model: VariogramModel) -> float:
-        """Return Σ N (γ/γ_model − 1)² / Σ N."""
+        """Return the weighted mean of (γ/γ_model − 1)²; with other weights than Cressie's of (γ − γ_model)²/mean²."""
         fitted = self.semivariance(model)
-        return float(((self.weights(fitted) * (self.gamma - fitted)) ** 2).sum() / self.pairs.sum())
+        return float(((self.weights(fitted) * (self.gamma - fitted)) ** 2).sum() / self.counts.sum())
 
     def practical_ranges(self) -> tuple[float, float]:
         """Return the bounds of practical ranges: half the shortest lag, and five times the longest."""
@@ -107,7 +124,8 @@ class Bins:
 def fit_one(family: str, shape: float | None, bins: Bins) -> Fitted:
     """Fit one isotropic structure; of several shapes the best one is returned."""
     if family == "nugget":
-        return Fitted(VariogramModel(family, nugget=float(bins.gamma @ bins.pairs / bins.pairs.sum())), True, {})
+        mean = float(bins.gamma @ bins.counts / bins.counts.sum())
+        return Fitted(VariogramModel(family, nugget=bins.held.get("nugget", mean)), True, {})
     shapes = SHAPES.get(family, (None,)) if shape is None else (shape,)
     units = [VariogramModel(family, sill=1.0, shape=one) for one in shapes]
     model, converged = min((_fit_unit(unit, bins) for unit in units), key=lambda fit: bins.objective(fit[0]))
@@ -118,12 +136,14 @@ def fit_several(parameters: Parametrisation, bins: Bins) -> Fitted:
     """Fit several structures, or ranges along axes."""
     bounds = _bounds(parameters, bins)
     low, high = bounds
-    weights = np.sqrt(bins.pairs) / bins.gamma.mean()
+    weights = bins.weights()
     starts = [np.clip(start, low, high) for start in _starts(parameters, bins)]
     starts.sort(key=lambda start: float((_residual(start, parameters, bins, weights) ** 2).sum()))
 
     def settled(start: FloatArray) -> tuple[VariogramModel, bool]:
         theta = start
+        if not len(theta):  # all ranges are held
+            return _settle(lambda weights: _model(theta, parameters, bins, weights), bins, ROUNDS, 1e-6)
 
         def best(weights: FloatArray) -> VariogramModel:
             nonlocal theta
@@ -143,7 +163,7 @@ def standard_errors(fitted: Fitted, bins: Bins) -> dict[str, float]:
     """Return sqrt diag s² (JᵀWJ)⁻¹ over the free parameters, where s² is the weighted mean square of the residuals."""
     model, hit = fitted.model, fitted.bounds_hit
     columns = bins.derivatives(model)  # of the nugget alone where there is no sill
-    fixed = set(hit) | ({"range"} if "sill" in hit or not model.kind.bounded else set())
+    fixed = set(hit) | set(bins.held) | ({"range"} if "sill" in hit or not model.kind.bounded else set())
     free = [name for name in columns if name not in fixed and not name.startswith("shape")]
     errors = dict.fromkeys(("nugget", "sill", "range"), math.nan) | dict.fromkeys(columns, math.nan)
     errors = {name: value for name, value in errors.items() if not name.startswith("shape")}
@@ -166,8 +186,10 @@ def standard_errors(fitted: Fitted, bins: Bins) -> dict[str, float]:
 def _settle(
     best: Callable[[FloatArray], VariogramModel], bins: Bins, rounds: int, rtol: float
 ) -> tuple[VariogramModel, bool]:
-    """Return the best model under Cressie's weights, iterated, and whether it settled."""
-    weights, fitted = np.sqrt(bins.pairs) / bins.gamma.mean(), np.zeros_like(bins.h)
+    """Return the best model, with Cressie's weights iterated, and whether it settled."""
+    weights, fitted = bins.weights(), np.zeros_like(bins.h)
+    if bins.weighting != "cressie":
+        return best(weights), True
     for _ in range(rounds):
         model = best(weights)
         previous, fitted = fitted, bins.semivariance(model)
@@ -178,7 +200,12 @@ def _settle(
 
 
 def _bounds_hit(model: VariogramModel, structures: int, factors: list[float], bins: Bins) -> dict[str, str]:
-    """Return the parameters at a bound: nugget and sills of zero, and ranges, given practical range over range."""
+    """Return the fitted parameters at a bound: nugget and sills of zero, ranges (given practical range over range)."""
+    hit = _bounds_of_all(model, structures, factors, bins)
+    return {name: bound for name, bound in hit.items() if name not in bins.held}
+
+
+def _bounds_of_all(model: VariogramModel, structures: int, factors: list[float], bins: Bins) -> dict[str, str]:
     hit = {"nugget": "lower"} if model.nugget <= NEGLIGIBLE * model.partial_sill else {}
     if sum(part.sill > NEGLIGIBLE * model.nugget for part in model.structures) < structures:
         return hit | {"sill": "lower"}
@@ -204,6 +231,8 @@ def _fit_unit(unit: VariogramModel, bins: Bins) -> tuple[VariogramModel, bool]:
         ranges = np.geomspace(low, high, STARTS) if high > low else np.array([low])
     else:  # only sill/range^α matters
         ranges = np.array([float(bins.h.max())])
+    if "range" in bins.held:
+        ranges = np.array([bins.held["range"]])
     return _settle(lambda weights: _best_range(unit, ranges, bins, weights**2), bins, ITERATIONS, 1e-8)
 
 
@@ -230,6 +259,8 @@ def _linear_part(
     """Return nugget and sill >= 0, and the weighted sum of squared residuals, for each range."""
     gamma = bins.gamma
     shape = 1 - unit.correlation(bins.h / ranges[:, None])
+    if {"nugget", "sill"} & set(bins.held):
+        return _linear_part_held(shape, bins, weights)
     w0, w1, w2 = weights.sum(), shape @ weights, shape**2 @ weights
     y0, y1 = gamma @ weights, shape @ (gamma * weights)
     determinant = w0 * w2 - w1**2
@@ -247,6 +278,18 @@ def _linear_part(
     return options[choice[0], 0, choice[1]], options[choice[0], 1, choice[1]], loss[choice]
 
 
+def _linear_part_held(shape: FloatArray, bins: Bins, weights: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the same with the nugget or the sill held, or both; shape is 1 − ρ, (ranges, k)."""
+    held, gamma = bins.held, bins.gamma
+    nugget, sill = np.full(len(shape), held.get("nugget", 0.0)), np.full(len(shape), held.get("sill", 0.0))
+    if "nugget" not in held:
+        nugget = np.maximum((gamma - sill[:, None] * shape) @ weights / weights.sum(), 0.0)
+    if "sill" not in held:
+        scale = np.maximum(shape**2 @ weights, np.finfo(float).tiny)
+        sill = np.maximum(((gamma - nugget[:, None]) * shape) @ weights / scale, 0.0)
+    return nugget, sill, (gamma - nugget[:, None] - sill[:, None] * shape) ** 2 @ weights
+
+
 # --- several structures, or several ranges ----------------------------------------------------------------------------
 
 
@@ -256,24 +299,41 @@ def _residual(theta: FloatArray, parameters: Parametrisation, bins: Bins, weight
 
 def _model(theta: FloatArray, parameters: Parametrisation, bins: Bins, weights: FloatArray) -> VariogramModel:
     """Return the model of given ranges, rotations and shapes with the best nugget and sills."""
-    full = np.zeros(len(parameters.names))
-    full[_searched(parameters)] = theta
+    full = np.array([_in_theta(name, bins.held) for name in parameters.names])
+    full[_searched(parameters, bins)] = theta
     parts = parameters.parts(full)
     columns = np.column_stack([np.ones_like(bins.h), *(1 - bins.correlation(part) for part in parts)])
-    nugget, first, *sills = nnls(weights[:, None] * columns, weights * bins.gamma)[0].tolist()
+    nugget, first, *sills = _linear_parameters(columns, bins, weights)
     rest = tuple(replace(part, sill=sill) for part, sill in zip(parts[1:], sills, strict=True) if sill)
     return replace(parts[0], nugget=nugget, sill=first, plus=rest)
 
 
+def _linear_parameters(columns: FloatArray, bins: Bins, weights: FloatArray) -> list[float]:
+    """Return the nugget and the sills, those that are not held by least squares."""
+    names = ["nugget", "sill", *(f"sill_of_{k}" for k in range(2, columns.shape[1]))]
+    values = np.array([bins.held.get(name, 0.0) for name in names])
+    free = np.array([name not in bins.held for name in names])
+    left = bins.gamma - columns @ values
+    values[free] = nnls(weights[:, None] * columns[:, free], weights * left)[0] if free.any() else []
+    return list(values.tolist())
+
+
+def _in_theta(name: str, held: Mapping[str, float]) -> float:
+    """Return a held parameter as a number in θ; 0 for those that are searched for or linear."""
+    if name not in held or name.startswith("sill"):
+        return 0.0
+    return held[name] if name.startswith("rotation") else math.log(held[name])
+
+
 def _bounds(parameters: Parametrisation, bins: Bins) -> tuple[FloatArray, FloatArray]:
     low, high = (np.full(parameters.axes, value) for value in bins.practical_ranges())
-    lower, upper = np.array(parameters.bounds(low, high))[_searched(parameters)].T
+    lower, upper = np.array(parameters.bounds(low, high))[_searched(parameters, bins)].T
     return lower, upper
 
 
 def _starts(parameters: Parametrisation, bins: Bins) -> list[FloatArray]:
     """Return starts with increasing ranges, in every combination, and with turned axes."""
-    searched = _searched(parameters)
+    searched = _searched(parameters, bins)
     starts = []
     for reaches in combinations(np.geomspace(bins.h.min(), 2 * bins.h.max(), GRID), len(parameters.families)):
         theta = parameters.start(np.ones(parameters.axes), spread=1.0)
@@ -282,6 +342,6 @@ def _starts(parameters: Parametrisation, bins: Bins) -> list[FloatArray]:
     return starts
 
 
-def _searched(parameters: Parametrisation) -> list[bool]:
-    """Return which numbers of θ are searched for: the sills are in closed form."""
-    return [not name.startswith("sill") for name in parameters.names]
+def _searched(parameters: Parametrisation, bins: Bins) -> list[bool]:
+    """Return which numbers of θ are searched for: the sills are in closed form, and some parameters may be held."""
+    return [not name.startswith("sill") and name not in bins.held for name in parameters.names]
