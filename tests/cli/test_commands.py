@@ -207,6 +207,8 @@ def test_similarity_with_choices_of_ones_own(run, cell_files):
     assert (part["model"]["nugget_mm2"], part["model"]["range"], part["model"]["by_hand"]) == (0.01, 150, True)
     assert part["model"]["fitted"]["range"] != 150
     assert "Set by hand; the fitted values were" in part["findings"]["Which curve fits?"]
+    [held] = run(*only, "--nugget", "0.01", "--hold", "--weights", "pairs/h2").json["variograms"]
+    assert (held["model"]["nugget_mm2"], held["model"]["by_hand"]) == (0.01, False)
     whole = run(*only, "--equal-counts", "--bins", "5", "--max-lag", "500").json["variograms"][0]
     assert np.ptp(whole["pairs"]) <= 0.05 * np.max(whole["pairs"])
     assert np.sum(part["pairs"]) < np.sum(whole["pairs"])
@@ -215,6 +217,8 @@ def test_similarity_with_choices_of_ones_own(run, cell_files):
         (("--direction", "up"), "--direction: 'up' is not a number; write numbers"),
         (("--space", "tool"), "expected a space of these samples (cartesian, joint) or both, got 'tool'"),
         (("--space", "both", "--nugget", "1"), "apply to one space only; choose it with space"),
+        (("--hold",), "--hold has no effect without --nugget, --sill or --range"),
+        (("--weights", "n"), "weights is 'n'; expected one of cressie, pairs, pairs/h2, equal"),
     ):
         assert message in run("similarity", cell_files.cell, cell_files.samples, *wrong).failed()
 

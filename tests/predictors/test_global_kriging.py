@@ -17,6 +17,7 @@ from truepose.predictors import (
     VecchiaKriging,
     block_folds,
 )
+from truepose.predictors.kriging.correlation import Correlation, Support
 from truepose.similarity import VariogramModel, experimental_variogram
 from truepose.similarity.trend import DriftBasis
 
@@ -149,6 +150,38 @@ def test_block_average_is_the_mean_of_points_and_its_variance_that_of_fields(rng
     assert model.predict_block(centre, size).shape == (1, 2)
     fields = model.simulate(inside, 50).mean(axis=1)
     assert np.abs(fields.mean(axis=0) - mean[0]).max() < 1.0  # of the size of the errors at least
+
+
+@pytest.mark.parametrize("samples", ["centre", "corners"])
+def test_block_variance_of_a_square_in_closed_form(samples):
+    """Linear semivariogram: 2 γ̄(samples, square) − γ̄(square, square) − γ̄(samples, samples), weights equal by symmetry.
+
+    Mean distances in the unit square: of two points (2 + √2 + 5 ln(1 + √2))/15, from a corner (√2 + ln(1 + √2))/3,
+    from the centre half of that (B. Ghosh, Bulletin of the Calcutta Mathematical Society 43, 1951).
+    """
+    root, log = np.sqrt(2), np.log(1 + np.sqrt(2))
+    two, corner = (2 + root + 5 * log) / 15, (root + log) / 3
+    if samples == "centre":  # a second sample, so far away that its weight is small, has no effect beyond its distance
+        x, expected = np.array([[0.5, 0.5], [1e6, 0.5]]), corner - two
+    else:
+        x, expected = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]), 2 * corner - two - (2 + root) / 4
+    model = OrdinaryKriging(VariogramModel("linear", sill=1.0, range=1.0)).fit(x, np.arange(len(x), dtype=float))
+    std = model.predict_block([[0.5, 0.5]], 1.0, return_std=True)[1]
+    assert std[0] ** 2 == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(("d", "mean"), [(1, 0.55), (2, 0.3378438), (3, 0.2117428)])
+def test_mean_correlation_within_a_box(d, mean):
+    """Spherical, range 1, unit box: closed form 11/20 in one dimension; else two independent quadratures."""
+    correlation = Correlation.of(VariogramModel("spherical", sill=1.0, range=1.0), d)
+    assert Support.box(1.0, d, None, correlation).within == pytest.approx(mean, abs=3e-4)
+
+
+def test_mean_distance_in_a_cube():
+    """Robbins' constant: D. P. Robbins, American Mathematical Monthly 85 (1978)."""
+    gaps = VariogramModel("exponential", sill=1.0, range=1e6)
+    within = Support.box(1.0, 3, None, Correlation.of(gaps, 3)).within
+    assert 1e6 * (1 - within) == pytest.approx(0.6617071822, rel=1e-5)
 
 
 def test_a_small_block_is_a_point(rng):

@@ -1,9 +1,10 @@
 """Weighted least squares of a variogram model to the bins of one or several semivariograms.
 
 N. Cressie, "Fitting variogram models by weighted least squares", Mathematical Geology 17 (1985): weights N(h)/γ(h)²
-with the fitted γ, iterated until γ settles; or weights that do not depend on the fit (`WEIGHTS`). For given ranges, rotations and shapes the nugget and the sills are linear
-and not negative (C. L. Lawson & R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23), so the search is over the
-others alone (variable projection: G. H. Golub & V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+with the fitted γ, iterated until γ settles; or weights that do not depend on the fit (`WEIGHTS`). For given ranges,
+rotations and shapes the nugget and the sills are linear and not negative (C. L. Lawson & R. J. Hanson, Solving Least
+Squares Problems, 1974, ch. 23), so the search is over the others alone (variable projection: G. H. Golub & V. Pereyra,
+SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from __future__ import annotations

@@ -18,6 +18,12 @@ from truepose.errors import KrigingError
 from truepose.similarity.model import VariogramModel
 
 MOST_NODES: Final = 4096
+NODES: Final = 6
+"""Nodes along each edge of a box; even, since a node at a sample in the centre would see the cusp of ρ alone."""
+FEWER_NODES: Final = 4
+"""The same in many dimensions, where the mean over a box is smoother."""
+MOST_DIFFERENCES: Final = 65536
+"""The number of differences at which the correlation within a box is computed, at most."""
 """Largest number of nodes in a box."""
 
 
@@ -164,8 +170,8 @@ class Support:
     within: float = 1.0
 
     @classmethod
-    def box(cls, size: ArrayLike, d: int, nodes: int, correlation: Correlation) -> Self:
-        """Return the support of a box with edges of `size`, a number or (d,).
+    def box(cls, size: ArrayLike, d: int, nodes: int | None, correlation: Correlation) -> Self:
+        """Return the support of a box with edges of `size`, a number or (d,); `nodes` is 6 if not given, 4 for d > 4.
 
         Raises
         ------
@@ -175,15 +181,15 @@ class Support:
         edges = np.asarray(size, dtype=np.float64)
         if edges.shape not in ((), (d,)) or not (np.isfinite(edges) & (edges > 0)).all():
             raise KrigingError(f"block size is {size!r}; expected a number above 0, or one for each of {d} coordinates")
+        if nodes is None:
+            nodes = NODES if NODES**d <= MOST_NODES else FEWER_NODES
         if not (nodes >= 1 and nodes**d <= MOST_NODES):
             raise KrigingError(
                 f"{nodes} nodes along each of {d} edges; expected at least 1, and {MOST_NODES} in the box at most"
             )
         edges = np.broadcast_to(edges, (d,))
         at, weights = _nodes(nodes, edges)
-        others, their = _nodes(nodes + 1, edges)  # no node is its own pair: a cusp at 0 would bias the mean
-        within = float(weights @ correlation.at(others).cross(at) @ their)
-        return cls(at, weights, within)
+        return cls(at, weights, _mean_within(edges, correlation))
 
     def average(self, values: Callable[[FloatArray | float], FloatArray]) -> FloatArray:
         """Return the mean of a function of the shift from the target."""
@@ -203,3 +209,20 @@ def _nodes(count: int, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     grid = np.array(list(product(t, repeat=len(edges))))
     weights = np.prod(np.array(list(product(w / 2, repeat=len(edges)))), axis=1)
     return np.asarray(grid * edges / 2), np.asarray(weights)
+
+
+def _mean_within(edges: FloatArray, correlation: Correlation) -> float:
+    """Return the mean correlation of two random points of a box.
+
+    Their difference has the density Π (1 − |t|)/edge at edge·t, so the double integral over the box is one integral
+    over t in [−1, 1]^d, of which ρ(−h) = ρ(h) leaves half. A cusp of ρ at 0 lies in a corner of each part, where
+    Gauss–Legendre quadrature resolves it.
+    """
+    d = len(edges)
+    count = max(2, min(16, int(MOST_DIFFERENCES ** (1 / d) / 2)))
+    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = (t + 1) / 2, w * (1 - t) / 2  # over [0, 1] with the density 2 (1 − t)
+    sides = [(t, w)] + [(np.append(-t, t), np.append(w, w) / 2)] * (d - 1)
+    grid = np.array(list(product(*(side[0] for side in sides))))
+    weights = np.prod(np.array(list(product(*(side[1] for side in sides)))), axis=1)
+    return float(correlation.at(np.zeros((1, d))).cross(grid * edges)[:, 0] @ weights)

