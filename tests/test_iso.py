@@ -159,7 +159,7 @@ def test_orientations_of_another_frame(virtual, measured):
     turned = replace(
         measured, rotation_cmd=measured.rotation_cmd * tp.euler("kuka", [[180.0, 0, 0]] * 5 + [[0.0] * 3] * 145)
     )
-    said = r"rows 0, 1, 2, 3, 4: measured orientations are up to 1\d\d deg from commanded ones; pass the cell"
+    said = r"points P1, P2, P3, P4, P5: measured orientations are up to 1\d\d deg from commanded ones; pass the cell"
     with pytest.raises(DataError, match=said):
         tp.iso9283(turned)
     assert tp.iso9283(turned, cell=virtual.cell).poses[0].AP_abc_deg is not None

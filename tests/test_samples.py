@@ -64,7 +64,7 @@ def test_units_and_row_names(tmp_path: Path) -> None:
     assert samples.q is not None
     np.testing.assert_allclose(samples.q[0], np.radians([10, 20]))
     np.testing.assert_array_equal(samples.p_meas[:, 0], [2100, 2400, 2100])
-    assert samples.rows(np.array([0, 2])) == "rows 7, 9"
+    assert samples.rows(np.array([0, 2])) == "lines 2, 4"
 
 
 def test_other_units_other_order_other_delimiter(tmp_path: Path) -> None:
@@ -99,7 +99,8 @@ def test_comes_back(tmp_path: Path, rng: np.random.Generator) -> None:
     samples = random_samples(rng)
     write_samples(tmp_path / "out.csv", samples)
     again = read_samples(tmp_path / "out.csv")
-    assert again.columns() == samples.columns()
+    assert set(again.columns()) == {*samples.columns(), "line"}
+    assert again.rows(np.array([1])) == "point P1 (line 3)"
     for name in samples.columns():
         before, after = getattr(samples, name), getattr(again, name)
         if isinstance(before, Rotation):
@@ -211,7 +212,7 @@ def test_a_name_that_would_break_the_table(tmp_path: Path) -> None:
 
 
 def test_all_zero_reading_by_row(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"samples\.csv: row 8: all-zero reading"):
+    with pytest.raises(DataError, match=r"samples\.csv: line 3: all-zero reading"):
         read_samples(table(tmp_path, HEADER, ROWS[0], "8,-30,90,400,50,10,0,0,0", ROWS[2]))
 
 
@@ -265,9 +266,9 @@ def test_signs_and_standard_deviations(rng: np.random.Generator) -> None:
     samples = random_samples(rng)
     assert samples.approach is not None
     assert samples.p_std is not None
-    with pytest.raises(DataError, match="row 5: approach must be -1, 0 or"):
+    with pytest.raises(DataError, match="point P0: approach must be -1, 0 or"):
         check(replace(samples, approach=np.vstack([np.full((1, 6), 0.5), samples.approach[1:]])))
-    with pytest.raises(DataError, match="row 9: negative standard deviation in p_std"):
+    with pytest.raises(DataError, match="point P2: negative standard deviation in p_std"):
         check(replace(samples, p_std=np.where(np.arange(40)[:, None] == 2, -0.1, samples.p_std)))
 
 
@@ -278,7 +279,9 @@ def test_contradicting_repeats(rng: np.random.Generator) -> None:
     p_meas = twice.p_meas.copy()
     p_meas[40, 0] += 30.0
     moved = replace(twice, p_meas=p_meas, row=np.arange(41))
-    with pytest.raises(DataError, match="rows 3, 40: readings of one configuration are 30 mm apart"):
+    with pytest.raises(
+        DataError, match=r"points P3 \(row 3\), P3 \(row 40\): readings of one configuration are 30 mm apart"
+    ):
         check(moved)
     load = np.r_[np.zeros(40), 150.0]
     check(replace(moved, load=load))  # another payload is another configuration

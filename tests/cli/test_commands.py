@@ -278,16 +278,19 @@ def test_import(run, cell_files, plan_and_readings, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda rows: rows[:-3], "27 readings for 30 rows"),
-        (lambda rows: [*rows[:3], rows[9], *rows[4:9], rows[3], *rows[10:]], "rows 3, 9 are swapped"),
+        (lambda rows: rows[:-3], "27 readings for 30 points"),
+        (
+            lambda rows: [*rows[:3], rows[9], *rows[4:9], rows[3], *rows[10:]],
+            r"lines 5, 11 of .*plan\.csv are swapped \(read in lines",
+        ),
         (
             lambda rows: [
                 ",".join([r.split(",")[0], *(f"{float(v) / 1000:.7f}" for v in r.split(",")[1:])]) for r in rows
             ],
             "metres",
         ),
-        (lambda rows: [*rows[:4], "5, nan, 1.0, 2.0", *rows[5:]], "row 4"),
-        (lambda rows: [*rows[:4], "5, 0.0, 0.0, 0.0", *rows[5:]], "row 4"),
+        (lambda rows: [*rows[:4], "5, nan, 1.0, 2.0", *rows[5:]], r"line 6 of .*plan\.csv"),
+        (lambda rows: [*rows[:4], "5, 0.0, 0.0, 0.0", *rows[5:]], r"line 6 of .*plan\.csv"),
         (lambda rows: ["what is this", *rows], "line|layout"),
     ],
     ids=["missing", "swapped", "metres", "nan", "all-zero", "layout"],

@@ -61,6 +61,6 @@ def test_what_was_understood_comes_before_what_is_computed(run, folder):
     args = ["import", folder / "cell.toml", folder / "wide.txt", "--plan", folder / "plan.csv"]
     done = run(*args, "--columns", "x=8, y=9, z=10, unit=m", "--out", folder / "e.csv")
     lines = done.out.splitlines()
-    assert lines.index("30 readings for 30 rows of the plan gave 30 samples.") < next(
+    assert lines.index("30 readings for 30 points of the plan gave 30 samples.") < next(
         i for i, text in enumerate(lines) if text.startswith("Error after registration")
     )

@@ -51,7 +51,7 @@ def test_a_gross_reading_is_named(run, cell_files, readings, tmp_path):
     p[4] += [0.0, 0.0, 2.0]
     write_samples(tmp_path / "gross.csv", replace(readings, p_meas=p))
     done = run("update", cell_files.map, tmp_path / "gross.csv")
-    assert re.search("Far from the prediction: row [456]", done.out)
+    assert re.search("Far from the prediction: line [678]", done.out)
 
 
 def test_tools_need_a_map_that_knows_the_arm(run, cell_files, readings, tmp_path):

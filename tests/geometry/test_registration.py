@@ -179,7 +179,10 @@ class TestOutliers:
         s.p_measured[[4, 9]] = s.p_measured[[9, 4]]
         found = register_with_tool(s.flange, s.p_measured)
         assert found.swapped.tolist() == [[4, 9], [9, 4]]
-        assert "reading 9 fits command 4, reading 4 fits command 9" in found.hint
+        assert (
+            "the reading of row 9 fits the command of row 4, the reading of row 4 fits the command of row 9"
+            in found.hint
+        )
 
     def test_result_does_not_depend_on_the_seed(self, rng: np.random.Generator) -> None:
         s = make_station(rng, noise=0.1)
@@ -290,7 +293,8 @@ class TestBadInput:
     def test_rows_that_do_not_belong_together(self, rng: np.random.Generator) -> None:
         s = make_station(rng, noise=0.1)
         with pytest.raises(
-            DataError, match=r"median residual .* mm over a spread of .*; check that the rows belong together"
+            DataError,
+            match=r"median residual .* mm over a spread of .*; check that commands and readings belong together",
         ):
             register(s.p_commanded, rng.permutation(s.p_measured))
 

@@ -51,7 +51,7 @@ def test_in_order(rng: np.random.Generator, p_cmd: FloatArray) -> None:
     np.testing.assert_array_equal(samples.row, plan.row)
     assert samples.p_std is None
     assert (summary.missing, summary.reordered, summary.outliers, summary.averaged) == ((), (), (), 0)
-    assert summary.sentences()[1] == "60 readings for 60 rows of the plan gave 60 samples."
+    assert summary.sentences()[1] == "60 readings for 60 points of the plan gave 60 samples."
 
 
 def test_swapped_rows(rng: np.random.Generator, p_cmd: FloatArray) -> None:
@@ -59,26 +59,28 @@ def test_swapped_rows(rng: np.random.Generator, p_cmd: FloatArray) -> None:
     wrong = p.copy()
     wrong[[4, 19]] = p[[19, 4]]
     with pytest.raises(
-        DataError, match=r"readings\.txt: rows 4, 19 are swapped \(lines 20, 5; residual .* exchanged\)"
+        DataError,
+        match=r"readings\.txt: rows 4, 19 of plan\.csv are swapped \(read in lines 20, 5; residual .* exchanged\)",
     ):
         match(readings_of(wrong), plan_of(p_cmd))
     samples, summary = match(readings_of(wrong), plan_of(p_cmd), reorder=True)
     np.testing.assert_array_equal(samples.p_meas, p)
     assert summary.reordered == (4, 19)
+    assert summary.reordered_points == ("row 4", "row 19")
 
 
 def test_swapped_neighbours(rng: np.random.Generator, p_cmd: FloatArray) -> None:
     p = measured(rng, p_cmd)
     wrong = p.copy()
     wrong[[4, 5]] = p[[5, 4]]
-    with pytest.raises(DataError, match=r"rows 4, 5 are swapped \(lines 6, 5"):
+    with pytest.raises(DataError, match=r"rows 4, 5 of plan\.csv are swapped \(read in lines 6, 5"):
         match(readings_of(wrong), plan_of(p_cmd))
 
 
 def test_one_row_read_at_the_end(rng: np.random.Generator, p_cmd: FloatArray) -> None:
     p = measured(rng, p_cmd)
     late = np.vstack([np.delete(p, 17, axis=0), p[17:18]])
-    with pytest.raises(DataError, match=r"row 17 was read out of order \(line 60\)"):
+    with pytest.raises(DataError, match=r"row 17 of plan\.csv was read out of order \(read in line 60\)"):
         match(readings_of(late), plan_of(p_cmd))
     np.testing.assert_array_equal(match(readings_of(late), plan_of(p_cmd), reorder=True)[0].p_meas, p)
 
@@ -99,7 +101,8 @@ def test_missing_rows(rng: np.random.Generator, p_cmd: FloatArray, as_zero: bool
     left = np.delete(p, gone, axis=0)
     given = np.where(np.isin(np.arange(60), gone)[:, None], 0.0, p) if as_zero else left
     with pytest.raises(
-        DataError, match="57 readings for 60 rows of the plan; without a reading: rows 7, 30, 31; measure"
+        DataError,
+        match=r"57 readings for 60 points .* without a reading: rows 7, 30, 31 of plan\.csv; .* with --missing",
     ):
         match(readings_of(given), plan_of(p_cmd))
     samples, summary = match(readings_of(given), plan_of(p_cmd), missing=True)
@@ -112,7 +115,7 @@ def test_missing_rows(rng: np.random.Generator, p_cmd: FloatArray, as_zero: bool
 def test_shifted_rows_are_a_missing_one(rng: np.random.Generator, p_cmd: FloatArray) -> None:
     p = measured(rng, p_cmd)
     stranger = p.mean(axis=0) + 2000.0
-    with pytest.raises(DataError, match=r"60 readings for 60 rows of the plan; line 60 fits no row"):
+    with pytest.raises(DataError, match=r"60 readings for 60 points of the plan; line 60 fits no point"):
         match(readings_of(np.vstack([np.delete(p, 10, axis=0), stranger])), plan_of(p_cmd))
 
 
@@ -160,7 +163,10 @@ def test_gross_readings_are_kept_and_named(rng: np.random.Generator, p_cmd: Floa
     samples, summary = match(readings_of(p), plan_of(p_cmd))
     assert len(samples) == 60
     assert summary.outliers == (11, 40)
-    assert "Rows 11, 40 lie far from their expected positions; check them." in summary.sentences()
+    assert (
+        "Points of the plan whose readings lie far from the expected positions, to be checked: row 11, row 40."
+        in summary.sentences()
+    )
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "metres"), (1 / 25.4, "inches")])
@@ -178,13 +184,13 @@ def test_several_reflectors(rng: np.random.Generator, p_cmd: FloatArray) -> None
     turn = Rotation.random(60, rng=rng)
     three = np.stack([p_cmd + turn.apply(offset) for offset in np.eye(3) * 150], axis=1).reshape(-1, 3)
     with pytest.raises(
-        DataError, match=r"180 readings for 60 rows of the plan: 3 for each row, and no repeats; several reflectors"
+        DataError, match=r"180 readings for 60 points of the plan: 3 for each point, and no repeats; several reflectors"
     ):
         match(readings_of(measured(rng, three)), plan_of(p_cmd))
 
 
 def test_too_few_and_no_positions(rng: np.random.Generator, p_cmd: FloatArray) -> None:
-    with pytest.raises(DataError, match="2 readings for 60 rows of the plan; at least 3 are required"):
+    with pytest.raises(DataError, match="2 readings for 60 points of the plan; at least 3 are required"):
         match(readings_of(measured(rng, p_cmd)[:2]), plan_of(p_cmd))
     with pytest.raises(DataError, match=r"plan\.csv: has no commanded positions"):
         match(readings_of(measured(rng, p_cmd)), Poses(q=np.zeros((60, 6)), source="plan.csv"))
@@ -287,7 +293,7 @@ def test_another_load_is_no_move() -> None:
     _, summary = match(readings_of(samples.p_meas), replace(plan_of(samples.p_cmd), load=load))
     assert summary.samples == 100
     with pytest.raises(
-        DataError, match=r"the tracker was moved before line 5[01], .* or allow two stations if the tracker did not"
+        DataError, match=r"the tracker was moved before line 5[01], .* or pass --two-stations .* if the tracker did not"
     ):
         match(readings_of(samples.p_meas), plan_of(samples.p_cmd))
     _, allowed = match(readings_of(samples.p_meas), plan_of(samples.p_cmd), two_stations=True)

@@ -52,7 +52,7 @@ def test_one_of_three_reflectors_kept(tmp_path: Path, cell: VirtualCell, plan: P
 
 def test_reflectors_not_told(tmp_path: Path, cell: VirtualCell, plan: Poses) -> None:
     path = in_turn(tmp_path / "r.txt", cell.read_reflectors(plan.q, 3, seed=5))
-    with pytest.raises(DataError, match="3 for each row, and no repeats; several reflectors per pose\\? State their"):
+    with pytest.raises(DataError, match="3 for each point, and no repeats; several reflectors per pose\\? State their"):
         import_readings(path, plan)
     with pytest.raises(DataError, match=r"3 reflectors; state which to keep \(1 to 3\), or their positions"):
         import_readings(path, plan, reflectors=3)

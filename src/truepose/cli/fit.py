@@ -99,6 +99,8 @@ def _show(error_map: ErrorMap) -> None:
     import numpy as np
     from rich.markup import escape
 
+    from truepose.samples import name_one
+
     registration, calibration = error_map.registration, calibration_of(error_map.predictor)
     if (tool := registration.p_flange_tool) is not None:
         std = np.sqrt(np.diag(registration.covariance)[6:9])
@@ -110,7 +112,7 @@ def _show(error_map: ErrorMap) -> None:
         say(f"[yellow]Note[/]: {registration.hint}.")
     show_campaign(error_map.campaign)
     for row in error_map.excluded:
-        say(f"[yellow]Left out[/]: row {row['row']}, {row['reason']}.")
+        say(f"[yellow]Left out[/]: {name_one(row)}, {row['reason']}.")
     if error_map.ranking:
         show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:

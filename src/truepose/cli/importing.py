@@ -24,7 +24,7 @@ def import_readings(
     ],
     out: Annotated[Path, typer.Option("--out", help="The table of samples to write.")] = Path("samples.csv"),
     reorder: Annotated[bool, typer.Option("--reorder", help="Accept readings in another order than the plan.")] = False,
-    missing: Annotated[bool, typer.Option("--missing", help="Accept rows of the plan without a reading.")] = False,
+    missing: Annotated[bool, typer.Option("--missing", help="Leave out points of the plan without a reading.")] = False,
     two_stations: Annotated[
         bool, typer.Option("--two-stations", help="Accept readings from a tracker that seems to have moved.")
     ] = False,
@@ -55,7 +55,7 @@ def import_readings(
     from truepose.cell import load_cell
     from truepose.error_map.campaign import check_campaign
     from truepose.error_map.registration import register_samples
-    from truepose.samples import write_samples
+    from truepose.samples import name_one, write_samples
 
     _check_pairs(("--save-columns", save_columns, "--columns", columns), ("--keep", keep, "--reflectors", reflectors))
     overwrite(force, out, *([] if save_columns is None else [save_columns]))
@@ -79,9 +79,8 @@ def import_readings(
     if not accept_campaign:
         campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
     length = np.linalg.norm(registration.residuals, axis=1)
-    assert samples.row is not None
     outliers = [
-        {"row": int(samples.row[i]), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers)
+        {**samples.identify(i), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers).tolist()
     ]
     write_samples(out, samples)
     kept = length[~registration.outliers]
@@ -93,7 +92,7 @@ def import_readings(
     say(f"Error after registration: mean {figures['mean_mm']:.3f} mm, maximum {figures['max_mm']:.3f} mm.")
     show_campaign(campaign.to_dict())
     for outlier in outliers:
-        residual = f"row {outlier['row']}, {outlier['residual_mm']:.3f} mm"
+        residual = f"{name_one(outlier)}, {outlier['residual_mm']:.3f} mm"
         say(f"[yellow]Large residual[/]: {residual}; fits leave it out unless neighbouring samples agree with it.")
     say(f"Wrote {out} ({len(samples)} samples).")
 

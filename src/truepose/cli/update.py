@@ -55,10 +55,13 @@ def update(
     only_tested = out is None and refit is None
     new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
     after = before if before is not None else recheck(new, samples)
+    far = [samples.identify(i) for i in after.holding.far]
     if out is not None:
         new.save(out)
     if as_json:
-        emit_json({"map": map_path, "samples": samples_path, "out": out, "refit": refit, **after.to_dict()})
+        emit_json(
+            {"map": map_path, "samples": samples_path, "out": out, "refit": refit, **after.to_dict(), "far_points": far}
+        )
         return
     say(*after.words)
     if after.holding.far:

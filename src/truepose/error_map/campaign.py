@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from truepose.geometry import Registration
 from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot
-from truepose.samples import Samples
+from truepose.samples import Samples, name_one
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
 from truepose.verification.faults import Change, reference_change
@@ -41,9 +41,9 @@ class CampaignCheck:
     Attributes
     ----------
     changes : list of Change
-        The significant faults that are large enough to be named; their rows are the samples' own names.
+        The significant faults that are large enough to be named; their rows are the samples' own numbers.
     words : list of str
-        A sentence without a full stop for each: estimate ± standard error, rows, p-value.
+        A sentence without a full stop for each: estimate ± standard error, samples, p-value.
     limit : float [mm]
         The root mean square displacement above which a fault stops the fit.
     tested : int
@@ -51,6 +51,8 @@ class CampaignCheck:
     suspected_drift : float [mm]
         The root mean square displacement of a drift that is too uncertain to be named; it widens the map's standard
         deviation.
+    ends : list
+        The first and the last sample of each fault by row, point and line, see `Poses.identify`.
     """
 
     changes: list[Change]
@@ -58,6 +60,7 @@ class CampaignCheck:
     limit: float
     tested: int
     suspected_drift: float = 0.0
+    ends: list[list[dict[str, Any]]] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<CampaignCheck of {self.tested} samples: {'; '.join(self.words) or 'no faults'}>"
@@ -65,8 +68,14 @@ class CampaignCheck:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain values, as in a map file."""
         faults = [
-            {**asdict(change), "rows": list(change.rows), "words": words, "stops": change.size > self.limit}
-            for change, words in zip(self.changes, self.words, strict=True)
+            {
+                **asdict(change),
+                "rows": list(change.rows),
+                "ends": ends,
+                "words": words,
+                "stops": change.size > self.limit,
+            }
+            for change, words, ends in zip(self.changes, self.words, self.ends, strict=True)
         ]
         drift = {"suspected_drift_mm": self.suspected_drift}
         return {"tested": self.tested, "limit_mm": self.limit, **drift, "faults": faults}
@@ -77,7 +86,7 @@ class CampaignCheck:
         Raises
         ------
         DataError
-            With estimate ± standard error, rows or points, and the remedy.
+            With estimate ± standard error, samples or points, and the remedy.
         """
         stopping = [
             (change.kind, words)
@@ -129,12 +138,14 @@ def check_campaign(
     if reference is not None and reference.notable:
         found.append(reference)
     assert samples.row is not None
+    ends = [[samples.identify(int(order[place])) for place in change.rows] for change in found]
     rows = samples.row[order]
     found = [replace(change, rows=(int(rows[change.rows[0]]), int(rows[change.rows[1]]))) for change in found]
     stated, repeatability = cell.correction.max_std_mm, cell.robot.repeatability_mm
     limit = stated or max(_LEAST_LIMIT, 2.0 * (repeatability or 0.0))
     tested = len(samples) if len(samples) >= FEWEST or reference is not None else 0
-    return CampaignCheck(found, [_sentence(change) for change in found], limit, tested, suspected)
+    words = [_sentence(change, *map(name_one, pair)) for change, pair in zip(found, ends, strict=True)]
+    return CampaignCheck(found, words, limit, tested, suspected, ends)
 
 
 def _stated(cell: Cell, samples: Samples, registration: Registration) -> float | None:
@@ -217,19 +228,18 @@ def _references(samples: Samples, order: IntArray) -> tuple[IntArray, IntArray]:
     return first[late], last[late]
 
 
-def _sentence(change: Change) -> str:
-    first, last = change.rows
+def _sentence(change: Change, first: str, last: str) -> str:
     chance = f"p = {change.p_value:.1g}"
     if change.kind == "scale":
         longer = "longer" if change.scale > 0 else "shorter"
         scale = f"{100 * abs(change.scale):.2f} ± {100 * change.scale_std:.2f} %"
-        return f"measured lengths are {scale} {longer} than commanded ones, rows {first} to {last} ({chance})"
+        return f"measured lengths are {scale} {longer} than commanded ones, from {first} to {last} ({chance})"
     by = f"{change.shift:.3f} ± {change.shift_std:.3f} mm"
     if change.turn_std:
         by += f" and {1e3 * change.turn:.3f} ± {1e3 * change.turn_std:.3f} mrad"
     if change.kind == "moved":
-        return f"the tracker, the robot base or the tool moved between row {first} and row {last}, by {by} ({chance})"
+        return f"the tracker, the robot base or the tool moved between {first} and {last}, by {by} ({chance})"
     if change.kind == "drift":
-        return f"the readings drift by {by} from row {first} to row {last} ({chance})"
+        return f"the readings drift by {by} from {first} to {last} ({chance})"
     points = f"{change.points} reference point" + ("s" if change.points > 1 else "")
-    return f"{points} moved by {by} between row {first} and row {last} ({chance})"
+    return f"{points} moved by {by} between {first} and {last} ({chance})"

@@ -59,7 +59,7 @@ class MapData:
     expected : dict
         The errors that ``auto`` leaves on unseen samples; empty when a predictor was named.
     excluded : list of dict
-        The samples left out of the fit, by ``row``, with the reason.
+        The samples left out of the fit, by ``row``, ``point`` and ``line``, with the ``reason``.
     campaign : dict
         The result of the tests of the measuring campaign: ``tested`` samples, ``limit_mm``, ``suspected_drift_mm`` and
         ``faults``, each with its ``words``; see `truepose.error_map.campaign.CampaignCheck`. Empty for a map that was

@@ -55,6 +55,12 @@ class _Expected(_Record):
     chosen: dict[str, int]
 
 
+class _Sample(_Record):
+    row: int
+    point: str | None = None
+    line: int | None = None
+
+
 class _Fault(_Record):
     kind: Literal["moved", "drift", "scale", "reference"]
     shift: float
@@ -64,6 +70,7 @@ class _Fault(_Record):
     scale: float
     scale_std: float
     rows: list[int] = Field(min_length=2, max_length=2)
+    ends: list[_Sample] = Field(default_factory=list, max_length=2)
     points: int
     words: str
     stops: bool
@@ -86,8 +93,7 @@ class _Worth(_Record):
     note: str = ""
 
 
-class _Excluded(_Record):
-    row: int
+class _Excluded(_Sample):
     reason: str
 
 

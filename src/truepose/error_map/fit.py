@@ -108,7 +108,6 @@ def fit_cell(
 
 def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:
     """Name the samples left out, and those to which a robust predictor gives almost no weight."""
-    assert samples.row is not None
     kept, model = np.flatnonzero(choice.gross == 0), choice.predictor
     reasons = {
         i: f"{choice.gross[i]:.1f} standard deviations from the prediction by the others"
@@ -117,4 +116,4 @@ def _excluded(samples: Samples, registration: Registration, choice: Choice) -> l
     if isinstance(model, OutlierWeighing):
         reasons |= dict.fromkeys(kept[model.gross_], "contradicted by the others")
     size = np.linalg.norm(registration.residuals, axis=1)
-    return [{"row": int(samples.row[i]), "reason": f"error of {size[i]:.3f} mm, {why}"} for i, why in reasons.items()]
+    return [{**samples.identify(int(i)), "reason": f"error of {size[i]:.3f} mm, {why}"} for i, why in reasons.items()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.errors import DataError, RobotError
 from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
+from truepose.geometry.plausibility import write_hint
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples, check_not_compensated
 
@@ -64,7 +66,17 @@ def check_samples(cell: Cell, robot: Robot, samples: Samples) -> None:
 def register_checked(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
     """Register samples, or some of those, that `check_samples` accepted; see `register_samples`."""
     with _radians_hinted(samples):
-        return _register(cell, robot, samples)
+        registration, tf_flange_tool, p_cmd = _register(cell, robot, samples)
+    return _with_names(registration, samples), tf_flange_tool, p_cmd
+
+
+def _with_names(registration: Registration, samples: Samples) -> Registration:
+    """Return a registration whose hint names points and lines instead of rows."""
+    found = registration.outliers, registration.swapped
+    by_row = write_hint(*found)
+    if not by_row:
+        return registration
+    return replace(registration, hint=registration.hint.replace(by_row, write_hint(*found, samples.rows)))
 
 
 @contextmanager

@@ -300,10 +300,13 @@ def _permuted(covariance: FloatArray, order: IntArray) -> FloatArray:
 
 
 def _concatenated(old: Samples, new: Samples) -> Samples:
-    """Return both tables in one, with the columns of both; the names of new rows follow those of the old ones."""
+    """Return both tables in one, with the columns of both; the numbers of new rows follow those of the old ones.
+
+    Lines are left out, as they are of two files.
+    """
     assert old.row is not None
     columns: dict[str, Any] = {}
-    for name in set(old.columns()) & set(new.columns()):
+    for name in set(old.columns()) & set(new.columns()) - {"line"}:
         a, b = getattr(old, name), getattr(new, name)
         columns[name] = Rotation.concatenate([a, b]) if isinstance(a, Rotation) else np.concatenate([a, b])
     columns["row"] = np.concatenate([old.row, old.row.max() + 1 + np.arange(len(new))])

@@ -71,7 +71,7 @@ def explain_misfit(poses: StationPoses, median: float, refit: Callable[[StationP
                 f"{misfit}; with row i of the readings at row i{shift:+d} of the commands they fit: "
                 "a row is missing, or there is one too many, at the start"
             )
-    raise DataError(f"{misfit}; check that the rows belong together and all readings are from one station")
+    raise DataError(f"{misfit}; check that commands and readings belong together and all readings are from one station")
 
 
 def find_swapped(tcp: FloatArray, measured: FloatArray, outliers: BoolArray, limit: float) -> IntArray:
@@ -84,12 +84,12 @@ def find_swapped(tcp: FloatArray, measured: FloatArray, outliers: BoolArray, lim
     return np.column_stack([rows[found], rows[np.asarray(nearest)[found]]]).astype(np.intp)
 
 
-def write_hint(outliers: BoolArray, swapped: IntArray) -> str:
-    """Return a hint if rows seem swapped or many readings are outliers, or an empty text."""
+def write_hint(outliers: BoolArray, swapped: IntArray, name: Callable[[IntArray], str] = name_rows) -> str:
+    """Return a hint if rows seem swapped or many readings are outliers, or an empty text; `name` names rows."""
     if len(swapped):
-        pairs = ", ".join(f"reading {reading} fits command {command}" for command, reading in swapped[:5])
+        pairs = ", ".join(f"the reading of {name(one[1:])} fits the command of {name(one[:1])}" for one in swapped[:5])
         return f"rows are swapped or shifted: {pairs}{' …' if len(swapped) > 5 else ''}"
     if outliers.mean() > 0.1:
-        rows = name_rows(np.flatnonzero(outliers))
+        rows = name(np.flatnonzero(outliers))
         return f"{outliers.sum()} of {len(outliers)} readings are outliers ({rows}): rows may be swapped or shifted"
     return ""

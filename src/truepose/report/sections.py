@@ -104,7 +104,7 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
     tested = say("cell.held_out_none")
     if held_out is not None:
         tested = say("cell.held_out_text", n=len(held_out), source=held_out.source)
-    excluded = [say("cell.excluded_text", row=row["row"], reason=row["reason"]) for row in error_map.excluded]
+    excluded = [say("cell.excluded_text", sample=_sample(row, say), reason=row["reason"]) for row in error_map.excluded]
     if len(excluded) > _LISTED:
         excluded = [*excluded[:_LISTED], say("cell.more", n=len(excluded) - _LISTED)]
     bounds = {
@@ -134,13 +134,25 @@ def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
         say(
             f"cell.campaign_{fault['kind']}",
             **{name: factor * fault[name] for name, factor in {"shift": 1.0, "shift_std": 1.0, **parts}.items()},
-            first=fault["rows"][0],
-            last=fault["rows"][1],
+            **dict(zip(("first", "last"), _ends(fault, say), strict=True)),
             points=fault["points"],
         )
         for fault in campaign["faults"]
     ]
     return "; ".join(faults) or say("cell.campaign_none", n=campaign["tested"])
+
+
+def _ends(fault: Mapping[str, Any], say: Locale) -> list[str]:
+    """Return the names of the first and the last sample of a fault; maps of earlier versions hold rows alone."""
+    return [_sample(one, say) for one in fault.get("ends") or [{"row": row} for row in fault["rows"]]]
+
+
+def _sample(known: Mapping[str, Any], say: Locale) -> str:
+    """Return the name of a sample in the report's language."""
+    where = "line" if known.get("line") is not None else "row"
+    if known.get("point"):
+        return say("cell.sample_line" if where == "line" else "cell.sample_point", **known)
+    return say(f"cell.sample_{where}_only", **known)
 
 
 def _arm(evidence: Evidence, say: Locale) -> str:

@@ -2,6 +2,7 @@
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
 from truepose.samples.examples import Example, load_example
+from truepose.samples.naming import name_one, name_points
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import append_columns, read_poses, read_samples, samples_text, write_samples
 
@@ -16,6 +17,8 @@ __all__ = [
     "check_turns",
     "load_example",
     "looks_like_metres",
+    "name_one",
+    "name_points",
     "read_poses",
     "read_samples",
     "samples_text",

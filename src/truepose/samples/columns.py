@@ -90,7 +90,7 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
         If a column name is misspelt, duplicated, without unit or without its neighbours, or a field is invalid.
     """
     found: dict[str, dict[int, tuple[int, float]]] = {}
-    for column, name in enumerate(table.header):
+    for column, name in enumerate(_known_names(table.header)):
         known = _recognise(name, table)
         if known is not None and known[0].array in wanted:
             quantity, factor = known
@@ -104,6 +104,12 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
                 )
             places[quantity.index] = (column, factor)
     return {array: _values(table, array, places, finite) for array, places in found.items()}
+
+
+def _known_names(header: list[str]) -> list[str]:
+    """Return the names of columns with a table's ``point`` as ``name``, unless it has both."""
+    lower = [name.lower() for name in header]
+    return header if "name" in lower else ["name" if name == "point" else header[k] for k, name in enumerate(lower)]
 
 
 def require(table: TextTable, arrays: Collection[str], *stems: str) -> None:

@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 from truepose._io.strict import LARGEST
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.samples.naming import name_points
 
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
 _REPR_UNITS: Final = {"temperature": "°C", "load": "kg"}
-_NAMED_ROWS: Final = 6
+_WHOLE: Final = ("row", "line")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -41,9 +42,11 @@ class Poses:
     load : (n,) array [kg], optional
         The mass of the payload.
     name : (n,) array of str, optional
-        The names of the poses.
+        The names of the points, for messages and to match readings with.
     row : (n,) array of int, optional
-        The number of each row in messages; from 0 if not given.
+        The number of each row in JSON; from 0 if not given.
+    line : (n,) array of int, optional
+        The line of each pose in its file, from 1, for messages.
     source : str
         The origin of the table, for messages.
 
@@ -68,6 +71,7 @@ class Poses:
     load: FloatArray | None = None
     name: NDArray[np.str_] | None = None
     row: IntArray | None = None
+    line: IntArray | None = None
     source: str = "samples"
 
     def __post_init__(self) -> None:
@@ -76,7 +80,9 @@ class Poses:
         for name in self.columns():
             value = getattr(self, name)
             if not isinstance(value, Rotation):
-                value = np.asarray(value, dtype={"name": np.str_, "row": np.int64}.get(name, np.float64))
+                value = np.asarray(
+                    value, dtype=np.str_ if name == "name" else np.int64 if name in _WHOLE else np.float64
+                )
                 object.__setattr__(self, name, value)
             self._validate(name, value)
         if self.row is None:
@@ -87,7 +93,7 @@ class Poses:
         n = len(getattr(self, first))
         if len(value) != n:
             raise DataError(f"{self.source}: {name} has {len(value)} rows, {first} has {n}")
-        if isinstance(value, Rotation) or name in ("name", "row"):
+        if isinstance(value, Rotation) or name in ("name", *_WHOLE):
             return
         expected = (n, 3) if name in _VECTORS else (n, value.shape[-1]) if name in ("q", "approach") else (n,)
         if value.shape != expected:
@@ -116,9 +122,9 @@ class Poses:
         return "\n".join([f"{type(self).__name__}: {len(self)} rows from {self.source}", *facts])
 
     def _fact(self, name: str) -> str:
-        """Return the extent of a quantity in a few words; nothing for names and row numbers."""
+        """Return the extent of a quantity in a few words; nothing for names, rows and lines."""
         value = getattr(self, name)
-        if name in ("row", "name") or not len(self):
+        if name in ("name", *_WHOLE) or not len(self):
             return ""
         if isinstance(value, Rotation):
             turn = np.rad2deg((value[0].inv() * value).magnitude().max())
@@ -152,12 +158,21 @@ class Poses:
         )
 
     def rows(self, which: NDArray[Any]) -> str:
-        """Return the names of rows (a mask, or indices) for a message: "row 3", "rows 3, 7, 9 and 12 more"."""
+        """Return the names of rows (a mask, or indices) for a message: "points P3 (line 4), P7 (line 8) and 12 more".
+
+        Without names it is "line 4"; for a table that is no file and has no names, "row 3", counted from 0.
+        """
         which = np.asarray(which)
         index = np.flatnonzero(which) if which.dtype == np.bool_ else which
-        names = (np.arange(len(self)) if self.row is None else self.row)[index]
-        more = f" and {len(names) - _NAMED_ROWS} more" if len(names) > _NAMED_ROWS else ""
-        return f"row{'s' if len(names) != 1 else ''} {', '.join(map(str, names[:_NAMED_ROWS]))}{more}"
+        return name_points([self.identify(int(i)) for i in index])
+
+    def identify(self, i: int) -> dict[str, Any]:
+        """Return the ``row``, ``point`` and ``line`` of a sample by its index, for JSON; None where not known."""
+        return {
+            "row": i if self.row is None else int(self.row[i]),
+            "point": None if self.name is None else str(self.name[i]) or None,
+            "line": None if self.line is None else int(self.line[i]),
+        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,7 +3,7 @@
 ==========================================  =========================================================================
 columns                                     meaning
 ==========================================  =========================================================================
-row, name                                   number and name of the row in messages; from 0 if absent
+name (or point), row                        name of the point, for messages; number of the row in JSON, from 0
 q1_deg …                                    joints, in the robot's own order and sign
 x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz(yaw) Ry(pitch) Rx(roll)
 x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)
@@ -74,7 +74,7 @@ def read_samples(path: str | Path) -> Samples:
     arrays = gather(table, _COMMANDED | _MEASURED)
     require(table, arrays, "x_meas")
     require(table, arrays, "q1", "x_cmd")
-    samples = Samples(**_rotations(arrays), source=str(path))
+    samples = Samples(**_rotations(arrays), line=table.line, source=str(path))
     check(samples)
     return samples
 
@@ -109,7 +109,7 @@ def read_poses(path: str | Path) -> Poses:
     table = read_table(path)
     arrays = gather(table, _COMMANDED)
     require(table, arrays, "q1", "x_cmd")
-    poses = Poses(**_rotations(arrays), source=str(path))
+    poses = Poses(**_rotations(arrays), line=table.line, source=str(path))
     check(poses)
     return poses
 

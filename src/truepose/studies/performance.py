@@ -201,8 +201,7 @@ def _pose_names(measurements: Samples, p_cmd: FloatArray) -> NDArray[np.str_]:
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     _, group = connected_components(graph, directed=False)
     _, first, which = np.unique(group, return_index=True, return_inverse=True)
-    assert measurements.row is not None
-    return np.array([f"row {row}" for row in measurements.row[first]])[which]
+    return np.array([measurements.rows(np.array([i])) for i in first])[which]
 
 
 def _turns(measurements: Samples, rotation_cmd: Rotation | None, tf_base_tracker: FloatArray) -> FloatArray | None:

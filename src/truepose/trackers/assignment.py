@@ -74,7 +74,7 @@ def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignme
     p_given, repeated = p_read, _repeats_the_one_before(p_plan, p_read, repeat_mm)
     p_read = np.where(repeated[:, None], np.nan, p_given)
     tf, in_order = _start(p_plan, p_read, repeated)
-    gate = max(_GATE * float(np.median(_nearest(tf, p_plan, p_read))), _SMALLEST_GATE_MM)
+    gate = gate_of(_nearest(tf, p_plan, p_read))
     reading = np.full(len(p_plan), -1)
     for _ in range(_ROUNDS):
         previous, p_base = reading, apply_transform(tf, p_read)
@@ -84,7 +84,7 @@ def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignme
             break
         tf = register(p_plan[paired], p_read[reading[paired]], robust=True).tf_base_tracker
         residual = np.linalg.norm(apply_transform(tf, p_read[reading[paired]]) - p_plan[paired], axis=1)
-        gate = max(_GATE * float(np.median(residual)), _SMALLEST_GATE_MM)
+        gate = gate_of(residual)
     p_base = apply_transform(tf, p_given)
     owner = _find_repeats(reading, p_given, repeat_mm)
     outlier = _pair_by_order(reading, owner, p_plan, p_base)
@@ -92,12 +92,17 @@ def assign(p_plan: FloatArray, p_read: FloatArray, repeat_mm: float) -> Assignme
     return Assignment(reading, owner, residual, outlier, gate, tf)
 
 
+def gate_of(residual: FloatArray) -> float:
+    """Return the largest residual [mm] of a reading that is not an outlier."""
+    return max(_GATE * float(np.median(residual)), _SMALLEST_GATE_MM)
+
+
 def _start(p_plan: FloatArray, p_read: FloatArray, repeated: BoolArray) -> tuple[FloatArray, bool]:
     """Return a first registration, and whether it uses the given order."""
     candidates: list[FloatArray] = []
     if len(p_plan) == len(p_read) and (registration := _register(p_plan, p_read, robust=True)) is not None:
         tf, residual = registration
-        gate = max(_GATE * float(np.median(residual)), _SMALLEST_GATE_MM)
+        gate = gate_of(residual)
         spread = float(np.linalg.norm(np.std(p_plan, axis=0)))
         if (residual <= gate).mean() >= _IN_ORDER and gate < max(spread, 2 * _SMALLEST_GATE_MM):
             return tf, True

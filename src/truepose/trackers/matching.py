@@ -14,6 +14,7 @@ from truepose.errors import DataError
 from truepose.geometry.transforms import apply_transform
 from truepose.samples import Poses, Samples, check, check_turns
 from truepose.trackers.assignment import Assignment, assign
+from truepose.trackers.by_name import BY_NAME, match_names
 from truepose.trackers.readings import Readings
 from truepose.trackers.station import describe_move
 
@@ -31,17 +32,20 @@ class ImportSummary:
     layout, unit, frame, source : str
         The layout, the unit of length, the frame and the path of the file.
     readings, plan, samples : int
-        The numbers of readings in the file, rows of the plan, and resulting samples.
+        The numbers of readings in the file, points of the plan, and resulting samples.
     averaged : int
         The number of repeated readings, which were averaged.
     missing, reordered, outliers : tuple of int
-        The rows of the plan without a reading, read in another order, and with a residual outside the gate (kept).
+        The rows of the plan, from 0, without a reading, read in another order, and with a residual outside the gate
+        (kept).
     scatter_mm : float, optional
         The pooled standard deviation of repeats per axis.
     median_mm, max_mm : float [mm]
         The residuals after a rigid registration, including the error of the tool, which is not fitted here.
     notes : tuple of str
         Further sentences on the file.
+    missing_points, reordered_points, outlier_points : tuple of str
+        The points of `missing`, `reordered` and `outliers` as messages name them: "P12 (line 13)".
     """
 
     layout: str
@@ -59,26 +63,32 @@ class ImportSummary:
     median_mm: float
     max_mm: float
     notes: tuple[str, ...] = ()
+    missing_points: tuple[str, ...] = ()
+    reordered_points: tuple[str, ...] = ()
+    outlier_points: tuple[str, ...] = ()
 
     def sentences(self) -> list[str]:
         """Return the summary as sentences, the most important first."""
         frame = f", frame {self.frame}" if self.frame else ""
         lines = [
             f"{self.source}: {self.layout}, lengths in {self.unit}{frame}.",
-            f"{self.readings} readings for {self.plan} rows of the plan gave {self.samples} samples.",
+            f"{self.readings} readings for {self.plan} points of the plan gave {self.samples} samples.",
         ]
         if self.averaged:
             scatter = (
                 "" if self.scatter_mm is None else f"; standard deviation of repeats {self.scatter_mm:.3g} mm per axis"
             )
             lines.append(f"{self.averaged} readings repeat another and were averaged with it{scatter}.")
-        for rows, what in (
-            (self.missing, "have no reading and were left out"),
-            (self.reordered, "were read in another order and have been reordered"),
-            (self.outliers, "lie far from their expected positions; check them"),
+        for points, what in (
+            (self.missing_points, "Points of the plan without a reading, left out"),
+            (self.reordered_points, "Points of the plan read in another order, and reordered"),
+            (
+                self.outlier_points,
+                "Points of the plan whose readings lie far from the expected positions, to be checked",
+            ),
         ):
-            if rows:
-                lines.append(f"Rows {', '.join(map(str, rows))} {what}.")
+            if points:
+                lines.append(f"{what}: {', '.join(points)}.")
         residuals = f"median {self.median_mm:.3g} mm, at most {self.max_mm:.3g} mm"
         lines += self.notes
         lines.append(f"Residuals after rigid registration, tool not fitted: {residuals}.")
@@ -94,7 +104,7 @@ def match(
     two_stations: bool = False,
     repeat_mm: float = _REPEAT_MM,
 ) -> tuple[Samples, ImportSummary]:
-    """Match readings with the plan of their measurement.
+    """Match readings with the plan of their measurement: by the names of points where both have them, else by position.
 
     Parameters
     ----------
@@ -103,13 +113,13 @@ def match(
     plan : Poses
         The plan, with commanded positions.
     reorder : bool
-        Whether rows may have been read in another order than planned.
+        Whether points may have been read in another order than planned; not needed where they are matched by name.
     missing : bool
-        Whether rows may lack a reading; they are left out.
+        Whether points may lack a reading; they are left out.
     two_stations : bool
         Whether the readings may come from two tracker stations.
     repeat_mm : float [mm]
-        The largest distance of repeated readings of one row; they are averaged, and their standard deviation is kept
+        The largest distance of repeated readings of one point; they are averaged, and their standard deviation is kept
         as `p_std` unless the file states one.
 
     Returns
@@ -122,24 +132,28 @@ def match(
     Raises
     ------
     DataError
-        If readings are missing or swapped without permission, if some match no row, or if the file does not match the
-        plan; with the rows or lines.
+        If readings are missing or swapped without permission, if some match no point, if one name stands for distant
+        readings, or if the file does not match the plan; with the points and lines.
     """
     if plan.p_cmd is None:
         raise plan.error("has no commanded positions (x_cmd_mm …); compute them from the joints and the robot first")
-    count = f"{int((~readings.missing).sum())} readings for {len(plan)} rows of the plan"
-    found, move = _assign(readings, plan, plan.p_cmd, count, two_stations, repeat_mm)
-    absent, moved = found.reading < 0, _moved(found)
+    count = f"{int((~readings.missing).sum())} readings for {len(plan)} points of the plan"
+    found, move, note = _assign(readings, plan, plan.p_cmd, count, two_stations, repeat_mm)
+    absent = found.reading < 0
+    moved = np.zeros_like(absent) if note == BY_NAME else _moved(found)
     extra = (found.owner < 0) & ~readings.missing
     if extra.any():
-        strangers = f"{readings.lines(extra)} fit{'s' if extra.sum() == 1 else ''} no row"
+        strangers = f"{readings.points(extra)} fit{'s' if extra.sum() == 1 else ''} no point of the plan"
         raise DataError(f"{readings.source}: {count}; {strangers}; remove, or complete the plan")
     if absent.any() and not missing:
-        remedy = "measure again, or allow missing rows"
-        raise DataError(f"{readings.source}: {count}; without a reading: {plan.rows(absent)}; {remedy}")
+        remedy = "measure again, or leave out with --missing (missing=True in Python)"
+        raise DataError(
+            f"{readings.source}: {count}; without a reading: {plan.rows(absent)} of {plan.source}; {remedy}"
+        )
     if moved.any() and not reorder:
         described = _describe_moved(found, readings, plan, moved)
-        raise DataError(f"{readings.source}: {described}; correct the file, or allow reordering")
+        remedy = "correct the file, or reorder with --reorder (reorder=True in Python)"
+        raise DataError(f"{readings.source}: {described}; {remedy}")
     samples, scatter, averaged = _join(readings, plan[~absent], found.owner, np.flatnonzero(~absent))
     check(samples)
     check_turns(samples)
@@ -159,38 +173,49 @@ def match(
         scatter_mm=scatter,
         median_mm=float(np.nanmedian(found.residual)),
         max_mm=float(np.nanmax(found.residual)),
-        notes=(*readings.notes, *([f"It seems that {move}."] if move else [])),
+        notes=(*readings.notes, *filter(None, [note, f"It seems that {move}." if move else ""])),
+        missing_points=_named(plan, absent),
+        reordered_points=_named(plan, moved),
+        outlier_points=_named(plan, found.outlier),
     )
     return samples, summary
 
 
+def _named(plan: Poses, which: BoolArray) -> tuple[str, ...]:
+    return tuple(plan.rows(np.array([i])).removeprefix("point ") for i in np.flatnonzero(which))
+
+
 def _assign(
     readings: Readings, plan: Poses, p_cmd: FloatArray, count: str, two_stations: bool, repeat_mm: float
-) -> tuple[Assignment, str]:
-    """Return the assignment of readings to rows, and the description of a move of the tracker."""
+) -> tuple[Assignment, str, str]:
+    """Return the assignment of readings to points, the description of a move of the tracker, and a note on names."""
     p_read = np.where(readings.missing[:, None], np.nan, readings.p)
     if np.isfinite(p_read).all(axis=1).sum() < 3 or len(plan) < 3:
         raise DataError(f"{readings.source}: {count}; at least 3 are required to match them by distances")
     _refuse_other_units(readings, p_cmd)
-    move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
-    _refuse_move(readings, move, two_stations)
-    try:
-        found = assign(p_cmd, p_read, repeat_mm)
-    except DataError as error:
-        raise _stranger(readings, plan, str(error)) from None
+    named = match_names(readings, plan, p_cmd, repeat_mm)
+    found, move = named.assignment, ""
+    if found is None:
+        move = describe_move(readings, plan, None, repeat_mm) if len(readings) == len(plan) else ""
+        _refuse_move(readings, move, two_stations)
+        try:
+            found = assign(p_cmd, p_read, repeat_mm)
+        except DataError as error:
+            raise _stranger(readings, plan, str(error)) from None
     move = move or describe_move(readings, plan, found, repeat_mm)
     _refuse_move(readings, move, two_stations)
     fitting = (found.reading >= 0) & ~found.outlier
     spread = float(np.sqrt(p_cmd.var(axis=0).sum()))
     if fitting.sum() < 0.5 * min(len(plan), (~readings.missing).sum()) or found.gate > max(spread, 2.0):
-        raise _stranger(readings, plan, f"only {int(fitting.sum())} fit a row under any one registration")
-    return found, move
+        raise _stranger(readings, plan, f"only {int(fitting.sum())} fit a point under any one registration")
+    return found, move, named.note
 
 
 def _refuse_move(readings: Readings, move: str, allowed: bool) -> None:
     if move and not allowed:
-        remedy = "import the readings before and after the move as two files, each with its rows of the plan"
-        raise DataError(f"{readings.source}: {move}; {remedy}, or allow two stations if the tracker did not move")
+        remedy = "import the readings before and after the move as two files, each with its points of the plan"
+        allow = "pass --two-stations (two_stations=True in Python) if the tracker did not move"
+        raise DataError(f"{readings.source}: {move}; {remedy}, or {allow}")
 
 
 def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:
@@ -207,11 +232,11 @@ def _stranger(readings: Readings, plan: Poses, why: str) -> DataError:
     """Return the error for readings that do not match the plan."""
     count = int((~readings.missing).sum())
     if count >= 2 * len(plan) and count % len(plan) == 0:
-        why = f"{count // len(plan)} for each row, and no repeats; several reflectors per pose?"
-        why += " State their positions on the tool, or which to keep"
+        why = f"{count // len(plan)} for each point, and no repeats; several reflectors per pose?"
+        why += " State their positions on the tool with --reflectors, or which to keep with --keep"
     else:
         why += "; is it this plan, in this order, and did the tracker stand still?"
-    return DataError(f"{readings.source}: {count} readings for {len(plan)} rows of the plan: {why}")
+    return DataError(f"{readings.source}: {count} readings for {len(plan)} points of the plan: {why}")
 
 
 def _moved(found: Assignment) -> BoolArray:
@@ -245,13 +270,14 @@ def _describe_moved(found: Assignment, readings: Readings, plan: Poses, moved: B
     """Describe the rows read out of order with their lines; for two swapped rows, with the residuals of both orders."""
     assert plan.p_cmd is not None
     rows = np.flatnonzero(moved)
-    lines = readings.lines(found.reading[rows])
+    lines = f"read in {readings.lines(found.reading[rows])}"
     if len(rows) != 2:
-        return f"{plan.rows(rows)} {'was' if len(rows) == 1 else 'were'} read out of order ({lines})"
+        return f"{plan.rows(rows)} of {plan.source} {'was' if len(rows) == 1 else 'were'} read out of order ({lines})"
     p_base = apply_transform(found.tf_base_tracker, readings.p[found.reading[rows[::-1]]])
     as_read = np.linalg.norm(p_base - plan.p_cmd[rows], axis=1).max()
     exchanged = found.residual[rows].max()
-    return f"{plan.rows(rows)} are swapped ({lines}; residual {as_read:.4g} mm as read, {exchanged:.3g} mm exchanged)"
+    found_at = f"{lines}; residual {as_read:.4g} mm as read, {exchanged:.3g} mm exchanged"
+    return f"{plan.rows(rows)} of {plan.source} are swapped ({found_at})"
 
 
 def _join(readings: Readings, plan: Poses, owner: IntArray, rows: IntArray) -> tuple[Samples, float | None, int]:
@@ -262,6 +288,7 @@ def _join(readings: Readings, plan: Poses, owner: IntArray, rows: IntArray) -> t
     averaged = int((count - 1).sum())
     p = _mean(readings.p[used], group, count)
     variance = ((readings.p[used] - p[group]) ** 2).sum(axis=0) / averaged if averaged else np.zeros(3)
+    first = used[np.unique(group, return_index=True)[1]]
     p_std = None
     if readings.p_std is not None:
         p_std = np.sqrt(_mean(readings.p_std[used] ** 2, group, count) / count[:, None])
@@ -274,7 +301,9 @@ def _join(readings: Readings, plan: Poses, owner: IntArray, rows: IntArray) -> t
         optional["rotation_std"] = np.sqrt(_mean(readings.rotation_std[used] ** 2, group, count) / count[:, None])
     if readings.time is not None:
         optional["time"] = _mean(readings.time[used, None], group, count)[:, 0]
-    commanded = {name: getattr(plan, name) for name in plan.columns()}
+    commanded = {name: getattr(plan, name) for name in plan.columns()} | {"line": readings.line[first]}
+    if plan.name is None and readings.name is not None and len(set(readings.name[first])) == len(plan):
+        commanded["name"] = readings.name[first]
     scatter = float(np.sqrt(variance.mean())) if averaged else None
     return Samples(p_meas=p, p_std=p_std, source=readings.source, **commanded, **optional), scatter, averaged
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import FileError
-from truepose.samples import looks_like_metres
-
-_NAMED_LINES: Final = 6
+from truepose.samples import looks_like_metres, name_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +75,13 @@ class Readings:
 
     def lines(self, which: NDArray[Any]) -> str:
         """Return the lines of readings (a mask, or indices) for a message: "line 3", "lines 3, 7, 9 and 12 more"."""
-        lines = self.line[which]
-        more = f" and {len(lines) - _NAMED_LINES} more" if len(lines) > _NAMED_LINES else ""
-        return f"line{'s' if len(lines) != 1 else ''} {', '.join(map(str, lines[:_NAMED_LINES]))}{more}"
+        return name_points([{"line": line} for line in self.line[which].tolist()])
+
+    def points(self, which: NDArray[Any]) -> str:
+        """Return the names and lines of readings (a mask, or indices) for a message: "point P3 (line 4)"."""
+        names = [""] * len(self.line[which]) if self.name is None else self.name[which].tolist()
+        lines = self.line[which].tolist()
+        return name_points([{"point": name, "line": line} for name, line in zip(names, lines, strict=True)])
 
 
 def first_line(text: str) -> str:

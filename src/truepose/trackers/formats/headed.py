@@ -21,7 +21,7 @@ from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.layout import Layout, row_names
 from truepose.trackers.readings import Readings, check_metres, first_line
 
-_STEMS: Final = {
+STEMS: Final = {
     **{
         name: axis
         for axis in "xyz"
@@ -40,7 +40,7 @@ def _names_xyz(text: str) -> bool:
     """Return whether the first line names x, y and z and, between blanks, as many columns as the next line has."""
     line = first_line(text)
     names = _names(line)
-    if not {"x", "y", "z"} <= {_STEMS.get(split_unit(name)[0]) for name in names}:
+    if not {"x", "y", "z"} <= {STEMS.get(split_unit(name)[0]) for name in names}:
         return False
     rows = [row for row in text.splitlines() if row.strip()]
     return find_delimiter(line) != " " or len(rows) < 2 or len(rows[1].split()) == len(names)
@@ -58,7 +58,7 @@ def header_columns(text: str, path: str | Path) -> Columns:
     found: dict[str, tuple[int, str]] = {}
     for column, name in enumerate(_names(line), start=1):
         stem, unit = split_unit(name)
-        if (what := _STEMS.get(stem)) is None:
+        if (what := STEMS.get(stem)) is None:
             continue
         if what in found and what in "xyz":
             message = f"columns {found[what][0]} and {column} are both {what}; say which with --columns"
@@ -79,7 +79,7 @@ def header_columns(text: str, path: str | Path) -> Columns:
 def _states_unit(text: str) -> bool:
     """Return whether the header states the unit of x."""
     named = (split_unit(name) for name in _names(first_line(text)))
-    return any(_STEMS.get(stem) == "x" and unit for stem, unit in named)
+    return any(STEMS.get(stem) == "x" and unit for stem, unit in named)
 
 
 def _names(line: str) -> list[str]:

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truepose._io.delimited import decode, first_row, parse
+from truepose._io.delimited import TextTable, decode, first_row, parse
 from truepose._io.files import read_bytes
 from truepose._io.units import split_unit
 from truepose.errors import FileError
 from truepose.samples import Poses, check, read_poses
+from truepose.trackers.formats.headed import STEMS
 from truepose.trackers.layout import NUMBER
 
 _N: Final = rf"\s*+({NUMBER})\s*+"
@@ -45,10 +47,18 @@ def read_plan(path: str | Path) -> Poses:
         if found := list(pattern.finditer(text)):
             q = factor * np.array([match.groups()[-6:] for match in found], dtype=np.float64)
             names = [match["name"] for match in found]
-            poses = Poses(q=q, name=np.array(names) if all(names) else None, source=str(path))
+            ends = np.array([end.start() for end in re.finditer("\n", text)])
+            lines = 1 + np.searchsorted(ends, [match.start() for match in found])
+            poses = Poses(q=q, name=np.array(names) if all(names) else None, line=lines, source=str(path))
             check(poses)
             return poses
     return _read_table(text, path)
+
+
+def _names(table: TextTable) -> NDArray[np.str_] | None:
+    """Return the names of the points, if a column holds them."""
+    column = next((k for k, name in enumerate(table.header) if STEMS.get(split_unit(name)[0]) == "name"), None)
+    return None if column is None else table.fields[:, column]
 
 
 def _read_table(text: str, path: str | Path) -> Poses:
@@ -70,6 +80,6 @@ def _read_table(text: str, path: str | Path) -> Poses:
         units = {"deg"}
     if units not in ({"deg"}, {"rad"}):
         raise FileError(path, "has no unit of the joints; write j1_deg … or j1_rad …", line=table.header_line)
-    poses = Poses(q=np.deg2rad(q) if units == {"deg"} else q, source=str(path))
+    poses = Poses(q=np.deg2rad(q) if units == {"deg"} else q, name=_names(table), line=table.line, source=str(path))
     check(poses)
     return poses
