@@ -18,18 +18,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fontTools.ttLib import TTFont
+from scipy.spatial.transform import Rotation
 
+from truepose.cell import Cell
 from truepose.error_map import load_map
 from truepose.error_map.fit import fit_cell
 from truepose.errors import DataError, FileError
 from truepose.report import write_report
-from truepose.report.document import Document, Table
+from truepose.report.conformity import decision
+from truepose.report.document import Document, Facts, Table
 from truepose.report.evidence import Evidence, gather
 from truepose.report.locale import LOCALES, load_locale
 from truepose.report.page import to_html, to_pdf
 from truepose.report.records import read_record
 from truepose.report.region import planes
-from truepose.report.sections import document
+from truepose.report.sections import controller_angles, document
 from truepose.report.study import similarity_study
 from truepose.samples import Poses
 from truepose.simulation import VirtualCell
@@ -142,9 +145,11 @@ def test_every_section_is_told(evidence, documents, locale):
     say, made = load_locale(locale), documents[locale]
     titles = [section.title for section in made.sections]
     keys = (
-        "cell",
+        "job",
+        "conformity",
         "accuracy",
         "signatures",
+        "cell",
         "errors",
         "maps",
         "registration",
@@ -212,14 +217,16 @@ def test_names_in_other_characters(error_map, study, sidecar, no_figures):
 
 def test_without_held_out_poses_the_report_says_so(error_map, study, no_figures):
     made = document(gather(error_map, study=study), EN)
-    assert made.lead[1].warns
-    assert "leave-one-out" in made.lead[1].text
+    warned = [text.text for text in made.lead if text.warns]
+    assert "leave-one-out" in warned[0]
+    assert made.tiles[0] == ("not assessed", "no tolerance stated")
     assert made.tiles[-1] == ("60", "poses, leave-one-out")
 
 
 def test_poses_of_the_fit_are_told(error_map, cell, study, no_figures):
     made = document(gather(error_map, cell[1], study=study), load_locale("de"))
-    assert made.lead[1].text.startswith("60 der Prüfposen gingen in die Anpassung ein")
+    warned = [text.text for text in made.lead if text.warns]
+    assert warned[0].startswith("60 der Prüfposen gingen in die Anpassung ein")
 
 
 def test_held_out_table_is_hashed(error_map, cell, study, tmp_path, no_figures):
@@ -395,4 +402,72 @@ def test_faults_of_the_campaign_are_named(evidence, language, no_figures):
             assert f"{say.number(0.234, '.3f')} ± {say.number(0.011, '.3f')} mm" in text
             assert "59" in text
     assert say("cell.campaign_none", n=60) in told({"tested": 60, "limit_mm": 0.1, "faults": []})
-    assert say("cell.campaign_untested") in told({})
+    assert f"{say('cell.campaign')}{say('report.missing')}" in told({})
+
+
+@pytest.fixture(scope="module")
+def stated_cell(cell, tmp_path_factory):
+    """Return the cell with the facts of a report and a tolerance."""
+    folder = tmp_path_factory.mktemp("stated")
+    (folder / "logo.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"></svg>')
+    text = cell[0].cell.to_toml().replace("[tracker]", "[tracker]\nstd_mm = 0.01") + (
+        '\n[report]\ncompany = "Ex & Co"\nlogo = "logo.svg"\nmeasured = 2025-03-01\n'
+        "reflector_calibration_due = 2025-02-28\ntolerance_mm = 0.4\n"
+    )
+    return Cell.from_toml(text, folder=folder)
+
+
+@pytest.mark.promise("the report decides on conformity by ISO 14253-1, and flags missing facts")
+@pytest.mark.parametrize("language", LOCALES)
+def test_conformity_and_missing_facts(error_map, cell, stated_cell, study, language, no_figures):
+    say = load_locale(language)
+    found = gather(error_map, cell[2], cell=stated_cell, study=study, date=DATE)
+    made = document(found, say)
+    length, u = np.linalg.norm(found.after, axis=1), 2 * found.reading_std
+    expected = "pass" if (length + u <= 0.4).all() else "fail" if (length - u > 0.4).any() else "undecided"
+    assert made.tiles[0][0] == say(f"conformity.{expected}")
+    counts = next(b for s in made.sections for b in s.blocks if isinstance(b, Table) and len(b.columns) == 4)
+    assert [int(n) for n in counts.rows[1][1:]] == [
+        (length + u <= 0.4).sum(),
+        ((length + u > 0.4) & (length - u <= 0.4)).sum(),
+        (length - u > 0.4).sum(),
+    ]
+    warned = " ".join(text.text for text in made.lead if text.warns)
+    assert say("job.overdue", what=say("job.reflector"), due="2025-02-28", day="2025-03-01") in warned
+    assert say("job.operator") in warned
+    assert say("job.company") not in warned
+    page = to_html(made)
+    listed = [block for section in made.sections for block in section.blocks if isinstance(block, Facts)]
+    assert page.count('class="missing"') == sum(len(block.missing) for block in listed) > 10
+    assert 'src="data:image/svg+xml;base64,' in page
+    assert to_pdf(made, DATE).startswith(b"%PDF-")
+
+
+def test_nothing_is_decided_without_proof(error_map, cell, stated_cell, study):
+    assert decision(gather(error_map, cell=stated_cell, study=study)) is None
+    assert decision(gather(error_map, cell[1], cell=stated_cell, study=study)) is None
+    assert decision(gather(error_map, cell[2], study=study)) is None
+    other = Cell.from_toml('[robot]\nmodel = "kuka-kr150-2"\n')
+    with pytest.raises(DataError, match=r"describes a kuka-kr150-2, but the map is of a kuka-kr210-r2700-extra"):
+        gather(error_map, cell=other, study=study)
+
+
+def test_a_logo_that_cannot_be_used_is_named(error_map, cell, stated_cell, study, no_figures):
+    lost = stated_cell.model_copy(update={"report": stated_cell.report.model_copy(update={"logo": "gone.png"})})
+    made = document(gather(error_map, cell[2], cell=lost, study=study), EN)
+    assert made.logo is None
+    assert any("The logo gone.png was not found" in text.text for text in made.lead)
+
+
+@pytest.mark.parametrize(
+    ("controller", "text"),
+    [
+        ("kuka", "A 90.00000°; B 0.00000°; C 0.00000°"),
+        ("fanuc", "W 0.00000°; P 0.00000°; R 90.00000°"),
+        ("ur", "rx 0.0000000 rad; ry 0.0000000 rad; rz 1.5707963 rad"),
+        ("abb", "q1 0.7071068; q2 0.0000000; q3 0.0000000; q4 0.7071068 (quaternion w, x, y, z)"),
+        (None, "q1 0.7071068; q2 0.0000000; q3 0.0000000; q4 0.7071068 (quaternion w, x, y, z)"),
+    ],
+)
+def test_orientations_are_the_controllers_own(controller, text):
+    assert controller_angles(Rotation.from_euler("z", 90, degrees=True), controller, EN).replace("−", "") == text

@@ -53,11 +53,15 @@ def report(
         list[Path] | None,
         typer.Option("--verification", help="File of 'truepose verify --out FILE.json'; may be repeated."),
     ] = None,
+    cell_path: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file with the facts of the report; by default the map's own.")
+    ] = None,
     locale: Annotated[str, typer.Option(help="Language: en, de or zh.")] = "en",
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a report for signature: accuracy, similarity, prediction model, maps, corrected programs, provenance."""
+    """Write a report for signature: conformity, accuracy, similarity, model, maps, corrected programs, provenance."""
+    from truepose.cell import load_cell
     from truepose.error_map import load_map
     from truepose.report import write_report
     from truepose.samples import read_samples
@@ -66,9 +70,16 @@ def report(
     with working() as progress:
         error_map = load_map(map_path)
         held_out = None if test is None else read_samples(test)
+        cell = None if cell_path is None else load_cell(cell_path)
         progress("Writing the report")
         write_report(
-            error_map, out, held_out, sidecars=programs or [], verifications=verifications or [], locale=locale
+            error_map,
+            out,
+            held_out,
+            cell=cell,
+            sidecars=programs or [],
+            verifications=verifications or [],
+            locale=locale,
         )
     if as_json:
         emit_json({"report": out})

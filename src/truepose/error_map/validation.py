@@ -55,13 +55,13 @@ def validate(error_map: PredictingMap, samples: Samples) -> Validation:
     groups = usual_groups(p_cmd, q=samples.q, robot=error_map.robot, time=samples.time)
     known = {row.tobytes() for row in error_map.samples.p_meas}
     return Validation(
-        held_out(e, e - expected, std, noise=_noise(error_map, samples), groups=groups),
+        held_out(e, e - expected, std, noise=motion_noise(error_map, samples), groups=groups),
         sum(row.tobytes() in known for row in samples.p_meas),
         error_map.worth,
     )
 
 
-def _noise(error_map: PredictingMap, samples: Samples) -> FloatArray | None:
+def motion_noise(error_map: PredictingMap, samples: Samples) -> FloatArray | None:
     """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known."""
     reading = reading_noise(error_map.cell, samples, error_map.registration)
     repeatability = error_map.cell.robot.repeatability_mm

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Final
 
 _TIED: Final = re.compile(r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)")
@@ -21,10 +22,12 @@ class Text:
 
 @dataclass(frozen=True)
 class Facts:
-    """A list of names with a text each."""
+    """A list of names with a text each, in one or two columns; `missing` holds the rows of missing facts."""
 
     kind: ClassVar[str] = "facts"
     rows: list[tuple[str, str]]
+    missing: list[int] = field(default_factory=list)
+    columns: int = 1
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,21 @@ class Signatures:
     rows: list[str]
 
 
+@dataclass(frozen=True)
+class Logo:
+    """A picture file of the company: its format (png, jpg, svg), its content, and its description."""
+
+    form: str
+    content: bytes
+    description: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the logo as plain values: a data URI for a page, and a list of bytes for a PDF."""
+        kind = {"svg": "svg+xml", "jpg": "jpeg"}.get(self.form, self.form)
+        uri = f"data:image/{kind};base64,{base64.b64encode(self.content).decode('ascii')}"
+        return {"form": self.form, "uri": uri, "bytes": list(self.content), "description": self.description}
+
+
 Block = Text | Facts | Table | Picture | Signatures
 
 
@@ -97,6 +115,8 @@ class Document:
         The summary and the warnings.
     sections : list of Section
         The sections in their order.
+    logo : Logo or None
+        The company's logo.
     """
 
     language: str
@@ -107,17 +127,18 @@ class Document:
     tiles: list[tuple[str, str]]
     lead: list[Text]
     sections: list[Section]
+    logo: Logo | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document as plain values; blocks have a ``kind``, and tables a mask ``words`` of their columns."""
-        plain = asdict(self)
+        plain = asdict(self) | {"logo": None}
         for own, section in zip(self.sections, plain["sections"], strict=True):
             for block, values in zip(own.blocks, section["blocks"], strict=True):
                 values["kind"] = block.kind
                 if isinstance(block, Table):
                     values["words"] = block.words
         tied: dict[str, Any] = _tied(plain)
-        return tied
+        return tied | {"logo": None if self.logo is None else self.logo.to_dict()}
 
     def text(self) -> str:
         """Return all text of the document as one string, without pictures."""

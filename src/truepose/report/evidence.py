@@ -11,10 +11,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from truepose._io import files
 from truepose._typing import FloatArray
 from truepose._version import __version__
+from truepose.cell import Cell
 from truepose.error_map import ErrorMap
+from truepose.error_map.registration import reading_noise
+from truepose.error_map.validation import motion_noise
+from truepose.errors import DataError
 from truepose.programs import ProgramVerification
 from truepose.report.records import Record, read_record
 from truepose.report.region import Plane, planes
@@ -37,12 +43,18 @@ class Evidence:
     ----------
     error_map : ErrorMap
         The map.
+    cell : Cell
+        The cell with the facts of the report, its tolerance and its logo.
     held_out : Samples or None
         The held-out samples.
     p : (n, 3) array [mm], base frame
         The positions of the evaluated poses: held out, or each sample left out once.
     before, after : (n, 3) arrays [mm], base frame
         The errors of these poses, and the errors that remain after the prediction.
+    std : (n, 3) array [mm], base frame
+        The predicted standard deviations of these errors.
+    reading_std : (n,) array [mm] or None
+        The standard uncertainties of these readings in their worst direction; None if they are not known.
     accuracy : dict
         The accuracy figures (`truepose.verification.HeldOut.to_dict`); with held-out poses also ``seen``.
     study : SimilarityStudy
@@ -58,10 +70,13 @@ class Evidence:
     """
 
     error_map: ErrorMap
+    cell: Cell
     held_out: Samples | None
     p: FloatArray
     before: FloatArray
     after: FloatArray
+    std: FloatArray
+    reading_std: FloatArray | None
     accuracy: dict[str, Any]
     study: SimilarityStudy
     planes: list[Plane]
@@ -86,6 +101,7 @@ def gather(
     error_map: ErrorMap,
     held_out: Samples | None = None,
     *,
+    cell: Cell | None = None,
     sidecars: Sequence[str | Path] = (),
     verifications: Sequence[str | Path | ProgramVerification] = (),
     study: SimilarityStudy | None = None,
@@ -94,21 +110,27 @@ def gather(
     """Compute the content of a report; see `truepose.report.write_report` for the parameters."""
     records = [read_record(path) for path in sidecars]
     verified = [one if isinstance(one, ProgramVerification) else read_verification(one) for one in verifications]
+    cell = _cell(error_map, cell)
     if held_out is None:
         p, before = error_map.p_cmd, error_map.e
-        after, _ = error_map.leave_one_out()
+        after, std = error_map.leave_one_out()
         groups = usual_groups(p, q=error_map.samples.q, robot=error_map.robot, time=error_map.samples.time)
-        figures = held_out_figures(before, after, groups=groups, rng=SEED).to_dict()
+        noise = motion_noise(error_map, error_map.samples)
+        figures = held_out_figures(before, after, noise=noise, groups=groups, rng=SEED).to_dict()
     else:
         p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
-        after = before - error_map.predict_errors(held_out)[0]
+        predicted, std = error_map.predict_errors(held_out)
+        after = before - predicted
         figures = error_map.validate(held_out).to_dict()
     return Evidence(
         error_map=error_map,
+        cell=cell,
         held_out=held_out,
         p=p,
         before=before,
         after=after,
+        std=std,
+        reading_std=_reading_std(error_map, cell, error_map.samples if held_out is None else held_out),
         accuracy=figures,
         study=study or similarity_study(error_map, rng=SEED),
         planes=planes(error_map),
@@ -116,3 +138,21 @@ def gather(
         verifications=verified,
         date=(date or datetime.now(UTC)).astimezone(UTC),
     )
+
+
+def _cell(error_map: ErrorMap, cell: Cell | None) -> Cell:
+    """Return the cell with the facts of the report, by default the map's own."""
+    if cell is None:
+        return error_map.cell
+    if cell.load_robot().name != error_map.robot.name:
+        raise DataError(f"the cell file describes a {cell.robot.model}, but the map is of a {error_map.robot.name}")
+    return cell
+
+
+def _reading_std(error_map: ErrorMap, cell: Cell, samples: Samples) -> FloatArray | None:
+    """Return the standard uncertainties of readings (n,) [mm], as the given cell or the map's own states them."""
+    for stated in (cell, error_map.cell):
+        std = reading_noise(stated, samples, error_map.registration)
+        if std is not None:
+            return np.asarray(std.max(axis=1))
+    return None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from truepose._io import files
+from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.errors import FileError
 from truepose.programs import ProgramVerification
@@ -30,6 +31,7 @@ def write_report(
     path: str | Path,
     held_out: Samples | None = None,
     *,
+    cell: Cell | None = None,
     sidecars: Sequence[str | Path] = (),
     verifications: Sequence[str | Path | ProgramVerification] = (),
     study: SimilarityStudy | None = None,
@@ -47,6 +49,8 @@ def write_report(
     held_out : Samples, optional
         Samples that took no part in the fit, for the accuracy before and after. Without them, each sample is predicted
         from the others, and the report says so.
+    cell : Cell, optional
+        The cell with the facts of the report (``[report]``) and the tolerance; the map's own if not given.
     sidecars : sequence of str or Path
         Records of corrected programs, as ``truepose correct`` writes them.
     verifications : sequence of str, Path or ProgramVerification
@@ -64,7 +68,7 @@ def write_report(
         If the path ends neither in ``.html`` nor in ``.pdf``, a record cannot be read, the path cannot be written, or
         a PDF is requested and the package typst is not installed.
     DataError
-        If the locale is not known, or the held-out samples do not fit the error map.
+        If the locale is not known, or the held-out samples or the cell do not fit the error map.
 
     Examples
     --------
@@ -78,7 +82,7 @@ def write_report(
     if ending == ".pdf":
         _typst(path)
     evidence: Evidence = gather(
-        error_map, held_out, sidecars=sidecars, verifications=verifications, study=study, date=date
+        error_map, held_out, cell=cell, sidecars=sidecars, verifications=verifications, study=study, date=date
     )
     made = document(evidence, say)
     files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._version import __version__
-from truepose.report import records, verification
+from truepose.geometry import ANGLES, euler
+from truepose.report import conformity, identity, records, verification
 from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
 from truepose.report.findings import findings, title
@@ -31,6 +32,22 @@ def document(evidence: Evidence, say: Locale) -> Document:
     """Return the document of a report in a language."""
     error_map = evidence.error_map
     verified = verification.section(evidence.verifications, error_map.hash, say)
+    logo, warned = identity.logo(evidence, say)
+    sections = [
+        identity.section(evidence, say),
+        conformity.section(evidence, say),
+        _accuracy(evidence, say),
+        _signatures(evidence, say),
+        _cell(evidence, say),
+        _errors(evidence, say),
+        _maps(evidence, say),
+        _registration(evidence, say),
+        _similarity(evidence, say),
+        _model(evidence, say),
+        records.section(evidence.records, error_map.hash, say),
+        *([] if verified is None else [verified]),
+        _provenance(evidence, say),
+    ]
     robot = f"{error_map.robot.maker} {error_map.robot.model}".strip() or error_map.robot.name
     return Document(
         language=say.name,
@@ -39,21 +56,17 @@ def document(evidence: Evidence, say: Locale) -> Document:
         stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=__version__),
         page=say("report.page"),
         tiles=_tiles(evidence, say),
-        lead=_lead(evidence, say),
-        sections=[
-            _cell(evidence, say),
-            _accuracy(evidence, say),
-            _signatures(evidence, say),
-            _errors(evidence, say),
-            _maps(evidence, say),
-            _registration(evidence, say),
-            _similarity(evidence, say),
-            _model(evidence, say),
-            records.section(evidence.records, error_map.hash, say),
-            *([] if verified is None else [verified]),
-            _provenance(evidence, say),
-        ],
+        lead=[*_lead(evidence, say), *warned, *_missing(sections, say)],
+        sections=sections,
+        logo=logo,
     )
+
+
+def _missing(sections: Sequence[Section], say: Locale) -> list[Text]:
+    """Return a warning that names the missing facts of all sections."""
+    listed = [block for section in sections for block in section.blocks if isinstance(block, Facts)]
+    names = [block.rows[k][0] for block in listed for k in block.missing]
+    return [Text(say("report.missing_facts", names=say("finding.list").join(names)), warns=True)] if names else []
 
 
 def _tiles(evidence: Evidence, say: Locale) -> list[tuple[str, str]]:
@@ -63,6 +76,7 @@ def _tiles(evidence: Evidence, say: Locale) -> list[tuple[str, str]]:
         key: say("report.change", before=before[f"{key}_mm"], after=after[f"{key}_mm"]) for key in ("mean", "max")
     }
     return [
+        conformity.tile(evidence, say),
         (change["mean"], say("report.tile_mean")),
         (change["max"], say("report.tile_max")),
         (say("report.percent", share=found["reduction_mean_percent"]), say("report.tile_reduction")),
@@ -83,25 +97,25 @@ def _lead(evidence: Evidence, say: Locale) -> list[Text]:
         low=low,
         high=high,
     )
-    texts = [Text(summary)]
+    texts = [Text(say("report.after_left_out" if held_out is None else "report.after_held_out")), Text(summary)]
     if evidence.error_map.worth.weak:
         texts.append(Text(say("report.weak"), warns=True))
     if held_out is None:
         texts.append(Text(say("report.not_held_out"), warns=True))
     elif found["seen"]:
         texts.append(Text(say("report.seen", n=found["seen"]), warns=True))
-    return texts
+    return texts + identity.overdue(evidence, say)
 
 
 def _cell(evidence: Evidence, say: Locale) -> Section:
     error_map, held_out = evidence.error_map, evidence.held_out
     robot, samples, load = error_map.robot, error_map.samples, error_map.cell.payload
     low, high = error_map.p_cmd.min(axis=0).tolist(), error_map.p_cmd.max(axis=0).tolist()
-    payload = say("cell.payload_none")
-    if load.mass_kg:
+    payload = None
+    if "mass_kg" in load.model_fields_set:
         payload = say("cell.payload_text", mass=load.mass_kg, x=load.x_mm, y=load.y_mm, z=load.z_mm)
     with_joints = "cell.samples_positions" if samples.q is None else "cell.samples_joints"
-    tested = say("cell.held_out_none")
+    tested = None
     if held_out is not None:
         tested = say("cell.held_out_text", n=len(held_out), source=held_out.source)
     excluded = [say("cell.excluded_text", sample=_sample(row, say), reason=row["reason"]) for row in error_map.excluded]
@@ -110,7 +124,7 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
     bounds = {
         f"{axis}{k}": value for k, ends in enumerate((low, high)) for axis, value in zip("xyz", ends, strict=True)
     }
-    rows = {
+    rows: dict[str, str | None] = {
         "robot": f"{robot.maker} {robot.model} ({robot.name})",
         "dimensions": robot.source,
         "payload": payload,
@@ -122,13 +136,13 @@ def _cell(evidence: Evidence, say: Locale) -> Section:
         "campaign": _campaign(error_map.campaign, say),
         "excluded": "; ".join(excluded) or say("cell.excluded_none"),
     }
-    return Section(say("cell.title"), [_facts("cell", rows, say)])
+    return Section(say("cell.title"), [identity.facts("cell", rows, say)])
 
 
-def _campaign(campaign: Mapping[str, Any], say: Locale) -> str:
-    """Return the faults of the measuring campaign, or that none was found."""
+def _campaign(campaign: Mapping[str, Any], say: Locale) -> str | None:
+    """Return the faults of the measuring campaign, or that none was found; None if it was not tested."""
     if not campaign.get("tested"):
-        return say("cell.campaign_untested")
+        return None
     parts = {"turn": 1e3, "turn_std": 1e3, "scale": 100.0, "scale_std": 100.0}
     faults = [
         say(
@@ -155,20 +169,20 @@ def _sample(known: Mapping[str, Any], say: Locale) -> str:
     return say(f"cell.sample_{where}_only", **known)
 
 
-def _arm(evidence: Evidence, say: Locale) -> str:
+def _arm(evidence: Evidence, say: Locale) -> str | None:
     found = evidence.error_map.arm_check
     if not found.checked or found.residual_mm is None:
-        return say("cell.arm_not_checked")
+        return None
     return say("cell.arm_checked", n=found.n, residual=found.residual_mm)
 
 
-def _tracker(evidence: Evidence, say: Locale) -> str:
+def _tracker(evidence: Evidence, say: Locale) -> str | None:
     tracker = evidence.error_map.cell.tracker
     if tracker.std_mm is not None:
         return say("cell.tracker_std", std=tracker.std_mm)
     terms = (tracker.range_um, tracker.range_um_per_m, tracker.angle_um, tracker.angle_um_per_m)
     if all(term is None for term in terms):
-        return say("cell.tracker_none")
+        return None
     along, along_m, across, across_m = (term or 0.0 for term in terms)
     return say("cell.tracker_terms", range=along, range_m=along_m, angle=across, angle_m=across_m)
 
@@ -197,11 +211,6 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
         cover = found["coverage"]
         shares_inside = {key: 100 * cover[key] for key in ("within_68", "within_95")}
         blocks.append(Text(say("accuracy.coverage", **shares_inside, rms=cover["standardised_rms"])))
-    if floor := found.get("noise_floor"):
-        low, high = floor["ratio_interval_95"]
-        blocks.append(
-            Text(say("accuracy.noise_floor", mean=floor["mean_mm"], ratio=floor["ratio"], low=low, high=high))
-        )
     return Section(say("accuracy.title"), blocks)
 
 
@@ -251,10 +260,9 @@ def _registration(evidence: Evidence, say: Locale) -> Section:
     error_map, found = evidence.error_map, evidence.error_map.registration
     std = np.sqrt(np.diag(found.covariance))
     tf, fitted = found.tf_base_tracker, error_map.cell.station_fitted
-    rotation = np.rad2deg(Rotation.from_matrix(tf[:3, :3]).as_rotvec())
-    rows = {
+    rows: dict[str, str | None] = {
         "station": _position(tf[:3, 3], std[:3] if fitted else None, say),
-        "rotation": say("registration.rotation_text", **dict(zip("xyz", rotation.tolist(), strict=True))),
+        "rotation": controller_angles(Rotation.from_matrix(tf[:3, :3]), error_map.cell.controller, say),
     }
     tool = error_map.tf_flange_tool[:3, 3]
     if error_map.tool_fitted:
@@ -265,7 +273,16 @@ def _registration(evidence: Evidence, say: Locale) -> Section:
     if found.hint:
         rows["hint"] = found.hint
     about = say("registration.about" if fitted else "registration.known")
-    return Section(say("registration.title"), [Text(about), _facts("registration", rows, say)])
+    return Section(say("registration.title"), [Text(about), identity.facts("registration", rows, say)])
+
+
+def controller_angles(rotation: Rotation, controller: str | None, say: Locale) -> str:
+    """Return a rotation in the controller's own angles; as a quaternion w, x, y, z if the maker is not known."""
+    names = ANGLES[controller or "abb"].names
+    form, unit = {"abb": (".7f", ""), None: (".7f", ""), "ur": (".7f", " rad")}.get(controller, (".5f", "°"))
+    values = zip(names, euler(controller or "abb", rotation).tolist(), strict=True)
+    text = "; ".join(f"{name} {say.number(value, form)}{unit}" for name, value in values)
+    return text if unit else f"{text} ({say('registration.quaternion')})"
 
 
 def _position(p: Any, std: Any, say: Locale) -> str:
@@ -286,10 +303,10 @@ def _similarity(evidence: Evidence, say: Locale) -> Section:
 def _model(evidence: Evidence, say: Locale) -> Section:
     error_map = evidence.error_map
     plain, tables = _parameters(error_map.predictor.to_dict(), say)
-    rows = {"predictor": error_map.predictor_name}
+    rows: dict[str, str | None] = {"predictor": error_map.predictor_name}
     if plain:
         rows["parameters"] = "; ".join(plain)
-    blocks: list[Block] = [_facts("model", rows, say), *tables]
+    blocks: list[Block] = [identity.facts("model", rows, say), *tables]
     if not error_map.ranking:
         return Section(say("model.title"), [*blocks, Text(say("model.named"))])
     splits = list(error_map.ranking[0].get("splits", {}))
@@ -377,10 +394,6 @@ def _signatures(evidence: Evidence, say: Locale) -> Section:
     rows = [say(f"signatures.{key}") for key in ("measured", "evaluated", "approved")]
     about = say("signatures.about", hash=evidence.error_map.hash, date=_date(evidence))
     return Section(say("signatures.title"), [Signatures(about, columns, rows)])
-
-
-def _facts(section: str, rows: Mapping[str, str], say: Locale) -> Facts:
-    return Facts([(say(f"{section}.{key}"), text) for key, text in rows.items()])
 
 
 def _date(evidence: Evidence) -> str:
