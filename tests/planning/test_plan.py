@@ -164,7 +164,8 @@ def test_after_a_first_series_other_poses_are_chosen():
     then = plan(virtual.cell, 12, after=error_map)
     prior = Prior.after(error_map.predictor, error_map.samples.q, then.q)
     targets = virtual.design(200, seed=3)
-    assert prior.given(then.q).expected(targets) < prior.given(first.q[:12]).expected(targets)
+    left = [prior.given(q) for q in (then.q, first.q[:12])]
+    assert left[0].expected(*left[0].at(targets)) < left[1].expected(*left[1].at(targets))
     named = tp.fit_cell(virtual.cell, virtual.measure(first.q), "ordinary-kriging")
     assert plan(virtual.cell, 5, "sobol", after=named).q.shape == (5, 6)
 

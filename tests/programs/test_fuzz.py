@@ -8,6 +8,6 @@ from tests.programs.fuzz import run
 
 
 def test_injured_programs_give_our_errors_and_keep_everything_but_digits() -> None:
-    seconds = float(os.environ.get("TRUEPOSE_FUZZ_SECONDS", "60" if os.environ.get("CI") else "10"))
+    seconds = float(os.environ.get("TRUEPOSE_FUZZ_SECONDS", "60" if os.environ.get("CI") else "5"))
     tried, corrected = run(seconds, seed=0)
     assert corrected > 0.1 * tried > 0

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from scipy.linalg.blas import dgemm
 
 from truepose._typing import FloatArray, IntArray
 
@@ -42,7 +43,7 @@ class Posterior:
     def __init__(self, columns: FloatArray, noise: FloatArray, aim: FloatArray) -> None:
         n, _, p = columns.shape
         self._columns, self._noise = columns, noise
-        self._now = columns.copy()
+        self._now = np.array(columns, order="C")
         self._aimed = (columns.reshape(-1, p) @ aim).reshape(n, 3, p)
 
     def gains(self) -> FloatArray:
@@ -64,12 +65,12 @@ class Posterior:
         self._change(i, -1.0)
 
     def _change(self, i: int, sign: float) -> None:
-        n, _, p = self._columns.shape
+        p = self._columns.shape[2]
         gain, aimed = self._now[i].copy(), self._aimed[i].copy()
         inner = gain @ self._columns[i].T + sign * self._noise[i]
         share = (self._columns.reshape(-1, p) @ gain.T) @ np.linalg.inv(inner)
-        self._now -= (share @ gain).reshape(n, 3, p)
-        self._aimed -= (share @ aimed).reshape(n, 3, p)
+        for matrix, rows in ((self._now, gain), (self._aimed, aimed)):  # matrix -= share @ rows, without a copy
+            dgemm(-1.0, rows.T, share.T, 1.0, matrix.reshape(-1, p).T, overwrite_c=True)
 
 
 def lowest_mean(

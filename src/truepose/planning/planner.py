@@ -20,7 +20,7 @@ from truepose.planning.designs import METHODS, DesignProblem
 from truepose.planning.greedy import Progress, lowest_mean
 from truepose.planning.measurement_space import MeasurementSpace, Reach, configuration_list, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
-from truepose.planning.prior import Prior
+from truepose.planning.prior import Prior, posterior_root
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
 from truepose.samples import Poses
@@ -219,12 +219,18 @@ def _expected(
     counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)})
     offered = space.spread(max(_TARGETS, 2 * counts[-1]), rng).q
     columns, left_out = prior.at(offered)
-    rows = prior.at(targets)[0].reshape(-1, columns.shape[2])
-    aim = rows.T @ rows / len(targets)
+    noise = prior.noise(left_out)
+    seen, not_seen = prior.at(targets)
+    rows = seen.reshape(-1, columns.shape[2])
     most = min(counts[-1], len(offered))
-    order = lowest_mean(columns, prior.noise(left_out), aim, most, lambda done, of: None, passes=0)
-    found = {k: prior.given(offered[order[:k]]).expected(targets) for k in counts if k <= most}
-    found[len(q)] = prior.given(q).expected(targets)
+    order = lowest_mean(columns, noise, rows.T @ rows / len(targets), most, lambda done, of: None, passes=0)
+
+    def after(columns: FloatArray, noise: FloatArray) -> float:
+        return prior.expected((rows @ posterior_root(columns, noise)).reshape(seen.shape), not_seen)
+
+    found = {k: after(columns[order[:k]], noise[order[:k]]) for k in counts if k <= most}
+    columns, left_out = prior.at(q)
+    found[len(q)] = after(columns, prior.noise(left_out))
     return [{"n": k, "mean_mm": found[k]} for k in sorted(found)]
 
 

@@ -103,23 +103,36 @@ class Prior:
     def given(self, q: FloatArray) -> Self:
         """Return the prior given samples at joints (n, dof) [rad]."""
         columns, left_out = self.at(q)
-        root = np.linalg.cholesky(np.linalg.inv(self.noise(left_out)))
-        white = (np.swapaxes(root, 1, 2) @ columns).reshape(3 * len(q), -1)
-        matrix = white.T @ white
-        matrix[np.diag_indices(len(matrix))] += 1.0
-        return type(self)(self.basis, self.hyper, self.root @ np.linalg.inv(np.linalg.cholesky(matrix)).T)
+        return type(self)(self.basis, self.hyper, self.root @ posterior_root(columns, self.noise(left_out)))
 
     def covariance(self, q: FloatArray) -> FloatArray:
         """Return the covariance of the error at joints (n, dof) [rad], without noise: (n, 3, 3) [mm²]."""
         columns, left_out = self.at(q)
         return np.asarray(columns @ np.swapaxes(columns, 1, 2) + left_out)
 
-    def expected(self, q: FloatArray) -> float:
-        """Return the mean length [mm] of the differences of readings at joints (n, dof) from their prediction.
+    def expected(self, columns: FloatArray, left_out: FloatArray) -> float:
+        """Return the mean length [mm] of the differences of readings from their prediction, where `at` gives these.
 
         The expected length of normal vectors with the predicted covariance, repeatability and reading noise included.
         """
-        factor = np.linalg.cholesky(self.noise(self.covariance(q)))
+        factor = np.linalg.cholesky(self.noise(columns @ np.swapaxes(columns, 1, 2) + left_out))
         uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]
         white = norm.ppf(uniform + 0.5 / _DRAWS)
         return float(np.linalg.norm(np.einsum("nab,db->nda", factor, white), axis=2).mean())
+
+
+def posterior_root(columns: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return a root (p, p) of the covariance of standard normal weights after readings.
+
+    Parameters
+    ----------
+    columns : (n, 3, p) array [mm]
+        The errors of one standard deviation of each weight.
+    noise : (n, 3, 3) array [mm²]
+        The covariances of the readings beyond their columns.
+    """
+    root = np.linalg.cholesky(np.linalg.inv(noise))
+    white = (np.swapaxes(root, 1, 2) @ columns).reshape(3 * len(columns), -1)
+    matrix = white.T @ white
+    matrix[np.diag_indices(len(matrix))] += 1.0
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)).T)
