@@ -80,7 +80,7 @@ def test_file_of_a_verification_is_read_and_another_refused(tmp_path):
     path.write_text(json.dumps(verification().to_dict()))
     assert read_verification(path) == verification()
     path.write_text('{"program": "a.src"}')
-    with pytest.raises(FileError, match="is not the verification of a program .*name a .json file written by"):
+    with pytest.raises(FileError, match=r"is not the verification of a program .*name a \.json file written by"):
         read_verification(path)
     path.write_text(json.dumps({**verification().to_dict(), "targets": []}))
     with pytest.raises(FileError, match="is the verification of no target"):
