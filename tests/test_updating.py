@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
-from truepose.error_map.update import GROWTH, STATION, TOOL
+from truepose.error_map.update import GROWTH, STATION, TOOL, Recheck
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform, make_transform
 from truepose.samples import Samples
+from truepose.verification.consistency import ConsistencyTest, Drift
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +106,19 @@ def test_drift_over_time_and_temperature(virtual, error_map):
     assert found.time.p_value < 1e-6
     np.testing.assert_allclose(found.time.slope, [0, 0, 0.05], atol=0.02)
     assert found.temperature.p_value > 1e-3
-    assert any(sentence.startswith("Over time: drift, 0.0") for sentence in found.words)
+    assert any(sentence.startswith("Over time: drift: 0.0") for sentence in found.words)
     assert found.to_dict()["temperature"]["p_value"] == found.temperature.p_value
+
+
+def test_a_drift_within_a_map_that_holds_is_called_one():
+    """A drift is as significant as its length in its own standard deviations says, and does not contradict the map."""
+    slope = np.array([0.02, 0.0, 0.0])
+    drift = Drift(slope, np.full(3, 0.005), 0.001)
+    found = Recheck(ConsistencyTest(40, 0.9, 0.8, 0.7, []), [], drift, None)
+    assert found.words == [
+        "The map holds: residuals are 0.90 times what it predicts (p = 1, 40 readings).",
+        "Over time: drift, small enough for the map to hold: 0.0200 ± 0.0050 mm/h (p = 0.001).",
+    ]
 
 
 def test_samples_join(virtual, error_map, held_out, tmp_path):

@@ -22,7 +22,7 @@ def kinematic(tmp_path_factory):
 
 def test_what_kinematic_kriging_knows(run, kinematic, tmp_path):
     virtual, _, path = kinematic
-    done = run("explain", path, "--out", tmp_path / "pictures")
+    done = run("explain", path, "--parameters", "--out", tmp_path / "pictures")
     assert done.code == 0, done.err
     for part in ("kinematic-kriging of 80 samples", "registration", "joint 6", "Joint curves", "What to measure next"):
         assert part in done.out
@@ -61,7 +61,7 @@ def test_other_predictors_say_what_they_know(run, cell_files, tmp_path, predicto
     out = tmp_path / "map.truepose"
     write_samples(tmp_path / "wide.csv", _wide(cell_files.virtual))
     assert run("fit", cell_files.cell, tmp_path / "wide.csv", "--predictor", predictor, "--out", out).code == 0
-    done = run("explain", out, "--suggestions", 2)
+    done = run("explain", out, "--suggestions", 2, "--parameters")
     assert ("variogram" if predictor == "ordinary-kriging" else "Identified parameters") in done.out
     data = run("explain", out, "--json", "--suggestions", 2).json
     assert data["joints"] == []

@@ -162,7 +162,7 @@ def test_tolerance_and_uncertainty_must_be_known(proof):
         tp.verify_program(proof.error_map, proof.corrected, readings, cell=bare)
     stated = bare.model_copy(update={"correction": Correction(tolerance_mm=0.4)})
     found = tp.verify_program(proof.error_map, proof.corrected, readings, cell=stated)
-    assert (found.tolerance_mm, found.tolerance_origin) == (0.4, "[correction] of the cell")
+    assert (found.tolerance_mm, found.tolerance_origin) == (0.4, "cell file")
     silent = bare.model_copy(update={"tracker": type(bare.tracker)()})
     with pytest.raises(tp.TrueposeError, match="the uncertainty of the readings is not known"):
         tp.verify_program(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truepose.errors import DataError
-from truepose.verification.consistency import check_consistency, drift, explanations
+from truepose.verification.consistency import check_consistency, drift, explanations, length_std
 
 STD = 0.03
 
@@ -107,3 +107,12 @@ def test_repr_has_the_verdict(rng):
     found = check_consistency(rng.normal(scale=4 * STD, size=(20, 3)), independent(20))
     assert repr(found).startswith("<ConsistencyTest: does not hold (p = ")
     assert "; 20 readings, " in repr(found)
+
+
+def test_deviation_of_a_length_agrees_with_the_test_of_the_vector(rng):
+    """Three components of 2 standard deviations each are 2 √3 of the length, as the χ² test has it."""
+    slope, std = np.array([2.0, 2.0, 2.0]), np.ones(3)
+    assert np.linalg.norm(slope) / length_std(slope, std) == pytest.approx(2.0 * np.sqrt(3.0))
+    assert length_std(np.zeros(3), std) == pytest.approx(1.0)
+    drawn = np.linalg.norm(np.array([30.0, 0.0, 40.0]) + rng.normal(0.0, [0.5, 0.1, 2.0], (4000, 3)), axis=1).std()
+    assert length_std(np.array([30.0, 0.0, 40.0]), np.array([0.5, 0.1, 2.0])) == pytest.approx(drawn, rel=0.05)

@@ -15,7 +15,21 @@ from typing import Final, TextIO
 
 import typer
 
-from truepose.cli import demo, fit, importing, iso9283, maps, plan, programs, report, setup, similarity, update, verify
+from truepose.cli import (
+    demo,
+    explain,
+    fit,
+    importing,
+    iso9283,
+    maps,
+    plan,
+    programs,
+    report,
+    setup,
+    similarity,
+    update,
+    verify,
+)
 from truepose.cli.options import Command
 from truepose.errors import TrueposeError, one_line
 
@@ -38,7 +52,7 @@ _COMMANDS: Final[dict[str, Callable[..., None]]] = {
     "fit": fit.fit,
     "predict": maps.predict,
     "validate": maps.validate,
-    "explain": report.explain,
+    "explain": explain.explain,
     "update": update.update,
     "iso9283": iso9283.iso9283,
     "report": report.report,

@@ -20,12 +20,14 @@ from truepose.geometry import Registration, apply_transform, invert_transform, r
 from truepose.predictors.abilities import JointlyPredicting, Updatable
 from truepose.samples import Samples
 from truepose.verification.consistency import (
+    DOUBTFUL,
     ConsistencyTest,
     Drift,
     Explanation,
     check_consistency,
     drift,
     explanations,
+    length_std,
 )
 
 Refit = Literal["station", "tool", "both"]
@@ -73,9 +75,11 @@ class Recheck:
             said.append(f"{'Equally likely:' if alike else 'Less likely:'} {other.cause}.")
         for name, unit, one in (("time", "h", self.time), ("temperature", "K", self.temperature)):
             if one is not None:
-                slope, std = np.linalg.norm(one.slope), np.linalg.norm(one.std)
-                sure = "drift" if one.p_value < 0.01 else "no significant drift"
-                said.append(f"Over {name}: {sure}, {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
+                slope, std = float(np.linalg.norm(one.slope)), length_std(one.slope, one.std)
+                sure = "no significant drift" if one.p_value >= DOUBTFUL else "drift"
+                if sure == "drift" and found.verdict == "holds":
+                    sure = "drift, small enough for the map to hold"
+                said.append(f"Over {name}: {sure}: {slope:.4f} ± {std:.4f} mm/{unit} (p = {one.p_value:.2g}).")
         return said
 
     def to_dict(self) -> dict[str, Any]:
@@ -268,7 +272,7 @@ def _causes(error_map: ErrorMap, samples: Samples) -> dict[str, FloatArray]:
 
 
 def _sentence(cause: Explanation) -> str:
-    size, std = float(np.linalg.norm(cause.estimate[:3])), float(np.linalg.norm(cause.std[:3]))
+    size, std = float(np.linalg.norm(cause.estimate[:3])), length_std(cause.estimate[:3], cause.std[:3])
     share = f"; that explains {100 * cause.explained:.0f} % of it"
     rest = "" if cause.p_left > 0.001 else ", not all"
     if cause.cause == STATION:

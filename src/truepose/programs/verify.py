@@ -54,7 +54,7 @@ def verify_program(
     cell : Cell, optional
         The cell with frames, tolerance and noise of the tracker; by default the map's own.
     tolerance_mm : float [mm], optional
-        The tolerance of an error's length; by default ``tolerance_mm`` of the cell's ``[correction]``.
+        The tolerance of an error's length; by default ``tolerance_mm`` of the cell's ``[report]`` or ``[correction]``.
     before : str or Path, or Readings, optional
         Readings of the original program. Without them, the errors before are those that the map predicted.
     register : bool
@@ -171,8 +171,8 @@ class _Task:
 def _tolerance(stated: float | None, cell: Cell) -> tuple[float, str]:
     if stated is not None:
         return stated, "stated for this verification"
-    if cell.correction.tolerance_mm is not None:
-        return cell.correction.tolerance_mm, "[correction] of the cell"
+    if cell.tolerance_mm is not None:
+        return cell.tolerance_mm, "cell file"
     raise DataError(
         "no tolerance is known; state tolerance_mm under [correction] in the cell file, or give --tolerance"
     )

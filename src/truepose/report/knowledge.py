@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,8 @@ from truepose.error_map import ErrorMap
 from truepose.predictors import KinematicKriging
 from truepose.predictors.abilities import JointlyPredicting, ParameterEstimating
 from truepose.predictors.kinematic import JointCurve
+from truepose.report.evaluated_poses import evaluated_poses
 from truepose.samples import Poses
-
-_CANDIDATES: Final = 200
-_STEP: Final = 0.5  # of the way from one sample to another, on which candidates lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +27,10 @@ class Knowledge:
     noise_mm : float
         The standard deviation of a reading about the predicted error field per axis, averaged over the samples.
     std_mm : dict
-        The length of the standard deviation of a corrected position (`ErrorMap.predict_errors`) within the sampled
-        region: mean, 95th percentile, maximum.
+        The length of the standard deviation of a corrected position (`ErrorMap.predict_errors`) at the evaluated poses:
+        mean, 95th percentile, maximum.
+    where : str
+        Where the evaluated poses are: in the work region of the cell file, between the samples, or at the samples.
     parameters : list of dict
         The drift of kinematic Kriging or the parameters of a calibration, estimate ± std; empty for other predictors.
     curves : list of JointCurve
@@ -40,12 +40,14 @@ class Knowledge:
     hyperparameters : dict
         The settings of the predictor (its `to_dict`), without values of single samples.
     next_poses : list of dict
-        The poses to measure next, the most useful first: joints or position, and the predicted std before it.
+        The poses to measure next, the most useful first: joints or position, and the std of a corrected
+        position there.
     """
 
     error_map: ErrorMap
     noise_mm: float
     std_mm: dict[str, float]
+    where: str
     parameters: list[dict[str, Any]]
     curves: list[JointCurve]
     shares_mm: dict[str, float]
@@ -59,6 +61,7 @@ class Knowledge:
             "samples": len(self.error_map.samples),
             "noise_mm": self.noise_mm,
             "std_mm": self.std_mm,
+            "std_where": self.where,
             "shares_mm": self.shares_mm,
             "parameters": self.parameters,
             "joints": [_curve_data(curve) for curve in self.curves],
@@ -77,11 +80,11 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     suggestions : int
         The number of poses to suggest for measurement.
     rng : int
-        The seed of the candidates within the sampled region.
+        The seed of the evaluated poses, from which the suggestions are chosen.
     """
     model = error_map.predictor
     samples = error_map.samples
-    candidates = _between_samples(error_map, np.random.default_rng(rng))
+    candidates, where = evaluated_poses(error_map, np.random.default_rng(rng))
     size = np.linalg.norm(error_map.predict_errors(candidates)[1], axis=1)
     curves, shares = [], {}
     if isinstance(model, KinematicKriging):
@@ -93,20 +96,13 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         error_map,
         noise_mm=float(np.sqrt(np.mean(_about_field(error_map)))),
         std_mm={"mean": float(size.mean()), "p95": float(np.quantile(size, 0.95)), "max": float(size.max())},
+        where=where,
         parameters=list(model.parameters_) if isinstance(model, ParameterEstimating) else [],
         curves=curves,
         shares_mm=shares,
         hyperparameters=values,
         next_poses=_measure_next(error_map, candidates, suggestions),
     )
-
-
-def _between_samples(error_map: ErrorMap, rng: np.random.Generator) -> Poses:
-    """Return configurations between pairs of samples: within the sampled region, in the predictor's own coordinates."""
-    x = error_map.coordinates(error_map.samples)
-    first, second = rng.integers(len(x), size=(2, _CANDIDATES))
-    between = x[first] + rng.uniform(0.0, _STEP, (_CANDIDATES, 1)) * (x[second] - x[first])
-    return Poses(q=between) if error_map.space == "joint" else Poses(p_cmd=between)
 
 
 def _about_field(error_map: ErrorMap) -> FloatArray:
@@ -129,21 +125,21 @@ def _measure_next(error_map: ErrorMap, candidates: Poses, count: int) -> list[di
         chosen = np.argsort(-size)[:count].tolist()
         return [_pose_data(candidates, i, size[i]) for i in chosen]
     _, covariance = predictor.predict_together(error_map.coordinates(candidates))
-    noise, beyond = np.mean(_about_field(error_map)), float(error_map.unexplained.sum())
+    noise = np.mean(_about_field(error_map))
     n, found = len(size), []
     for _ in range(count):
         own = np.einsum("iaib->iab", covariance.reshape(n, 3, n, 3))
         rows = covariance.reshape(n, 3, 3 * n)
         gain = np.linalg.solve(np.linalg.cholesky(own + noise * np.eye(3)), rows)
         best = int(np.argmax(np.einsum("nak,nak->n", gain, gain)))
-        found.append(_pose_data(candidates, best, float(np.sqrt(np.trace(own[best]) + beyond))))
+        found.append(_pose_data(candidates, best, size[best]))
         covariance = covariance - gain[best].T @ gain[best]
     return found
 
 
 def _pose_data(candidates: Poses, i: int, std: float) -> dict[str, Any]:
     if candidates.q is not None:
-        place = {f"q{j + 1}_deg": round(float(angle), 2) for j, angle in enumerate(np.rad2deg(candidates.q[i]))}
+        place = {f"q{j + 1}_deg": round(float(angle), 4) for j, angle in enumerate(np.rad2deg(candidates.q[i]))}
     else:
         assert candidates.p_cmd is not None
         place = {f"{axis}_mm": round(float(value), 1) for axis, value in zip("xyz", candidates.p_cmd[i], strict=True)}

@@ -20,7 +20,8 @@ from truepose.errors import DataError
 
 Verdict = Literal["holds", "doubtful", "does not hold"]
 
-_DOUBTFUL: Final = 0.01
+DOUBTFUL: Final = 0.01
+"""Probability below which a result is significant."""
 _FAILS: Final = 0.001
 _NOTABLE: Final = 3.0
 
@@ -57,7 +58,7 @@ class ConsistencyTest:
     @property
     def verdict(self) -> Verdict:
         """The verdict: ``holds``, ``doubtful`` (p below 0.01) or ``does not hold`` (p below 0.001)."""
-        return "does not hold" if self.p_value < _FAILS else "doubtful" if self.p_value < _DOUBTFUL else "holds"
+        return "does not hold" if self.p_value < _FAILS else "doubtful" if self.p_value < DOUBTFUL else "holds"
 
     def __repr__(self) -> str:
         far = f", {len(self.far)} of them far off" if self.far else ""
@@ -226,6 +227,22 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
     spread = max(1.0, left / (3 * n - 6))
     chance = stats.f.sf((without - left) / 3.0 / spread, 3, 3 * n - 6)
     return Drift(estimate[3:] / quantity.std(), np.sqrt(spread) * std[3:] / quantity.std(), float(chance))
+
+
+def length_std(vector: FloatArray, std: FloatArray) -> float:
+    """Return the standard deviation of a vector's length from those of its components.
+
+    It is the deviation along the vector, so that length / deviation agrees with a test of the vector against zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> length_std(np.array([3.0, 0.0, 4.0]), np.array([0.1, 0.1, 0.1]))
+    0.1
+    """
+    length = float(np.linalg.norm(vector))
+    along = vector / length if length else np.full(len(vector), len(vector) ** -0.5)
+    return float(np.linalg.norm(along * std))
 
 
 def _common(covariance: FloatArray, shared: FloatArray) -> tuple[float, float]:
