@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from truepose._io.frames import by_axis, data_frame
 from truepose._typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
@@ -276,6 +280,18 @@ class Corrections:
             f"<Corrections of {len(self.verdict)} targets: {listed}; lengths have mean {length.mean():.3f} mm, "
             f"max {length.max():.3f} mm>"
         )
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with one row for each target, in mm and mrad; needs pandas."""
+        columns: dict[str, Any] = {
+            **by_axis(self.p_target, "{}_target_mm"),
+            **by_axis(self.p_command, "{}_command_mm"),
+            **by_axis(self.e, "{}_error_mm"),
+            **by_axis(self.std, "{}_std_mm"),
+        }
+        if self.rotation is not None:
+            columns |= by_axis(1e3 * self.rotation, "r{}_command_mrad")
+        return data_frame({**columns, "verdict": self.verdict, "reason": self.reason})
 
     @property
     def correction(self) -> FloatArray:

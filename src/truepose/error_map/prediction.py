@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._io.frames import by_axis, data_frame
 from truepose._typing import FloatArray
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
@@ -17,6 +18,9 @@ from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import LeaveOneOut, PosePredictor
 from truepose.samples import Poses, Samples
 from truepose.verification import RP_PER_STD
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,6 +52,17 @@ class Prediction:
         return (
             f"<Prediction of {found['n']} poses: error {found['mean_error_mm']:.3f} mm (mean), standard deviation "
             f"{found['mean_std_mm']:.3f} mm (mean), {found['max_std_mm']:.3f} mm (max)>"
+        )
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with one row for each pose, in mm; needs pandas."""
+        return data_frame(
+            {
+                **by_axis(self.e, "{}_error_mm"),
+                **by_axis(self.std, "{}_std_mm"),
+                **by_axis(self.p_measured, "{}_pred_mm"),
+                **by_axis(self.std_measured, "{}_pred_std_mm"),
+            }
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -3,16 +3,48 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._io.frames import by_axis, data_frame
+from truepose._typing import FloatArray, IntArray
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
 from truepose.error_map.worth import Worth
 from truepose.samples import Samples
 from truepose.verification import RP_PER_STD, HeldOut, held_out, usual_groups
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The errors of held-out samples, pose by pose.
+
+    Attributes
+    ----------
+    row : (n,) array of int
+        The row of each sample in its table.
+    p_cmd : (n, 3) array [mm], base frame
+        The commanded positions.
+    before, predicted : (n, 3) arrays [mm], base frame
+        The errors, and the errors that the map predicts.
+    std : (n, 3) array [mm], base frame
+        The predicted standard deviations of `after`, the noise of a reading included.
+    """
+
+    row: IntArray
+    p_cmd: FloatArray
+    before: FloatArray
+    predicted: FloatArray
+    std: FloatArray
+
+    @property
+    def after(self) -> FloatArray:
+        """The errors that the map leaves, (n, 3) [mm], base frame."""
+        return self.before - self.predicted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,11 +61,14 @@ class Validation:
         The number of the samples that took part in the fit; the figures are too good if it is not 0.
     worth : Worth
         The comparison of the map itself with no map.
+    residuals : Residuals
+        The errors of each pose, for pictures and tables.
     """
 
     figures: HeldOut
     seen: int
     worth: Worth
+    residuals: Residuals
 
     def __repr__(self) -> str:
         seen = f"\n{self.seen} of the samples took part in the fit: the figures are too good" if self.seen else ""
@@ -41,6 +76,23 @@ class Validation:
 
     def __getitem__(self, key: str) -> Any:
         return self.to_dict()[key]
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with one row for each pose: errors before, predicted and after, lengths; needs pandas.
+
+        Its index is the row of each sample.
+        """
+        found = self.residuals
+        columns = {
+            **by_axis(found.p_cmd, "{}_cmd_mm"),
+            **by_axis(found.before, "{}_before_mm"),
+            **by_axis(found.predicted, "{}_predicted_mm"),
+            **by_axis(found.after, "{}_after_mm"),
+            **by_axis(found.std, "{}_std_mm"),
+            "before_mm": np.linalg.norm(found.before, axis=1),
+            "after_mm": np.linalg.norm(found.after, axis=1),
+        }
+        return data_frame(columns).set_index(found.row)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
@@ -53,11 +105,13 @@ def validate(error_map: PredictingMap, samples: Samples) -> Validation:
     expected, std = error_map.predict_reading(samples)
     p_cmd = error_map.commanded_positions(samples)
     groups = usual_groups(p_cmd, q=samples.q, robot=error_map.robot, time=samples.time)
+    assert samples.row is not None  # set by Poses
     known = {row.tobytes() for row in error_map.samples.p_meas}
     return Validation(
         held_out(e, e - expected, std, noise=motion_noise(error_map, samples), groups=groups),
         sum(row.tobytes() in known for row in samples.p_meas),
         error_map.worth,
+        Residuals(samples.row, p_cmd, e, expected, std),
     )
 
 

@@ -7,16 +7,21 @@ registration (`truepose.geometry`) makes them comparable.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.frames import data_frame
 from truepose._io.strict import LARGEST
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.samples.frames import quantities, text_table, tidy_columns
 from truepose.samples.naming import name_points
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
 _REPR_UNITS: Final = {"temperature": "°C", "load": "kg"}
@@ -146,6 +151,37 @@ class Poses:
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
         """Return the rows selected by a mask, an index array or a slice."""
         return replace(self, **{name: getattr(self, name)[index] for name in self.columns()})
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with the columns of the tidy table, in mm and deg; needs pandas.
+
+        Examples
+        --------
+        >>> frame = Poses(q=np.radians([[10.0, 20.0], [30.0, 40.0]])).to_frame()
+        >>> list(frame.columns), len(Poses.from_frame(frame))
+        (['row', 'q1_deg', 'q2_deg'], 2)
+        """
+        return data_frame(tidy_columns({name: getattr(self, name) for name in self.columns()}))
+
+    @classmethod
+    def from_frame(cls, frame: DataFrame, source: str = "frame") -> Self:
+        """Return the table that a pandas table holds.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            A table with the columns of the tidy table, such as ``q1_deg``, ``x_cmd_mm`` or ``x_meas_m``; columns with
+            other names are ignored.
+        source : str
+            The origin of the table, for messages.
+
+        Raises
+        ------
+        FileError
+            If a column is missing, misspelt or without unit, or a value is not a number; with the row, from 1.
+        """
+        measured = "p_meas" in cls.__dataclass_fields__
+        return cls(**quantities(text_table(frame, source), measured=measured), source=source)
 
     def columns(self) -> list[str]:
         """Return the names of the quantities that this table holds."""

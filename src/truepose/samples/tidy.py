@@ -18,26 +18,20 @@ Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter is a co
 from __future__ import annotations
 
 import csv
-import warnings
 from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from truepose._io.delimited import escaped, is_number, read_table
 from truepose._io.files import write_atomic
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
-from truepose.samples.columns import QUANTITIES, full_name, gather, require
+from truepose.samples.frames import quantities, tidy_columns
 from truepose.samples.table import Poses, Samples
-
-_COMMANDED: Final = {"row", "name", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
-_MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}
 
 
 def read_samples(path: str | Path) -> Samples:
@@ -62,6 +56,7 @@ def read_samples(path: str | Path) -> Samples:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from tempfile import TemporaryDirectory
     >>> samples = Samples(np.array([[2100.0, 5.0, 800.0], [2050.0, 360.0, 800.0]]), q=np.radians([[10.0], [20.0]]))
     >>> with TemporaryDirectory() as folder:
@@ -71,10 +66,7 @@ def read_samples(path: str | Path) -> Samples:
            [2050.,  360.,  800.]])
     """
     table = read_table(path)
-    arrays = gather(table, _COMMANDED | _MEASURED)
-    require(table, arrays, "x_meas")
-    require(table, arrays, "q1", "x_cmd")
-    samples = Samples(**_rotations(arrays), line=table.line, source=str(path))
+    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(path))
     check(samples)
     return samples
 
@@ -99,6 +91,7 @@ def read_poses(path: str | Path) -> Poses:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     write_samples(f"{folder}/poses.csv", Poses(p_cmd=np.array([[1200.0, 0.0, 900.0], [1350.0, 200.0, 900.0]])))
@@ -107,9 +100,7 @@ def read_poses(path: str | Path) -> Poses:
            [1350.,  200.,  900.]])
     """
     table = read_table(path)
-    arrays = gather(table, _COMMANDED)
-    require(table, arrays, "q1", "x_cmd")
-    poses = Poses(**_rotations(arrays), line=table.line, source=str(path))
+    poses = Poses(**quantities(table, measured=False), line=table.line, source=str(path))
     check(poses)
     return poses
 
@@ -134,20 +125,10 @@ def write_samples(path: str | Path, samples: Poses) -> None:
 
 def samples_text(samples: Poses, path: str | Path = "samples") -> str:
     """Return the text of a tidy table; see `write_samples`."""
-    arrays = {name: getattr(samples, name) for name in samples.columns()}
-    if (rotation := arrays.pop("rotation_cmd", None)) is not None:
-        arrays["rpy_cmd"] = _angles(rotation, "ZYX")[:, ::-1]
-    if (rotation := arrays.pop("rotation_meas", None)) is not None:
-        arrays["rxyz_meas"] = _angles(rotation, "XYZ")
-    header, columns = [], []
-    for stem, quantity in QUANTITIES.items():
-        values = arrays.get(quantity.array)
-        if values is None or (values.ndim == 2 and quantity.index >= values.shape[1]):
-            continue
-        header.append(full_name(stem))
-        columns.append(_text(path, values[:, quantity.index] if values.ndim == 2 else values, quantity.kind))
+    found = tidy_columns({name: getattr(samples, name) for name in samples.columns()})
+    columns = [_text(path, values) for values in found.values()]
     rows = [",".join(row) for row in zip(*columns, strict=True)]
-    return "\n".join([",".join(header), *rows]) + "\n"
+    return "\n".join([",".join(found), *rows]) + "\n"
 
 
 def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:
@@ -188,21 +169,7 @@ def _cell(field: str) -> str:
     return field if field.startswith("'") or is_number(field) else escaped(field)
 
 
-def _rotations(arrays: dict[str, Any]) -> dict[str, Any]:
-    if (rpy := arrays.pop("rpy_cmd", None)) is not None:
-        arrays["rotation_cmd"] = Rotation.from_euler("ZYX", rpy[:, ::-1])
-    if (rxyz := arrays.pop("rxyz_meas", None)) is not None:
-        arrays["rotation_meas"] = Rotation.from_euler("XYZ", rxyz)
-    return arrays
-
-
-def _angles(rotation: Rotation, order: Literal["ZYX", "XYZ"]) -> FloatArray:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock, any of the equivalent triples
-        return np.asarray(rotation.as_euler(order))
-
-
-def _text(path: str | Path, values: NDArray[Any], kind: str) -> list[str]:
+def _text(path: str | Path, values: NDArray[Any]) -> list[str]:
     if values.dtype.kind == "U":
         bad = [name for name in values if any(letter in name for letter in ',;"\t\n\r')]
         if bad:
@@ -210,4 +177,4 @@ def _text(path: str | Path, values: NDArray[Any], kind: str) -> list[str]:
         return [escaped(str(name)) for name in values]
     if values.dtype.kind == "i":
         return [str(value) for value in values]
-    return [f"{value:.12g}" for value in (np.degrees(values) if kind == "angle" else values)]
+    return [f"{value:.12g}" for value in values]

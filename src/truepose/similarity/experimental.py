@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truepose._io.frames import data_frame
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 WEAK_PAIRS: Final = 30
 """A bin with fewer pairs than this is reported as weak (Journel & Huijbregts 1978)."""
@@ -103,6 +107,54 @@ class ExperimentalVariogram:
             "edges": self.edges.tolist(),
             "estimator": self.estimator,
         }
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with one row for each bin; needs pandas. `from_frame` reads it."""
+        components = {f"gamma_{k}_mm2": column for k, column in enumerate(self.semivariance.T, 1)}
+        bins = {"from": self.edges[:-1], "to": self.edges[1:], "lag": self.lag, "pairs": self.pairs}
+        return data_frame({**bins, **components}, dimensions=self.dimensions, estimator=self.estimator)
+
+    @classmethod
+    def from_frame(cls, frame: DataFrame, dimensions: int | None = None) -> Self:
+        """Return the semivariogram of a pandas table, for example of one that another program computed.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            A table with the columns ``lag``, ``pairs``, and ``gamma_1_mm2`` … for each component; ``from`` and ``to``,
+            the edges of the bins, if they are known.
+        dimensions : int, optional
+            The number of coordinates of the points; by default that of `to_frame`, or 3.
+
+        Raises
+        ------
+        DataError
+            If a column is missing.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> table = pd.DataFrame({"lag": [10.0, 20.0], "pairs": [80, 150], "gamma_1_mm2": [0.2, 0.3]})
+        >>> ExperimentalVariogram.from_frame(table).vector
+        array([0.2, 0.3])
+        """
+        names = [name for name in map(str, frame.columns) if name.startswith("gamma_") and name.endswith("_mm2")]
+        if missing := [name for name in ("lag", "pairs") if name not in frame] + ["gamma_1_mm2"] * (not names):
+            raise DataError(f"the table has no column {', '.join(missing)}; expected lag, pairs, gamma_1_mm2 …")
+        lag, gamma = (np.asarray(frame[key], dtype=np.float64) for key in ("lag", names))
+        middles = np.concatenate([[0.0], (lag[1:] + lag[:-1]) / 2, lag[-1:]])
+        known = {"from", "to"} <= set(frame.columns)
+        return cls(
+            lag=lag,
+            semivariance=gamma,
+            vector=gamma.sum(axis=1),
+            pairs=np.asarray(frame["pairs"], dtype=np.int64),
+            edges=np.append(frame["from"].to_numpy(), frame["to"].to_numpy()[-1:]) if known else middles,
+            repeats=0,
+            repeat_semivariance=np.full(len(names), np.nan),
+            dimensions=dimensions or frame.attrs.get("dimensions", 3),
+            estimator=frame.attrs.get("estimator", "unknown"),
+        )
 
 
 def experimental_variogram(
