@@ -315,7 +315,7 @@ def test_targets_of_another_shape(error_map, samples, targets):
         error_map.correct(np.zeros((4, 5)))
     with pytest.raises(DataError, match=r"all finite; got targets of shape \(2, 3\)"):
         error_map.correct(np.full((2, 3), np.nan))
-    with pytest.raises(DataError, match="status and turn cannot be combined with joints"):
+    with pytest.raises(DataError, match="status, turn and near cannot be combined with joints"):
         error_map.correct(samples.q, status=np.zeros(len(samples), int))
 
 

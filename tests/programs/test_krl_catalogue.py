@@ -111,16 +111,17 @@ def test_circle_both_or_neither(read: Read) -> None:
     assert "its circle's other point XJ (line 4) is left out: joint target" in only(program, "XA").reason
 
 
+@pytest.mark.parametrize(("word", "turn"), [("PTP", 10), ("LIN", -1)])
 def test_a_correction_that_would_change_the_configuration_is_refused(
-    pair: Any, frames: FrameTable, make_map: Any
+    pair: Any, frames: FrameTable, make_map: Any, word: str, turn: int
 ) -> None:
-    path = pair(f"DEF cell( )\n{SET}LIN {POSE}\nLIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND\n")
+    path = pair(f"DEF cell( )\n{SET}{word} {POSE}\nLIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND\n")
     error_map = make_map(guarded={0: "Status would change"})
-    with pytest.raises(RefusedError, match=r"cell\.src:4: LIN:4: Status would change"):
+    with pytest.raises(RefusedError, match=rf"cell\.src:4: {word}:4: Status would change"):
         correct_program(path, error_map, frames=frames)
-    # the map judges it, so it is told the configuration
+    # the map judges it, so it gets the configuration; the controller ignores the Turn of a LIN
     assert error_map.calls[0]["status"].tolist() == [2, -1]
-    assert error_map.calls[0]["turn"].tolist() == [10, -1]
+    assert error_map.calls[0]["turn"].tolist() == [turn, -1]
 
 
 def test_the_same_text_retyped_is_patched_by_position(pair: Any, frames: FrameTable, make_map: Any) -> None:

@@ -36,6 +36,8 @@ class Targets:
         The joints of the targets, where these were given.
     status, turn : (n,) arrays of int, optional
         The KUKA configuration of each target, −1 where it is not given.
+    near : (n, dof) array [rad], optional
+        The joints near which the controller reaches each target; NaN where they are not known.
     """
 
     p: FloatArray
@@ -44,6 +46,7 @@ class Targets:
     q: FloatArray | None = None
     status: IntArray | None = None
     turn: IntArray | None = None
+    near: FloatArray | None = None
 
     @classmethod
     def of(
@@ -53,6 +56,7 @@ class Targets:
         tf_flange_tool: ArrayLike,
         status: IntArray | None,
         turn: IntArray | None,
+        near: FloatArray | None = None,
     ) -> Self:
         """Return targets given as poses (n, 4, 4), positions (n, 3), joints (n, dof), or a table of these.
 
@@ -65,19 +69,21 @@ class Targets:
         n = len(next(part for part in (q, p, poses) if part is not None))
         tools = np.broadcast_to(np.asarray(tf_flange_tool, float), (n, 4, 4))
         if q is not None:
-            if status is not None or turn is not None:
-                raise DataError("status and turn cannot be combined with joints, which name the configuration")
+            if not all(part is None for part in (status, turn, near)):
+                raise DataError("status, turn and near cannot be combined with joints, which name the configuration")
             poses = robot.forward(robot.check_joints(q)) @ tools
         if poses is not None:
             p = poses[:, :3, 3]
         assert p is not None
-        return cls(p, poses, tools, q, status, turn)
+        return cls(p, poses, tools, q, status, turn, near)
 
     def branches(self, robot: Robot, q_samples: FloatArray | None, *, needed: bool) -> BranchTracker | None:
         """Return the tracker of the targets' joints; None where these are neither needed nor known."""
         if self.poses is None or q_samples is None or not (needed or robot.dof <= 6):
             return None
-        return BranchTracker(robot, self.poses, self.tf_flange_tool, q_samples, self.status, self.turn, q=self.q)
+        return BranchTracker(
+            robot, self.poses, self.tf_flange_tool, q_samples, self.status, self.turn, near=self.near, q=self.q
+        )
 
 
 def _parts(robot: Robot, given: Poses | ArrayLike) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
-from truepose._typing import IntArray
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle
 from truepose.error_map.correction import Targets, correct
@@ -113,6 +113,7 @@ class ErrorMap(PredictingMap):
         tf_flange_tool: ArrayLike | None = None,
         status: IntArray | None = None,
         turn: IntArray | None = None,
+        near: FloatArray | None = None,
         on_guard: Policy | None = None,
         limits: LimitsInForce | None = None,
         orientation: bool = False,
@@ -129,6 +130,9 @@ class ErrorMap(PredictingMap):
             The tool of each target; the measured one by default.
         status, turn : (n,) arrays of int, optional
             The KUKA configuration of each target, −1 where it is not given. Joints name it themselves.
+        near : (n, dof) array [rad], optional
+            The joints near which the controller reaches each target, NaN where they are not known. They take precedence
+            over Status and Turn, which controllers ignore at straight, circular and spline motions.
         on_guard : {"refuse", "skip", "clip"}, optional
             The policy, instead of the one that `limits` names. Under ``refuse`` the verdicts say which targets refuse
             the program; the caller stops then.
@@ -157,13 +161,13 @@ class ErrorMap(PredictingMap):
         Notes
         -----
         A predictor in joint space is evaluated at the joints by which the controller reaches the command: on the branch
-        of the given joints, or that of Status and Turn, or that of the nearest sample.
+        of the given joints, or nearest to `near`, or that of Status and Turn, or that of the nearest sample.
         """
         if not accept_weak_map:
             self._refuse_to_correct()
         limits = limits or self.limits_in_force()
         tool = self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool
-        targets = Targets.of(self.robot, poses, tool, status, turn)
+        targets = Targets.of(self.robot, poses, tool, status, turn, near)
         guards = self.guards_of(limits.limits)
         return correct(self, targets, guards, on_guard or limits.on_guard, orientation=orientation)
 

@@ -32,6 +32,9 @@ class BranchTracker:
         The measured configurations; a target that names no branch takes the one nearest to any of them.
     status, turn : (n,) arrays of int, optional
         The KUKA configuration of each target, −1 where it is not given.
+    near : (n, dof) array [rad], optional
+        The joints near which the controller reaches each target, NaN where they are not known. They select the branch
+        and the full turns of every joint.
     q : (n, dof) array [rad], optional
         The joints of the targets, where they are known.
 
@@ -54,20 +57,32 @@ class BranchTracker:
         status: IntArray | None = None,
         turn: IntArray | None = None,
         *,
+        near: FloatArray | None = None,
         q: FloatArray | None = None,
     ) -> None:
         self._robot, self._poses, self._turn = robot, poses, turn
         self._named = np.zeros(len(poses), np.bool_) if status is None else status >= 0
         self._tf_tool_flange = invert_transform(tf_flange_tool)
-        self.q = self._start(q_samples, status, turn) if q is None else q.copy()
+        self.q = self._start(q_samples, status, turn, near) if q is None else q.copy()
         self.lost: BoolArray = np.asarray(np.isnan(self.q).any(axis=1))
         self.q[self.lost] = q_samples[0]
         self.q_target = self.q.copy()
 
-    def _start(self, q_samples: FloatArray, status: IntArray | None, turn: IntArray | None) -> FloatArray:
-        """Return the targets' joints (n, dof) on the branch that Status and Turn name, or that of the samples."""
+    def _start(
+        self, q_samples: FloatArray, status: IntArray | None, turn: IntArray | None, near: FloatArray | None
+    ) -> FloatArray:
+        """Return the targets' joints (n, dof): those near `near`, else of Status and Turn, else of the samples."""
         solutions = self._robot.inverse(self._poses @ self._tf_tool_flange)
-        q = _near_samples(solutions, q_samples)
+        q = self._named_joints(solutions, q_samples, status, turn)
+        if near is not None and len(known := np.flatnonzero(np.isfinite(near).all(axis=1))):
+            q[known] = nearest_branch(solutions[known], near[known])
+        return q
+
+    def _named_joints(
+        self, solutions: FloatArray, q_samples: FloatArray, status: IntArray | None, turn: IntArray | None
+    ) -> FloatArray:
+        """Return the targets' joints (n, dof) on the branch that Status and Turn name, or that of the samples."""
+        q = _near_samples(self._robot, solutions, q_samples)
         if status is None or not self._named.any():
             return q
         turns = np.full(len(q), -1) if turn is None else turn
@@ -75,7 +90,7 @@ class BranchTracker:
             named = select(self._robot, solutions, np.maximum(status, 0), np.maximum(turns, 0))
         except RobotError:
             return q  # no KUKA arm: its programs name no Status
-        named = np.where((turns >= 0)[:, None], named, _near_samples(named[:, None], q_samples))
+        named = np.where((turns >= 0)[:, None], named, _near_samples(self._robot, named[:, None], q_samples))
         q[self._named] = named[self._named]
         return q
 
@@ -143,8 +158,11 @@ def _word(status_turn_bits: IntArray) -> str:
     return f"S {status}" if turn < 0 else f"S {status}, T {turn}"
 
 
-def _near_samples(solutions: FloatArray, q_samples: FloatArray) -> FloatArray:
-    """Return of each target's branches (n, b, dof) the one nearest to a sample, at the turn nearest to it, or NaN."""
+def _near_samples(robot: Robot, solutions: FloatArray, q_samples: FloatArray) -> FloatArray:
+    """Return of each target's branches (n, b, dof) the one nearest to a sample, or NaN.
+
+    Each joint is at the full turn nearest to that sample, or one turn from it if only that lies within the limits.
+    """
     exists = np.asarray(~np.isnan(solutions).any(axis=2))
     closeness = np.full(exists.shape, -np.inf)
     nearest = np.zeros(exists.shape, np.int64)
@@ -152,7 +170,10 @@ def _near_samples(solutions: FloatArray, q_samples: FloatArray) -> FloatArray:
     best = np.argmax(closeness, axis=1)
     row = np.arange(len(solutions))
     chosen, near = solutions[row, best], q_samples[nearest[row, best]]
-    return np.asarray(near + (chosen - near + np.pi) % (2.0 * np.pi) - np.pi)
+    q = near + (chosen - near + np.pi) % (2.0 * np.pi) - np.pi
+    low, high = robot.limits.T
+    other = q + 2.0 * np.pi * (np.less(q, low).astype(float) - np.greater(q, high))
+    return np.asarray(np.where((other >= low) & (other <= high), other, q))
 
 
 def _closest(q: FloatArray, q_samples: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -25,6 +25,7 @@ from truepose.programs.agreement import check_cell, check_maker
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
+from truepose.programs.core.joints import joints_along_paths
 from truepose.programs.core.orientations import turned
 from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digit_step
 from truepose.programs.core.paths import Paths
@@ -152,11 +153,16 @@ def correct_program(
     outcomes = Outcomes.none(program, program.width if orientation else 3)
     change = outcomes.after[:, : 6 if orientation else 3]  # until the digits take their place
     refused: dict[int, str] = {}
+    near: FloatArray | None = None
     more: dict[str, Any] = {}
     if isinstance(error_map, LimitsCorrections):
         more = {"limits": limits, "accept_weak_map": accept_weak_map}
+        if known.robot is not None:
+            near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
     done = 0
     for rows, columns in program.correctable_columns():
+        if near is not None:
+            more["near"] = near[rows]
         asked = _ask(error_map, columns, on_guard, orientation, more)
         change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
         why = {int(rows[k]): reason for k, reason in asked[4].items()}
@@ -238,7 +244,7 @@ def _ask(
         poses,
         tf_flange_tool=tools,
         status=columns.status,
-        turn=columns.turn,
+        turn=np.where(columns.on_paths, -1, columns.turn),  # controllers ignore Turn along paths
         on_guard=on_guard,
         orientation=orientation,
         **more,

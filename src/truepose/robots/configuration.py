@@ -245,8 +245,25 @@ def joints_of_abb(
         rows = np.flatnonzero(odd)
         raise DataError(f"cfx is {word[rows[0], 3]} in {name_rows(rows)}; expected 0 to 7")
     q = _on_branch(robot, poses, tool, word[:, 3], "cfx")
-    middle = (word[:, :3] + 0.5) * _QUARTER
-    return _turned(robot, q, _ABB_JOINTS, middle, _QUARTER / 2, "quarter turns cf1, cf4, cf6")
+    return _turned(robot, q, _ABB_JOINTS, _middle(word), _QUARTER / 2, "quarter turns cf1, cf4, cf6")
+
+
+def select_abb(robot: Chain, solutions: FloatArray, configuration: IntArray) -> FloatArray:
+    """Return the branches (n, 6) [rad] that confdata (n, 4) select from `solutions` (n, 8, 6); NaN where there is none.
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind.
+    """
+    ortho_parallel(robot)
+    q = solutions[np.arange(len(solutions)), configuration[:, 3]]
+    return _with_turns(q, _ABB_JOINTS, _middle(configuration))
+
+
+def _middle(configuration: IntArray) -> FloatArray:
+    """Return the middles of the quarters of joints 1, 4 and 6, (n, 3) [rad]."""
+    return np.asarray((configuration[:, :3] + 0.5) * _QUARTER)
 
 
 def fanuc_configuration(robot: Chain, q: ArrayLike) -> StrArray:
@@ -317,7 +334,28 @@ def joints_of_fanuc(
     DataError
         If a CONFIG is invalid, or poses or tool are not rigid transforms.
     """
-    words = np.atleast_1d(np.asarray(configuration)).tolist()
+    slots, goal = _parse_fanuc(np.atleast_1d(np.asarray(configuration)).tolist())
+    q = _on_branch(robot, poses, tool, slots, "CONFIG")
+    return _turned(robot, q, _FANUC_JOINTS, goal, np.pi, "turn numbers")
+
+
+def select_fanuc(robot: Chain, solutions: FloatArray, configuration: Sequence[str]) -> FloatArray:
+    """Return the branches (n, 6) [rad] that n CONFIG select from `solutions` (n, 8, 6); NaN where there is none.
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind.
+    DataError
+        If a CONFIG is invalid.
+    """
+    ortho_parallel(robot)
+    slots, goal = _parse_fanuc(configuration)
+    return _with_turns(solutions[np.arange(len(solutions)), slots], _FANUC_JOINTS, goal)
+
+
+def _parse_fanuc(words: Sequence[str]) -> tuple[IntArray, FloatArray]:
+    """Return the slots (n,) and the full turns of joints 4, 5 and 6 (n, 3) [rad] that CONFIG state."""
     slots, turns = np.empty(len(words), np.int64), np.empty((len(words), 3))
     for row, word in enumerate(words):
         found = _CONFIG.fullmatch(str(word).strip("'\" "))
@@ -325,8 +363,7 @@ def joints_of_fanuc(
             raise DataError(f'CONFIG in row {row} is {word!r}; expected, for example, "N U T, 0, 0, 0"')
         slots[row] = 4 * (found[4] == "B") + 2 * (found[3] == "D") + (found[1] == "N")
         turns[row] = [int(number) for number in found.group(5, 6, 7)]
-    q = _on_branch(robot, poses, tool, slots, "CONFIG")
-    return _turned(robot, q, _FANUC_JOINTS, _TURN * turns, np.pi, "turn numbers")
+    return slots, _TURN * turns
 
 
 def _on_branch(robot: Chain, poses: ArrayLike, tool: ArrayLike | None, slots: IntArray, word: str) -> FloatArray:
@@ -350,10 +387,8 @@ def _on_branch(robot: Chain, poses: ArrayLike, tool: ArrayLike | None, slots: In
 
 def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, half: float, word: str) -> FloatArray:
     """Return joints (…, 6) with full turns added until some of them lie within `half` of the stated middles."""
-    turned = q.copy()
-    now = q[..., joints]
     goal = middle if q.ndim == 2 else middle[0]
-    turned[..., joints] = now + _TURN * np.round((goal - now) / _TURN)
+    turned = _with_turns(q, joints, goal)
     off = np.abs(turned[..., joints] - goal) > half + _DOUBT
     if off.any():
         rows = np.flatnonzero(np.atleast_2d(off).any(axis=1))
@@ -363,6 +398,14 @@ def _turned(robot: Chain, q: FloatArray, joints: IntArray, middle: FloatArray, h
             f"{robot.name}: the {word} do not match the joints in {name_rows(rows)}: joint {joint + 1} is at "
             f"{value:.3f} deg in row {rows[0]}; check tool, base and configuration"
         )
+    return turned
+
+
+def _with_turns(q: FloatArray, joints: IntArray, goal: FloatArray) -> FloatArray:
+    """Return joints (…, 6) [rad] with some of them at the full turn nearest to `goal` (…, k)."""
+    turned = q.copy()
+    now = q[..., joints]
+    turned[..., joints] = now + _TURN * np.round((goal - now) / _TURN)
     return turned
 
 

@@ -120,6 +120,11 @@ class TargetColumns:
         """Verdicts, (n,)."""
         return np.array([target.verdict for target in self.alike])[self.kind]
 
+    @property
+    def on_paths(self) -> BoolArray:
+        """Whether every motion to each target is straight, circular or a spline, (n,)."""
+        return np.array([target.on_paths for target in self.alike])[self.kind]
+
     def shared(self) -> tuple[list[Target], IntArray]:
         """Return the few kinds of target among these, and for each target which of them it is, (n,)."""
         kinds, which = np.unique(self.kind, return_inverse=True)

@@ -3,6 +3,9 @@
 The word in the program (KUKA's S and T, ABB's confdata, FANUC's CONFIG) stays as it is, so the joints at the corrected
 pose must still have it. Joints are those of the nominal robot. A word that does not fit the pose even before the
 correction is not judged.
+
+Along straight, circular and spline motions every joint moves on from where it is: KUKA's Turn and FANUC's turn numbers
+have no effect there, so only Status and letters are compared. ABB monitors the whole confdata there, too (ConfL).
 """
 
 from __future__ import annotations
@@ -17,13 +20,22 @@ from truepose._typing import BoolArray, FloatArray
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
 from truepose.programs.core.columns import TargetColumns
-from truepose.robots import Robot, abb_configuration, fanuc_configuration, find_branches, nearest_branch, status_turn
+from truepose.programs.core.target import Target
+from truepose.robots import (
+    Robot,
+    abb_configuration,
+    fanuc_configuration,
+    find_branches,
+    nearest_branch,
+    select,
+    status_turn,
+)
+from truepose.robots.configuration import BRANCH, select_abb, select_fanuc
 
 StrArray = NDArray[np.str_]
 _ABB: Final = re.compile(r"\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*(-?[0-9]{1,3})\s*,\s*([0-7])\s*")
 _TURN: Final = r"\s*,\s*(-?[0-9])"
 _FANUC: Final = re.compile(rf"\s*([NF])\s*[LR]?\s*([UD])\s*([TB]){3 * _TURN}\s*", re.I)
-_BRANCH: Final = 0b111  # of KUKA's Status
 _TURNS: Final = 0b111111
 _CHUNK: Final = 50_000
 _HAIR: Final = 0.02  # [mm]
@@ -56,7 +68,7 @@ def changed_words(
         try:
             q = _joints_of(controller, robot, poses[rows] @ tf_tool_flange, wanted)
             known = np.flatnonzero(np.isfinite(q).all(axis=1))
-            known = known[_words(controller, robot, q[known]) == wanted[known]]
+            known = known[_words(controller, robot, q[known], wanted[known]) == wanted[known]]
             others = np.setdiff1d(np.arange(len(rows)), known)
             border = _on_border(controller, robot, poses[rows[others]], tf_tool_flange[others], wanted[others])
             for i in others[border]:
@@ -68,27 +80,37 @@ def changed_words(
             return reasons  # an arm of another kind: its programs name no such words
         lost = ~np.isfinite(q_after).all(axis=1)
         got = np.full(len(known), "out of reach", dtype="<U40")
-        got[~lost] = _words(controller, robot, q_after[~lost])
+        got[~lost] = _words(controller, robot, q_after[~lost], wanted[known[~lost]])
         for k in np.flatnonzero(got != wanted[known]):
             reasons[int(rows[known[k]])] = f"its configuration would change from {wanted[known[k]]} to {got[k]}"
     return reasons
 
 
 def words_of(columns: TargetColumns) -> list[str]:
-    """Return the words of targets in one form; empty where a target names none, or no valid one."""
+    """Return the words of targets in one form; empty where a target names none, or no valid one.
+
+    Where only paths lead to a target, the word has no turns; see the head of this module.
+    """
     if columns.controller == "kuka":
-        pairs = zip(columns.status.tolist(), columns.turn.tolist(), strict=True)
-        return [f"S {s & _BRANCH}, T {t & _TURNS}" if s >= 0 and t >= 0 else "" for s, t in pairs]
+        numbers = zip(columns.status.tolist(), columns.turn.tolist(), columns.on_paths.tolist(), strict=True)
+        return [_kuka_word(*row) for row in numbers]
     kinds, which = columns.shared()
-    words = [_word(columns.controller, target.configuration) for target in kinds]
+    words = [_word(columns.controller, target) for target in kinds]
     return [words[k] for k in which.tolist()]
 
 
-def _word(controller: str, configuration: str) -> str:
-    if controller == "abb" and (m := _ABB.fullmatch(configuration)):
+def _kuka_word(status: int, turn: int, on_paths: bool) -> str:
+    if status < 0 or (turn < 0 and not on_paths):
+        return ""
+    return f"S {status & BRANCH}" + ("" if on_paths else f", T {turn & _TURNS}")
+
+
+def _word(controller: str, target: Target) -> str:
+    if controller == "abb" and (m := _ABB.fullmatch(target.configuration)):
         return ",".join(str(int(number)) for number in m.groups())
-    if controller == "fanuc" and (m := _FANUC.fullmatch(configuration)):
+    if controller == "fanuc" and (m := _FANUC.fullmatch(target.configuration)):
         flip, elbow, front, *turns = m.groups()
+        turns = [] if target.on_paths else turns
         return ", ".join([f"{flip} {elbow} {front}".upper(), *(str(int(turn)) for turn in turns)])
     return ""
 
@@ -96,21 +118,13 @@ def _word(controller: str, configuration: str) -> str:
 def _joints_of(controller: str, robot: Robot, flange: FloatArray, words: StrArray) -> FloatArray:
     """Return the joints that poses and words name, (n, 6) [rad]; NaN where there are none."""
     solutions = find_branches(robot, flange).q
-    rows = np.arange(len(words))
-    numbers = np.array([[int(n) for n in re.findall(r"-?[0-9]+", word)] for word in words])
-    if controller == "kuka":
-        from truepose.robots import select
-
-        return select(robot, solutions, numbers[:, 0], numbers[:, 1])
+    if controller == "fanuc":
+        return select_fanuc(robot, solutions, [word if "," in word else f"{word}, 0, 0, 0" for word in words])
+    numbers = [[int(n) for n in re.findall(r"-?[0-9]+", word)] for word in words]
     if controller == "abb":
-        q: FloatArray = solutions[rows, numbers[:, 3]].copy()
-        joints, goal = [0, 3, 5], (numbers[:, :3] + 0.5) * (np.pi / 2)
-    else:
-        slots = np.array([4 * (word[4] == "B") + 2 * (word[2] == "D") + (word[0] == "N") for word in words])
-        q = solutions[rows, slots].copy()
-        joints, goal = [3, 4, 5], 2 * np.pi * numbers[:, :3]
-    q[:, joints] += 2 * np.pi * np.round((goal - q[:, joints]) / (2 * np.pi))
-    return q
+        return select_abb(robot, solutions, np.array(numbers).reshape(-1, 4))
+    status, turn = np.array([(*row, 0)[:2] for row in numbers]).reshape(-1, 2).T
+    return select(robot, solutions, status, turn)
 
 
 def _on_border(
@@ -123,16 +137,18 @@ def _on_border(
         near[:, :3, 3] += step
         q = _joints_of(controller, robot, near @ tf_tool_flange, words)
         known = np.isfinite(q).all(axis=1)
-        border[known] |= _words(controller, robot, q[known]) == words[known]
+        border[known] |= _words(controller, robot, q[known], words[known]) == words[known]
     return border
 
 
-def _words(controller: str, robot: Robot, q: FloatArray) -> StrArray:
-    """Return the words of joints, (n,) of str."""
+def _words(controller: str, robot: Robot, q: FloatArray, like: StrArray) -> StrArray:
+    """Return the words of joints, (n,) of str; without turns where those in `like` have none."""
     if not len(q):
         return np.array([], dtype=str)
     if controller == "kuka":
-        return np.array([f"S {s}, T {t}" for s, t in zip(*status_turn(robot, q), strict=True)])
-    if controller == "abb":
-        return np.array([",".join(map(str, row)) for row in abb_configuration(robot, q)])
-    return fanuc_configuration(robot, q)
+        words = np.array([f"S {s}, T {t}" for s, t in zip(*status_turn(robot, q), strict=True)])
+    elif controller == "abb":
+        words = np.array([",".join(map(str, row)) for row in abb_configuration(robot, q)])
+    else:
+        words = fanuc_configuration(robot, q)
+    return np.where(np.char.count(like, ",") > 0, words, np.char.partition(words, ",")[:, 0])

@@ -6,7 +6,6 @@ the verdicts (docs/programs.md).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -18,7 +17,7 @@ from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
 from truepose.programs.core.source import Source, Span, parse_number
-from truepose.programs.core.target import Target, Verdict
+from truepose.programs.core.target import JOINT_MOTION, Target, Verdict
 
 AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
@@ -411,12 +410,6 @@ def in_order(
     return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
 
 
-_NO_PATH: Final = re.compile(
-    r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
-)
-"""Joint motions, whose path is no line in space, and data whose motions are not known."""
-
-
 def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[Target | Stretch]) -> Motions:
     """Return the motions in the order of the text."""
     import numpy as np
@@ -425,7 +418,7 @@ def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[
     for visit in sorted(visits):
         item, first = items[visit.item], place[visit.item]
         size = 1 if isinstance(item, Target) else len(item)
-        on_path = _NO_PATH.fullmatch(visit.word) is None
+        on_path = JOINT_MOTION.fullmatch(visit.word) is None
         targets.append(np.arange(first, first + size))
         linear.append(np.full(size, on_path))
         linear[-1][0] = on_path and before == (visit.file, visit.section)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +16,10 @@ from truepose.programs.core import orientations
 from truepose.programs.core.source import Span
 
 Verdict = Literal["correct", "skip", "refuse"]
+JOINT_MOTION: Final = re.compile(
+    r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
+)
+"""Words of joint motions, whose path is no line in space, and of data whose motions are not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -87,6 +92,11 @@ class Target:
     def rotation(self) -> Rotation | None:
         """Orientation in its own frame."""
         return None if self.angles is None else orientations.rotation(self.controller, np.array(self.angles))
+
+    @property
+    def on_paths(self) -> bool:
+        """Whether every motion to it is straight, circular or a spline."""
+        return bool(self.motions) and not any(map(JOINT_MOTION.fullmatch, self.motions))
 
     @property
     def uses(self) -> dict[str, int]:
