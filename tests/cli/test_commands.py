@@ -16,6 +16,8 @@ import typer
 import truepose as tp
 from truepose.cli import app
 from truepose.geometry import apply_transform, invert_transform
+from truepose.predictors import PREDICTORS
+from truepose.predictors.selection.choice import QUICK
 from truepose.samples import write_samples
 
 
@@ -50,6 +52,18 @@ def test_no_help_text_loses_a_unit_in_brackets():
     texts = [option.help or "" for command in commands.values() for option in command.params]
     assert len(texts) > 100
     assert [text for text in texts if re.search(r"(?<!\\)\[", text)] == []
+
+
+def test_help_lists_every_predictor_and_quick_candidate(run):
+    text = " ".join(run("fit", "--help").out.replace("│", " ").split())
+    names, quick = re.search(r"auto, or one of (.*?); with options", text), re.search(r"or quick \((.*?)\)", text)
+    assert names[1].split(", ") == list(PREDICTORS)
+    assert quick[1].split(", ") == list(QUICK)
+
+
+def test_help_groups_the_commands_in_the_order_of_work(run):
+    panels = re.findall(r"─ (\w+) ─", run("--help").out)
+    assert panels == ["Options", "Start", "Measure", "Model", "Correct", "Report"]
 
 
 def test_help_is_light():

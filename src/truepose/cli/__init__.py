@@ -38,31 +38,39 @@ app = typer.Typer(
     help="Improve the positional accuracy of industrial robots: measure, model the errors, correct robot programs.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_COMMANDS: Final[dict[str, Callable[..., None]]] = {
-    "demo": demo.demo,
-    "robots": setup.robots,
-    "init": setup.init,
-    "plan": plan.plan,
-    "import": importing.import_readings,
-    "similarity": similarity.similarity,
-    "check-point": setup.check_point,
-    "fit": fit.fit,
-    "predict": maps.predict,
-    "validate": maps.validate,
-    "explain": explain.explain,
-    "update": update.update,
-    "iso9283": iso9283.iso9283,
-    "report": report.report,
-    "check": programs.check,
-    "correct": programs.correct,
-    "verify": verify.verify,
-    "study": demo.study,
+_COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
+    "Start": {
+        "demo": demo.demo,
+        "robots": setup.robots,
+        "init": setup.init,
+        "check-point": setup.check_point,
+    },
+    "Measure": {
+        "plan": plan.plan,
+        "import": importing.import_readings,
+        "similarity": similarity.similarity,
+        "iso9283": iso9283.iso9283,
+    },
+    "Model": {
+        "fit": fit.fit,
+        "validate": maps.validate,
+        "explain": explain.explain,
+        "predict": maps.predict,
+        "update": update.update,
+        "study": demo.study,
+    },
+    "Correct": {
+        "check": programs.check,
+        "correct": programs.correct,
+        "verify": verify.verify,
+    },
+    "Report": {"report": report.report},
 }
-for _name, _command in _COMMANDS.items():
-    app.command(_name, cls=Command)(_command)
+for _panel, _commands in _COMMANDS.items():
+    for _name, _command in _commands.items():
+        app.command(_name, cls=Command, rich_help_panel=_panel)(_command)
 
 
 @app.callback(invoke_without_command=True)

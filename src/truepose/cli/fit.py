@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.options import AcceptCampaign, CellPath, Force, Json, SamplesPath
+from truepose.cli.options import AcceptCampaign, Candidates, CellPath, Force, Json, PredictorName, SamplesPath
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, working
 from truepose.cli.summaries import (
     calibration_data,
@@ -25,13 +25,9 @@ if TYPE_CHECKING:
 def fit(
     cell_path: CellPath,
     samples_path: SamplesPath,
-    predictor: Annotated[
-        str, typer.Option("--predictor", help="auto, or the name of a predictor; an unknown name lists all.")
-    ] = "auto",
+    predictor: PredictorName = "auto",
     out: Annotated[Path, typer.Option("--out", help="The map to write.")] = Path("map.truepose"),
-    candidates: Annotated[
-        str, typer.Option(help="Candidates of auto: quick (one per kind), all, or names separated by commas.")
-    ] = "quick",
+    candidates: Candidates = "quick",
     splits: Annotated[
         str, typer.Option(help="Cross-validation of auto: points, blocks, branches, separated by commas.")
     ] = "points,blocks",

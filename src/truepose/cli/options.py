@@ -23,6 +23,25 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite existing results
 Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout and nothing else.")]
 
 
+_PREDICTORS = (
+    "registration, nearest, idw, radial-basis, grid-cell, ordinary-kriging, ordinary-kriging-joint, universal-kriging, "
+    "vector-kriging, local-kriging, local-kriging-joint, vecchia-kriging, calibration, calibration-network, "
+    "kinematic-kriging"  # as text: help imports no predictor
+)
+PredictorName = Annotated[
+    str,
+    typer.Option("--predictor", help=f"auto, or one of {_PREDICTORS}; with options, as in calibration:method=ekf."),
+]
+Candidates = Annotated[
+    str,
+    typer.Option(
+        "--candidates",
+        help="Candidates of auto: all, names separated by commas, or quick (registration, idw, ordinary-kriging, "
+        "universal-kriging, ordinary-kriging-joint, calibration, kinematic-kriging).",
+    ),
+]
+
+
 def parse_numbers(text: str, option: str) -> list[float]:
     """Return the numbers of an option, separated by blanks or commas.
 
