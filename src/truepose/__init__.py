@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from truepose.programs import FrameTable, correct_program, read_program, verify_program
     from truepose.report import write_report
+    from truepose.report.plots import plot
     from truepose.robots import Robot, list_robots, load_robot
     from truepose.samples import Poses, Samples, load_example, read_poses, read_samples, write_samples
     from truepose.similarity import VariogramModel, experimental_variogram, fit_variogram, permutation_envelope
@@ -87,6 +88,7 @@ _HOME = {
     "load_robot": "robots",
     "permutation_envelope": "similarity",
     "plan": "planning",
+    "plot": "report.plots",
     "read_poses": "samples",
     "read_program": "programs",
     "read_readings": "trackers",
@@ -144,6 +146,7 @@ __all__ = [
     "load_robot",
     "permutation_envelope",
     "plan",
+    "plot",
     "read_poses",
     "read_program",
     "read_readings",

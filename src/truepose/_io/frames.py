@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from truepose.errors import DataError
@@ -41,6 +40,7 @@ def by_axis(values: NDArray[Any], name: str) -> dict[str, NDArray[Any]]:
 
     Examples
     --------
+    >>> import numpy as np
     >>> list(by_axis(np.zeros((5, 3)), "{}_std_mm"))
     ['x_std_mm', 'y_std_mm', 'z_std_mm']
     """

@@ -91,6 +91,12 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     @property
+    def points_(self) -> FloatArray:
+        """Coordinates of the samples, (n, d) [mm or rad], as given to `fit`."""
+        self._check_fitted()
+        return self._given[0]
+
+    @property
     def noise_std_(self) -> FloatArray | None:
         """Standard deviation of the samples' readings (n, k) [mm], as given to `fit`; None without it."""
         self._check_fitted()

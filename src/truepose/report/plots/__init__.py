@@ -1,5 +1,15 @@
-"""Pictures: semivariograms, and the figures of report, explain and similarity."""
+"""Pictures: `truepose.plot` of any result, semivariograms, and the figures of report, explain and similarity."""
 
-from truepose.report.plots.similarity import draw_variogram, plot_variogram
+from __future__ import annotations
 
-__all__ = ["draw_variogram", "plot_variogram"]
+from typing import TYPE_CHECKING
+
+from truepose._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from truepose.report.plots.results import plot
+    from truepose.report.plots.similarity import draw_variogram, plot_variogram
+
+__all__ = ["draw_variogram", "plot", "plot_variogram"]
+
+__getattr__ = lazy_names(__name__, {"draw_variogram": "similarity", "plot": "results", "plot_variogram": "similarity"})
