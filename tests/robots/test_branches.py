@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.robots.arms import ARMS
 
 from truepose.errors import DataError, RobotError
 from truepose.geometry import make_transform
-from truepose.robots import Robot, find_branches, list_robots, load_robot, nearest_branch, to_mdh
+from truepose.robots import Robot, find_branches, load_robot, nearest_branch, to_mdh
 from truepose.robots.inverse.closed_form import closed_form, nominal_of, ortho_parallel
 from truepose.robots.inverse.newton import damped_newton, linearised, smallest_singular
 
@@ -34,7 +35,7 @@ def nearest_to(q: np.ndarray, solutions: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(away), np.inf, away).min(axis=1)
 
 
-@pytest.mark.parametrize("name", list_robots())
+@pytest.mark.parametrize("name", ARMS)
 def test_every_branch_of_a_calibrated_arm_leads_back(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     arm = calibrated(robot, rng)

@@ -8,14 +8,15 @@ import numpy as np
 import py_opw_kinematics as opw
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
+from tests.robots.arms import ARMS
 
 from truepose.errors import DataError
 from truepose.geometry import make_transform
-from truepose.robots import list_robots, load_robot, nearest_branch, to_mdh
+from truepose.robots import load_robot, nearest_branch, to_mdh
 from truepose.robots.inverse.closed_form import closed_form
 from truepose.robots.inverse.ortho_parallel import OrthoParallel
 
-ORTHO_PARALLEL = [name for name in list_robots() if not name.startswith("universal-robots")]
+ORTHO_PARALLEL = [name for name in ARMS if not name.startswith("universal-robots")]
 
 
 def half_turn(angle: np.ndarray) -> np.ndarray:
@@ -26,7 +27,7 @@ def joints_within_limits(name: str, rng: np.random.Generator, n: int) -> np.ndar
     return rng.uniform(*load_robot(name).limits.T, size=(n, 6))
 
 
-@pytest.mark.parametrize("name", list_robots())
+@pytest.mark.parametrize("name", ARMS)
 def test_every_branch_leads_back_and_the_joints_are_among_them(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = joints_within_limits(name, rng, 5000)
@@ -94,7 +95,7 @@ def test_joints_are_turned_into_their_limits() -> None:
     assert np.abs(solutions - q).max(axis=-1).min() < 1e-9
 
 
-@pytest.mark.parametrize("name", list_robots())
+@pytest.mark.parametrize("name", ARMS)
 def test_other_descriptions_of_the_same_arm(name: str, rng: np.random.Generator) -> None:
     robot = to_mdh(load_robot(name))
     turned = replace(

@@ -21,6 +21,8 @@ class DataSheet:
         The stated reach, measured from axis 1.
     reach_at : {"wrist", "flange", "unstated"}
         The point of the arm to which the reach is stated.
+    reach_rounding_mm : float
+        The last digit of the stated reach: 100 for 1.2 m, 10 for R1810.
     repeatability_mm : float, optional
         The pose repeatability RP of ISO 9283.
     payload_kg : float, optional
@@ -39,11 +41,12 @@ class DataSheet:
 
     reach_mm: float | None = None
     reach_at: str = "wrist"
+    reach_rounding_mm: float = 1.0
     repeatability_mm: float | None = None
     payload_kg: float | None = None
 
     def __post_init__(self) -> None:
-        for key in ("reach_mm", "repeatability_mm", "payload_kg"):
+        for key in ("reach_mm", "reach_rounding_mm", "repeatability_mm", "payload_kg"):
             value = getattr(self, key)
             if value is not None and not 0 < value < float("inf"):
                 raise RobotError(f"data_sheet.{key} must be above 0, got {value}")

@@ -64,7 +64,15 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise RobotError(f"{name}: only .urdf is read; expand xacro first (xacro {Path(name).name} > robot.urdf)")
     known = list_robots()
     if name not in known:
-        near = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"the library has {', '.join(known)}"
-        raise RobotError(f'no robot "{name}"; {hint} (or the path of a .toml, .csv or .urdf file)')
+        raise RobotError(
+            f'no robot "{name}"; {_nearest(name.lower(), known)} (or the path of a .toml, .csv or .urdf file)'
+        )
     return parse_robot((_FOLDER / f"{name}.toml").read_text("utf-8"), path=f"{name}.toml")
+
+
+def _nearest(name: str, known: list[str]) -> str:
+    """Return the hint of an unknown name: names that contain it, else similar ones."""
+    near = [one for one in known if name in one] or difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    if near:
+        return f"did you mean {' or '.join(near[:3])}?"
+    return f"`truepose robots` (list_robots()) lists the {len(known)} names of the library"
