@@ -9,6 +9,7 @@ import numpy as np
 
 from truepose._io.frames import by_axis, data_frame
 from truepose._typing import FloatArray, IntArray
+from truepose.cell import Cell
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
 from truepose.error_map.worth import Worth
@@ -115,10 +116,14 @@ def validate(error_map: PredictingMap, samples: Samples) -> Validation:
     )
 
 
-def motion_noise(error_map: PredictingMap, samples: Samples) -> FloatArray | None:
-    """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known."""
-    reading = reading_noise(error_map.cell, samples, error_map.registration)
-    repeatability = error_map.cell.robot.repeatability_mm
+def motion_noise(error_map: PredictingMap, samples: Samples, cell: Cell | None = None) -> FloatArray | None:
+    """Return the std of repeatability and reading together, (n, 3) [mm], base frame; None unless both are known.
+
+    A given cell states them instead of the map's own.
+    """
+    cell = error_map.cell if cell is None else cell
+    reading = reading_noise(cell, samples, error_map.registration)
+    repeatability = cell.robot.repeatability_mm
     if reading is None or repeatability is None:
         return None
     return np.asarray(np.sqrt(reading**2 + (repeatability / RP_PER_STD) ** 2))

@@ -115,13 +115,16 @@ def gather(
         p, before = error_map.p_cmd, error_map.e
         after, std = error_map.leave_one_out()
         groups = usual_groups(p, q=error_map.samples.q, robot=error_map.robot, time=error_map.samples.time)
-        noise = motion_noise(error_map, error_map.samples)
-        figures = held_out_figures(before, after, noise=noise, groups=groups, rng=SEED).to_dict()
+        figures = held_out_figures(before, after, groups=groups, rng=SEED).to_dict()
     else:
         p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
         predicted, std = error_map.predict_errors(held_out)
         after = before - predicted
         figures = error_map.validate(held_out).to_dict()
+    evaluated = error_map.samples if held_out is None else held_out
+    noise = motion_noise(error_map, evaluated, cell)
+    if noise is not None and "noise_floor" not in figures:
+        figures["noise_floor"] = held_out_figures(before, after, noise=noise, rng=SEED).noise_floor
     return Evidence(
         error_map=error_map,
         cell=cell,
@@ -130,7 +133,7 @@ def gather(
         before=before,
         after=after,
         std=std,
-        reading_std=_reading_std(error_map, cell, error_map.samples if held_out is None else held_out),
+        reading_std=_reading_std(error_map, cell, evaluated),
         accuracy=figures,
         study=study or similarity_study(error_map, rng=SEED),
         planes=planes(error_map),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from importlib import resources
 from pathlib import Path
@@ -18,7 +18,7 @@ from truepose.report import fonts
 from truepose.report.document import Document
 from truepose.report.evidence import Evidence, gather
 from truepose.report.locale import load_locale
-from truepose.report.plots.figures import COLOURS
+from truepose.report.plots.palette import COLOURS, DARK, LIGHT
 from truepose.report.sections import document
 from truepose.report.study import SimilarityStudy
 from truepose.samples import Samples
@@ -101,7 +101,9 @@ def to_html(made: Document) -> str:
     )
     environment.filters["themed"] = _themed
     font = fonts.embedded(made.text())
-    return environment.get_template("report.html").render(made=made.to_dict(), font=font, family=fonts.FAMILY)
+    return environment.get_template("report.html").render(
+        made=made.to_dict(), font=font, family=fonts.FAMILY, light=_properties(LIGHT), dark=_properties(DARK)
+    )
 
 
 def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> bytes:
@@ -137,6 +139,11 @@ def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> b
         except typst.TypstError as error:
             remedy = "install a font with this character, such as Noto Sans CJK, or write .html"
             raise FileError(path, f"cannot be typeset: {' '.join(error.message.split())}; {remedy}") from None
+
+
+def _properties(colours: Mapping[str, str]) -> str:
+    """Return colours by name as properties of a style sheet."""
+    return " ".join(f"--{name}: {colour};" for name, colour in colours.items())
 
 
 def _themed(svg: str) -> str:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from truepose._version import __version__
 from truepose.geometry import ANGLES, euler
 from truepose.report import conformity, identity, records, verification
+from truepose.report.arm import rods
 from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
 from truepose.report.findings import findings, title
@@ -177,7 +178,9 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:
-    tracker = evidence.error_map.cell.tracker
+    tracker = evidence.cell.tracker
+    if tracker.reading_std(np.zeros((1, 3))) is None:
+        tracker = evidence.error_map.cell.tracker
     if tracker.std_mm is not None:
         return say("cell.tracker_std", std=tracker.std_mm)
     terms = (tracker.range_um, tracker.range_um_per_m, tracker.angle_um, tracker.angle_um_per_m)
@@ -219,7 +222,10 @@ def _errors(evidence: Evidence, say: Locale) -> Section:
     for axis, both in evidence.accuracy["axes"].items():
         rows += _accuracy_rows(say("accuracy.component", axis=axis), both, say)
     blocks: list[Block] = [
-        Picture(figures.error_arrows(evidence.p, evidence.before, evidence.after, say), say("figure.arrows")),
+        Picture(
+            figures.error_arrows(evidence.p, evidence.before, evidence.after, rods(evidence.error_map), say),
+            say("figure.arrows"),
+        ),
         Picture(figures.histogram(evidence.before, evidence.after, say), say("figure.histogram"), _NARROW),
         Table(_accuracy_columns(say), rows),
     ]

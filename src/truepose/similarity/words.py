@@ -12,6 +12,7 @@ ENGLISH: Final = {
     "distance": "distance h [{unit}]",
     "extent": "similarity fades out at {range:.4g} {unit} (95 % of the sill)",
     "few": "fewer than 30 pairs",
+    "outside": "the same, outside the axes",
     "points": "measured (area: pairs)",
     "reach": "out to {lag:.4g} {unit}",
     "residual": "left by a fit of kinematics",

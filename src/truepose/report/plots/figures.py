@@ -1,6 +1,6 @@
 """Pictures of the report as SVG, with text as shapes so that no font can be missing.
 
-A page replaces the colours of `COLOURS` by its own, for its light and dark schemes.
+A page replaces the colours of `palette.COLOURS` by its own, for its light and dark schemes.
 """
 
 from __future__ import annotations
@@ -18,36 +18,24 @@ from truepose._typing import FloatArray
 from truepose.report import fonts
 from truepose.report.locale import Locale
 from truepose.report.plots import similarity as plot
+from truepose.report.plots.palette import LIGHT, inked
 from truepose.report.plots.study import kinematic_curves
 from truepose.report.region import Plane
 from truepose.report.study import StudyPart
 
-INK: Final = "#1c2430"
 WIDTH: Final = 9.0
 """The width of a picture that fills the page [in]."""
 
-BEFORE: Final = "#c2562d"
-AFTER: Final = "#1f77a4"
-COLOURS: Final = {
-    INK: "ink",
-    BEFORE: "before",
-    AFTER: "after",
-    plot.POINT: "point",
-    plot.WEAK: "weak",
-    plot.MODEL: "model",
-    plot.BAND: "band",
-    plot.THEORY: "theory",
-    plot.QUIET: "soft",
-}
-"""The colours of the pictures, and their names in a page."""
+INK: Final = LIGHT["ink"]
+BEFORE: Final = LIGHT["before"]
+AFTER: Final = LIGHT["after"]
 
 _CROSS: Final = "#303030"  # on a filled map, light or dark
 _NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # the same bytes each time
-_INKED: Final = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
 
 
-def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Locale) -> str:
-    """Draw the error vectors before and after at their positions, with equal magnification.
+def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, arm: FloatArray | None, say: Locale) -> str:
+    """Draw the arm with the poses, and the error vectors before and after; after also on a scale of its own.
 
     Parameters
     ----------
@@ -55,28 +43,51 @@ def error_arrows(p: FloatArray, before: FloatArray, after: FloatArray, say: Loca
         The commanded positions.
     before, after : (n, 3) arrays [mm], base frame
         The errors before and after correction.
+    arm : (m, 3) array [mm] or None
+        The arm as rods, see `truepose.report.arm`.
     say : Locale
         The language.
     """
-    largest = float(np.linalg.norm(before, axis=1).max())
-    extent = float(np.ptp(p, axis=0).max())
-    magnify = _round_down(0.15 * extent / largest) if largest > 0 and extent > 0 else 1.0
+    common, own = magnification(p, before), magnification(p, after)
+    panels = (("before", before, BEFORE, common), ("after", after, AFTER, common), ("after", after, AFTER, own))
     with mpl.rc_context(style()):
-        figure = Figure(figsize=(WIDTH, 4.2))
-        for k, (e, colour, state) in enumerate(((before, BEFORE, "before"), (after, AFTER, "after")), 1):
-            axes = figure.add_subplot(1, 2, k, projection="3d")
-            axes.quiver(*p.T, *(magnify * e).T, color=colour, linewidth=0.9, arrow_length_ratio=0.3)
+        figure = Figure(figsize=(WIDTH, 8.0))
+        _draw_cell(figure.add_subplot(2, 2, 1, projection="3d"), p, arm, say)
+        for k, (state, e, colour, times) in enumerate(panels, 2):
+            axes = figure.add_subplot(2, 2, k, projection="3d")
+            axes.quiver(*p.T, *(times * e).T, color=colour, linewidth=0.9, arrow_length_ratio=0.3)
             axes.scatter(*p.T, s=2, color=colour, alpha=0.5)
-            axes.set_title(say(f"figure.{state}_mean", mean=float(np.linalg.norm(e, axis=1).mean())), fontsize=9)
-            axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-            axes.set_box_aspect(np.maximum(np.ptp(p, axis=0), 0.2 * max(extent, 1.0)))
-            axes.tick_params(labelsize=7, pad=0)
-            axes.locator_params(nbins=4)
-            for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-                axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
-        figure.text(0.5, 0.02, say("figure.arrows_scale", times=magnify), ha="center", fontsize=8)
-        figure.subplots_adjust(left=0.02, right=0.95, wspace=0.08, bottom=0.1, top=0.95)
+            mean = say(f"figure.{state}_mean", mean=float(np.linalg.norm(e, axis=1).mean()))
+            axes.set_title(f"{mean}\n{say('figure.arrows_scale', times=times)}", fontsize=9)
+            _in_space(axes, np.ptp(p, axis=0))
+        figure.subplots_adjust(left=0.02, right=0.95, wspace=0.08, hspace=0.3, bottom=0.04, top=0.94)
         return to_svg(figure, say)
+
+
+def magnification(p: FloatArray, e: FloatArray) -> float:
+    """Return a round magnification for which the longest of the arrows e (n, 3) is about 15 % of the extent of p."""
+    largest, extent = float(np.linalg.norm(e, axis=1).max()), float(np.ptp(p, axis=0).max())
+    return _round_down(0.15 * extent / largest) if largest > 0 and extent > 0 else 1.0
+
+
+def _draw_cell(axes: Any, p: FloatArray, arm: FloatArray | None, say: Locale) -> None:
+    axes.scatter(*p.T, s=3, color=AFTER, alpha=0.6)
+    corners = p
+    if arm is not None:
+        axes.plot(*arm.T, color=LIGHT["arm"], linewidth=4.0, solid_capstyle="round")
+        axes.scatter(*arm.T, s=14, color=INK, depthshade=False)
+        corners = np.vstack([p, arm])
+    axes.set_title(say("figure.cell" if arm is not None else "figure.cell_poses"), fontsize=9)
+    _in_space(axes, np.ptp(corners, axis=0))
+
+
+def _in_space(axes: Any, extent: FloatArray) -> None:
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.set_box_aspect(np.maximum(extent, 0.2 * max(float(extent.max()), 1.0)))
+    axes.tick_params(labelsize=7, pad=0)
+    axes.locator_params(nbins=4)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
 
 
 def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
@@ -84,13 +95,13 @@ def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
     lengths = [np.linalg.norm(e, axis=1) for e in (before, after)]
     edges = np.linspace(0.0, max(float(length.max()) for length in lengths) or 1.0, 31)
     with mpl.rc_context(style()):
-        figure = Figure(figsize=(6.4, 2.7))
+        figure = Figure(figsize=(6.4, 2.9), layout="constrained")
         axes = figure.add_subplot()
         for length, colour, state in zip(lengths, (BEFORE, AFTER), ("before", "after"), strict=True):
             axes.hist(length, bins=edges.tolist(), color=colour, alpha=0.65, label=say(f"report.{state}"))
             axes.axvline(float(length.max()), color=colour, linewidth=1.0, linestyle=":")
         axes.set(xlabel=say("figure.length"), ylabel=say("figure.poses"))
-        axes.legend(frameon=False)
+        figure.legend(loc="outside upper right", ncols=2, frameon=False)
         return to_svg(figure, say)
 
 
@@ -154,7 +165,7 @@ def style() -> dict[Any, Any]:
         "grid.color": (0.5, 0.5, 0.5, 0.3),
         "axes.spines.top": False,
         "axes.spines.right": False,
-        **dict.fromkeys(_INKED, INK),
+        **inked(),
     }
 
 

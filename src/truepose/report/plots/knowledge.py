@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from truepose._io import files
 from truepose.error_map import ErrorMap
 from truepose.report.knowledge import Knowledge
+from truepose.report.plots.palette import adaptive, inked
 from truepose.report.plots.similarity import POINT, QUIET
 from truepose.report.region import planes
 
@@ -21,7 +22,8 @@ PICTURES: Final = ("joints.svg", "sure.svg")
 
 def save_plots(found: Knowledge, folder: Path) -> list[Path]:
     """Write the pictures that can be drawn, of `PICTURES`, to a folder and return their paths."""
-    figures = (plot_joints(found) if found.curves else None, plot_std(found.error_map))
+    with mpl.rc_context(inked()):
+        figures = (plot_joints(found) if found.curves else None, plot_std(found.error_map))
     contents = {
         folder / name: _svg(figure) for name, figure in zip(PICTURES, figures, strict=True) if figure is not None
     }
@@ -59,7 +61,7 @@ def plot_std(error_map: ErrorMap) -> Figure | None:
     highest = max(float(np.nanmax(plane.std)) for plane in found)
     for axis, plane in zip(axes, found, strict=False):
         drawn = axis.pcolormesh(plane.u, plane.v, plane.std, vmin=0.0, vmax=highest, cmap="viridis", rasterized=True)
-        axis.plot(*error_map.p_cmd[:, [plane.i, plane.j]].T, ".", color="white", markersize=2.5)
+        axis.plot(*error_map.p_cmd[:, [plane.i, plane.j]].T, ".", color="#fefefe", markersize=2.5)
         axis.set(xlabel=f"{'xyz'[plane.i]} [mm]", ylabel=f"{'xyz'[plane.j]} [mm]", aspect="equal")
     figure.colorbar(drawn, ax=axes, label="predicted std (length) [mm]")
     return figure
@@ -79,4 +81,4 @@ def _svg(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "truepose", "svg.fonttype": "path"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
+    return adaptive(buffer.getvalue().decode("utf-8")).encode("utf-8")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import BoolArray, FloatArray
+from truepose.report.plots.palette import CURVES, LIGHT, MARKERS
 from truepose.similarity.envelope import Envelope
 from truepose.similarity.experimental import ExperimentalVariogram
 from truepose.similarity.gstools_models import as_variogram
@@ -19,13 +20,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-POINT: Final = "#1f4e79"
-WEAK: Final = "#9db4c9"
-MODEL: Final = "#c8442b"
-BAND: Final = "#dcdcdc"
-THEORY: Final = "#5a8f3d"
-CURVES: Final = ("#1f4e79", "#c8442b", "#5a8f3d", "#8a5aa8", "#c28a1e", "#4aa3a3")
-QUIET: Final = "#6b6b6b"
+POINT: Final = LIGHT["point"]
+WEAK: Final = LIGHT["weak"]
+MODEL: Final = LIGHT["model"]
+BAND: Final = LIGHT["band"]
+THEORY: Final = LIGHT["theory"]
+QUIET: Final = LIGHT["soft"]
+_LEGEND: Final = 1.35
+"""The height of the axes over that of the curves, which leaves room for a legend above them."""
 
 
 def plot_variogram(
@@ -100,9 +102,7 @@ def draw_variogram(
 ) -> None:
     """Draw the content of `plot_variogram` on given axes."""
     gamma = ev.vector if component is None else ev.semivariance[:, component]
-    if envelope is not None:
-        _draw_band(axes, ev, envelope, component, words)
-    _draw_points(axes, ev, gamma, words)
+    band = None if envelope is None else _draw_band(axes, ev, envelope, component, words)
     if model is not None:
         _draw_model(axes, model, ev.edges[-1], unit, words)
     if theory is not None:
@@ -110,61 +110,88 @@ def draw_variogram(
     if residual is not None:
         style: dict[str, Any] = {"s": 22, "facecolors": "none", "edgecolors": THEORY, "lw": 1.1, "zorder": 3}
         axes.scatter(residual.lag, residual.vector, label=words("residual"), **style)
-    axes.set(xlabel=words("distance", unit=unit), ylabel=words("semivariance"), xlim=(0, ev.edges[-1]))
-    axes.set_ylim(bottom=0)
+    end, top = _extent(ev, gamma, [v.vector for v in (theory, residual) if v is not None], band, model)
+    _draw_points(axes, ev, gamma, end, top, words)
+    axes.set(xlabel=words("distance", unit=unit), ylabel=words("semivariance"), xlim=(0, end), ylim=(0, _LEGEND * top))
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="best")
+    axes.legend(frameon=False, fontsize=8, loc="upper left", ncols=2, borderaxespad=0.0)
+
+
+def _extent(
+    ev: ExperimentalVariogram,
+    gamma: FloatArray,
+    others: list[FloatArray],
+    band: FloatArray | None,
+    model: VariogramModel | None,
+) -> tuple[float, float]:
+    """Return the ends of the axes: bins of few pairs at the end do not stretch them, unless there are no others."""
+    strong = (ev.pairs > 0) & ~ev.weak
+    counted = strong if strong.any() else ev.pairs > 0
+    if not counted.any():
+        return float(ev.edges[-1]), 1.0
+    end = float(ev.edges[1:][counted][-1])
+    drawn = [gamma[counted], *(other[counted] for other in others), *([] if band is None else [band[counted]])]
+    values = np.concatenate([*drawn, *([] if model is None else _curve(as_variogram(model), np.array([end])))])
+    return end, 1.05 * float(np.nanmax(values)) or 1.0
+
+
+def _curve(model: VariogramModel, h: FloatArray) -> list[FloatArray]:
+    """Return the semivariances of a model at distances h, along each of its axes."""
+    if model.isotropic:
+        return [np.asarray(model.semivariance(h))]
+    d = len(model.practical_ranges)
+    return [np.asarray(model.semivariance(h, np.eye(d)[k])) for k in range(d)]
 
 
 def draw_curves(axes: Axes, curves: Mapping[str, tuple[FloatArray, FloatArray]], unit: str) -> None:
     """Draw several semivariograms as lines: by name, lags and semivariances."""
-    for colour, (name, (lag, gamma)) in zip(CURVES, curves.items(), strict=False):
+    for colour, marker, (name, (lag, gamma)) in zip(CURVES, MARKERS, curves.items(), strict=False):
         known = np.isfinite(gamma)
-        axes.plot(lag[known], gamma[known], color=colour, lw=1.5, marker="o", ms=3.5, label=name)
+        axes.plot(lag[known], gamma[known], color=colour, lw=1.5, marker=marker, ms=3.5, label=name)
     axes.set(xlabel=english("distance", unit=unit), ylabel=english("semivariance"))
     axes.set_xlim(left=0)
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, _LEGEND * axes.get_ylim()[1])
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="best")
+    axes.legend(frameon=False, fontsize=8, loc="upper left", ncols=3, borderaxespad=0.0)
 
 
-def _draw_band(axes: Axes, ev: ExperimentalVariogram, envelope: Envelope, component: int | None, words: Words) -> None:
+def _draw_band(
+    axes: Axes, ev: ExperimentalVariogram, envelope: Envelope, component: int | None, words: Words
+) -> FloatArray:
+    """Draw the permutation band and return its upper limit."""
     if component is None:
         lower, upper = envelope.vector_lower, envelope.vector_upper
     else:
         lower, upper = envelope.lower[:, component], envelope.upper[:, component]
     axes.fill_between(ev.lag, lower, upper, color=BAND, lw=0, label=words("band", percent=100 * envelope.level))
+    return np.asarray(upper)
 
 
-def _draw_points(axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray, words: Words) -> None:
+def _draw_points(
+    axes: Axes, ev: ExperimentalVariogram, gamma: FloatArray, end: float, top: float, words: Words
+) -> None:
+    """Draw the bins; those of few pairs outside the axes stand as diamonds at their edge."""
     filled = ev.pairs > 0
+    outside = filled & ((ev.lag > end) | (gamma > top))
     area = 12 + 70 * ev.pairs / max(ev.pairs.max(), 1)
-    for mask, colour, label in (
-        (filled & ~ev.weak, POINT, words("points")),
-        (filled & ev.weak, WEAK, words("few")),
-    ):
+
+    def draw(mask: BoolArray, label: str, **look: Any) -> None:
         if mask.any():
-            axes.scatter(ev.lag[mask], gamma[mask], s=area[mask], color=colour, lw=0, zorder=3, label=label)
+            x, y = np.minimum(ev.lag[mask], end), np.minimum(gamma[mask], top)
+            axes.scatter(x, y, s=area[mask], zorder=3, label=words(label), **look)
+
+    draw(filled & ~outside & ~ev.weak, "points", color=POINT, lw=0)
+    draw(filled & ~outside & ev.weak, "few", color=WEAK, lw=0)
+    draw(outside, "outside", facecolors="none", edgecolors=WEAK, lw=1.2, marker="D", clip_on=False)
 
 
 def _draw_model(axes: Axes, given: VariogramModel, longest: float, unit: str, words: Words) -> None:
     model = as_variogram(given)
     h = np.linspace(0, longest, 400)[1:]
-    if model.isotropic:
-        axes.plot(h, model.semivariance(h), color=MODEL, lw=1.8, zorder=4, label=model.family)
-    else:
-        d = len(model.practical_ranges)
-        for k, style in zip(range(d), ("-", "--", ":", "-.") * d, strict=False):
-            gamma = model.semivariance(h, np.eye(d)[k])
-            axes.plot(
-                h,
-                gamma,
-                color=MODEL,
-                lw=1.4,
-                ls=style,
-                zorder=4,
-                label=words("axis", family=model.family, number=k + 1),
-            )
+    curves = _curve(model, h)
+    for k, (gamma, style) in enumerate(zip(curves, ("-", "--", ":", "-.") * len(curves), strict=False), 1):
+        name = model.family if model.isotropic else words("axis", family=model.family, number=k)
+        axes.plot(h, gamma, color=MODEL, lw=1.6, ls=style, zorder=4, label=name)
     if model.practical_range <= longest and model.partial_sill > 0:
         axes.axvline(model.practical_range, color=QUIET, lw=0.9, ls=(0, (4, 3)), zorder=1)
         look: dict[str, Any] = {"color": QUIET, "fontsize": 8, "rotation": 90, "va": "bottom"}

@@ -13,11 +13,13 @@ from truepose.errors import FileError
 from truepose.report.findings import title
 from truepose.report.joint_similarity import JointSimilarity
 from truepose.report.locale import load_locale
-from truepose.report.plots.similarity import CURVES, draw_curves, draw_variogram
+from truepose.report.plots.palette import CURVES, MARKERS, adaptive, inked
+from truepose.report.plots.similarity import draw_curves, draw_variogram
 from truepose.report.study import SimilarityStudy, StudyPart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 def save_study(study: SimilarityStudy, path: Path) -> None:
@@ -28,9 +30,20 @@ def save_study(study: SimilarityStudy, path: Path) -> None:
     FileError
         If the ending is not a known picture format, or the file cannot be written.
     """
-    from matplotlib.figure import Figure
+    import matplotlib as mpl
 
     ending = plot_format(path)
+    with mpl.rc_context(inked()):
+        figure = _figure(study)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=ending, dpi=150)
+    content = buffer.getvalue()
+    files.write_atomic(path, adaptive(content.decode("utf-8")).encode("utf-8") if ending == "svg" else content)
+
+
+def _figure(study: SimilarityStudy) -> Figure:
+    from matplotlib.figure import Figure
+
     columns = len(study.parts) + bool(study.joints)
     figure = Figure(figsize=(6.4 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(2, columns)
@@ -50,9 +63,7 @@ def save_study(study: SimilarityStudy, path: Path) -> None:
         draw_curves(below, curves, part.unit)
     if study.joints:
         _draw_joints(figure.add_subplot(grid[:, -1]), study.joints)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=ending, dpi=150)
-    files.write_atomic(path, buffer.getvalue())
+    return figure
 
 
 def plot_format(path: Path) -> str:
@@ -80,13 +91,14 @@ def kinematic_curves(part: StudyPart) -> dict[str, Any]:
 
 def _draw_joints(axes: Axes, joints: list[JointSimilarity]) -> None:
     """Draw the semivariogram of each joint's own error: the model as a line, the estimated curve as dots."""
-    for colour, one in zip(CURVES * len(joints), joints, strict=False):
+    for k, one in enumerate(joints):
+        colour, marker = CURVES[k % len(CURVES)], MARKERS[k % len(MARKERS)]
         degrees = np.degrees(one.lag)
         axes.plot(degrees, one.semivariance, color=colour, lw=1.5, label=f"q{one.joint + 1}")
-        axes.plot(degrees, one.found, color=colour, lw=0, marker=".", ms=3, alpha=0.6)
+        axes.plot(degrees, one.found, color=colour, lw=0, marker=marker, ms=3, alpha=0.6)
     axes.set(xlabel="angle between two positions of the joint [°]", ylabel="semivariance γ(Δ) [mrad²]")
     axes.set_title("Each joint's own error (line: model, dots: estimated curve)")
     axes.set_xlim(left=0)
-    axes.set_ylim(0, 1.25 * max(one.model.sill for one in joints))
+    axes.set_ylim(0, 1.4 * max(max(one.model.sill, float(np.nanmax(one.found))) for one in joints))
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
