@@ -19,7 +19,8 @@ from truepose.error_map.validation import Validation
 from truepose.errors import DataError
 from truepose.predictors import Choice
 from truepose.predictors.base import Predictor
-from truepose.report.plots.similarity import BAND, CURVES, MODEL, POINT, QUIET, draw_variogram
+from truepose.report.plots.palette import CURVES
+from truepose.report.plots.similarity import BAND, MODEL, POINT, QUIET, draw_variogram
 from truepose.report.region import Plane, planes
 from truepose.similarity import Envelope, ExperimentalVariogram, VariogramModel
 
