@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from truepose._io.files import read_bytes
 from truepose._io.strict import LARGEST, to_float
+from truepose._io.workbook import SheetPath, column_letter, read_sheet, split_sheet
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
@@ -68,9 +69,16 @@ class TextTable:
         values = self._converted(text, columns)
         if (beyond := np.isfinite(values) & (np.abs(values) > LARGEST)).any():
             row, k = np.argwhere(beyond)[0]
-            message = f"{self.header[columns[k]]} is {values[row, k]:g}, beyond {LARGEST:g}; correct or remove the row"
+            message = (
+                f"{self.column_name(columns[k])} is {values[row, k]:g}, beyond {LARGEST:g}; correct or remove the row"
+            )
             raise FileError(self.path, message, line=int(self.line[row]))
         return values
+
+    def column_name(self, column: int) -> str:
+        """Return the name of a column for messages; in a sheet also its letters: "X (column D)"."""
+        name = self.header[column]
+        return f"{name} (column {column_letter(column)})" if isinstance(self.path, SheetPath) else name
 
     def _check_plain(self, text: NDArray[np.str_], columns: Sequence[int]) -> None:
         """Refuse numbers that only Python accepts: ``1_000`` and digits of other scripts."""
@@ -78,7 +86,7 @@ class TextTable:
         odd = ((letters > 0x7F) | (letters == ord("_"))).any(axis=2)
         if odd.any():
             row, k = np.argwhere(odd)[0]
-            message = f"{self.header[columns[k]]} is {_shown(str(text[row, k]))}, which is not a number"
+            message = f"{self.column_name(columns[k])} is {_shown(str(text[row, k]))}, which is not a number"
             raise FileError(self.path, message, line=int(self.line[row]))
 
     def _converted(self, text: NDArray[np.str_], columns: Sequence[int]) -> FloatArray:
@@ -100,14 +108,36 @@ class TextTable:
         for row, fields in enumerate(text.tolist()):
             for column, field in zip(columns, fields, strict=True):
                 if not is_number(field):
-                    message = f"{self.header[column]} is {_shown(field)}, which is not a number"
+                    message = f"{self.column_name(column)} is {_shown(field)}, which is not a number"
                     raise FileError(self.path, message, line=int(self.line[row]))
         raise AssertionError("numpy and Python disagree on what a number is")  # pragma: no cover
 
 
 def read_table(path: str | Path) -> TextTable:
     """Read a table whose first line names its columns; see `decode` and `parse`."""
-    return parse(decode(read_bytes(path), path), path)
+    return parse(*read_tabular(path))
+
+
+def read_tabular(path: str | Path) -> tuple[str, str | Path]:
+    """Return the text of a table (a text file, or a sheet of a workbook) and its name for messages.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; ``file.xlsx#Sheet`` names a sheet of a workbook.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or is neither text nor a workbook.
+    """
+    file, sheet = split_sheet(path)
+    data = read_bytes(file)
+    if data.startswith(b"PK\x03\x04"):
+        return read_sheet(data, file, sheet)
+    if data.startswith(b"\xd0\xcf\x11\xe0"):
+        raise FileError(path, "is a workbook of an old format (.xls); save it as .xlsx or CSV")
+    return decode(data, path), path
 
 
 def decode(data: bytes, path: str | Path) -> str:

@@ -167,7 +167,8 @@ def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], 
     values = table.numbers(columns)
     if finite and not np.isfinite(values).all():
         row, index = np.argwhere(~np.isfinite(values))[0]
-        what = f"{table.header[columns[index]]} is {table.fields[row, columns[index]]}; measure again or remove the row"
+        name, field = table.column_name(columns[index]), table.fields[row, columns[index]]
+        what = f"{name} is {field}; measure again or remove the row"
         raise FileError(table.path, what, line=int(table.line[row]))
     if array == "row":
         return _whole(table, values[:, 0], columns[0])

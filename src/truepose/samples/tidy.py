@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from truepose._io.delimited import escaped, is_number, read_table
 from truepose._io.files import write_atomic
+from truepose._io.workbook import in_format, is_workbook
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
@@ -40,7 +41,8 @@ def read_samples(path: str | Path) -> Samples:
     Parameters
     ----------
     path : str or Path
-        A CSV file with x_meas_mm … and q1_deg … or x_cmd_mm … (or both).
+        A CSV file or a workbook (``file.xlsx``, ``file.xlsx#Sheet``) with
+        x_meas_mm … and q1_deg … or x_cmd_mm … (or both).
 
     Returns
     -------
@@ -66,7 +68,7 @@ def read_samples(path: str | Path) -> Samples:
            [2050.,  360.,  800.]])
     """
     table = read_table(path)
-    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(path))
+    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(table.path))
     check(samples)
     return samples
 
@@ -77,7 +79,8 @@ def read_poses(path: str | Path) -> Poses:
     Parameters
     ----------
     path : str or Path
-        A CSV file with q1_deg … or x_cmd_mm … (or both); columns of measurements are ignored.
+        A CSV file or a workbook (``file.xlsx``, ``file.xlsx#Sheet``) with
+        q1_deg … or x_cmd_mm … (or both); columns of measurements are ignored.
 
     Returns
     -------
@@ -100,7 +103,7 @@ def read_poses(path: str | Path) -> Poses:
            [1350.,  200.,  900.]])
     """
     table = read_table(path)
-    poses = Poses(**quantities(table, measured=False), line=table.line, source=str(path))
+    poses = Poses(**quantities(table, measured=False), line=table.line, source=str(table.path))
     check(poses)
     return poses
 
@@ -111,7 +114,7 @@ def write_samples(path: str | Path, samples: Poses) -> None:
     Parameters
     ----------
     path : str or Path
-        The file to write.
+        The file to write; a workbook if its name ends in ``.xlsx``, else CSV.
     samples : Poses
         The samples or poses.
 
@@ -120,7 +123,7 @@ def write_samples(path: str | Path, samples: Poses) -> None:
     FileError
         If the file cannot be written; nothing is changed then.
     """
-    write_atomic(path, samples_text(samples, path))
+    write_atomic(path, in_format(path, samples_text(samples, path)))
 
 
 def samples_text(samples: Poses, path: str | Path = "samples") -> str:
@@ -157,11 +160,12 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     kept = [index for index, name in enumerate(table.header) if name not in columns]
     added = [[f"{value:.12g}" for value in values] for values in columns.values()]
     text = StringIO()
-    writer = csv.writer(text, delimiter=table.delimiter, lineterminator="\n")
+    delimiter = "," if is_workbook(out) else table.delimiter
+    writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
     writer.writerow([*(_cell(table.header[index]) for index in kept), *columns])
     rows = ([_cell(field) for field in row] for row in table.fields[:, kept].tolist())
     writer.writerows([*row, *new] for row, *new in zip(rows, *added, strict=True))
-    write_atomic(out, text.getvalue())
+    write_atomic(out, in_format(out, text.getvalue()))
 
 
 def _cell(field: str) -> str:

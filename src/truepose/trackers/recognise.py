@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from truepose._io.delimited import decode
-from truepose._io.files import read_bytes, write_atomic
+from truepose._io.delimited import read_tabular
+from truepose._io.files import write_atomic
 from truepose.errors import DataError, FileError
 from truepose.samples import Samples
 from truepose.trackers.columns import Columns, read_columns
@@ -42,7 +42,7 @@ def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: 
     Parameters
     ----------
     path : str or Path
-        The measurement file.
+        The measurement file: text, or a workbook (``file.xlsx``, ``file.xlsx#Sheet``).
     columns : Columns, optional
         The columns of the quantities; by default the layout is recognised.
     layouts : sequence of Layout
@@ -63,7 +63,7 @@ def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: 
     --------
     >>> read_readings("tracker.txt").p  # doctest: +SKIP
     """
-    text = decode(read_bytes(path), path)
+    text, path = read_tabular(path)
     if columns is not None:
         return replace(read_columns(text, path, columns), layout="stated columns")
     layout = recognise(text, path, layouts)

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose._io.delimited import TextTable, decode, first_row, parse
-from truepose._io.files import read_bytes
+from truepose._io.delimited import TextTable, first_row, parse, read_tabular
 from truepose._io.units import split_unit
 from truepose.errors import FileError
 from truepose.samples import Poses, check, read_poses
@@ -40,7 +39,7 @@ def read_plan(path: str | Path) -> Poses:
     DataError
         If the joints are implausible; see `truepose.samples.check`.
     """
-    text = decode(read_bytes(path), path)
+    text, source = read_tabular(path)
     if _TIDY.search(first_row(text)):
         return read_poses(path)
     for pattern, factor in _PATTERNS:
@@ -52,7 +51,7 @@ def read_plan(path: str | Path) -> Poses:
             poses = Poses(q=q, name=np.array(names) if all(names) else None, line=lines, source=str(path))
             check(poses)
             return poses
-    return _read_table(text, path)
+    return _read_table(text, source)
 
 
 def _names(table: TextTable) -> NDArray[np.str_] | None:
