@@ -201,7 +201,7 @@ def test_encodings_of_spreadsheets(tmp_path: Path, encoding: str) -> None:
 
 def test_not_text(tmp_path: Path) -> None:
     (tmp_path / "samples.csv").write_bytes(b"PK\x03\x04\x14\x00")
-    with pytest.raises(FileError, match="is not a text file"):
+    with pytest.raises(FileError, match="is not a workbook, or is damaged"):
         read_samples(tmp_path / "samples.csv")
 
 

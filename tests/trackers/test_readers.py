@@ -114,10 +114,10 @@ def test_what_cannot_be_read(tmp_path: Path, lines: list[str], message: str) -> 
     assert "\n" not in str(caught.value)
 
 
-def test_spreadsheets_are_no_text(tmp_path: Path) -> None:
+def test_a_damaged_workbook(tmp_path: Path) -> None:
     path = tmp_path / "readings.xlsx"
     path.write_bytes(b"PK\x03\x04\x14\x00")
-    with pytest.raises(FileError, match="is not a text file; export the table as ASCII or CSV"):
+    with pytest.raises(FileError, match=r"is not a workbook, or is damaged .* as CSV"):
         read_readings(path)
     with pytest.raises(FileError, match="no such file"):
         read_readings(tmp_path / "absent.txt")

@@ -113,11 +113,6 @@ class TextTable:
         raise AssertionError("numpy and Python disagree on what a number is")  # pragma: no cover
 
 
-def read_table(path: str | Path) -> TextTable:
-    """Read a table whose first line names its columns; see `decode` and `parse`."""
-    return parse(*read_tabular(path))
-
-
 def read_tabular(path: str | Path) -> tuple[str, str | Path]:
     """Return the text of a table (a text file, or a sheet of a workbook) and its name for messages.
 

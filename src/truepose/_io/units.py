@@ -46,6 +46,12 @@ def millimetres_per(unit: str, path: str | Path, line: int) -> float:
     return factor
 
 
+def is_length(unit: str) -> bool:
+    """Return whether a name is that of a unit of length, as vendors write it."""
+    lower = unit.strip().lower()
+    return _ALIASES.get(lower, lower) in MM_PER
+
+
 def split_unit(column: str) -> tuple[str, str]:
     """Return the name of a column in lower case and its unit, which is empty if none is stated.
 

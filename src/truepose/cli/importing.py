@@ -33,6 +33,9 @@ def import_readings(
         str | None,
         typer.Option("--columns", help="Columns of the quantities: 'x=4, y=5, z=6, unit=m', or a saved .toml file."),
     ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="Unit of lengths in a file that states none: mm, m, cm or in.")
+    ] = None,
     save_columns: Annotated[
         Path | None, typer.Option("--save-columns", help="Save --columns to this .toml file.")
     ] = None,
@@ -65,6 +68,7 @@ def import_readings(
         trackers.read_plan(plan_path),
         cell=cell,
         columns=None if columns is None else _columns(columns, save_columns),
+        unit=unit,
         reflectors=_reflectors(reflectors),
         keep=keep,
         reorder=reorder,

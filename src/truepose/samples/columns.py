@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose._io.delimited import TextTable, unescaped
-from truepose._io.units import MM_PER, RAD_PER
+from truepose._io.delimited import COMMENTS, TextTable, find_delimiter, unescaped
+from truepose._io.units import MM_PER, RAD_PER, split_unit
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 
@@ -29,6 +29,9 @@ _UNITS: Final[dict[str, dict[str, float]]] = {
 _DEFAULT_UNIT: Final = {"length": "mm", "angle": "deg", "time": "s", "temperature": "C", "load": "kg", "": ""}
 _MOST_JOINTS: Final = 16
 _NEAR: Final = 0.8
+_TITLES: Final = 20  # lines in which a header is searched
+_JOINT_COLUMN: Final = re.compile(r"(?P<prefix>j|q|a|joint|axis|achse|gelenk)[ _]?(?P<number>[0-9]{1,3})")
+_QUATERNION: Final = ("q0", "q1", "q2", "q3")
 _OURS: Final = {
     *(f"{axis}_pred{std}_mm" for axis in "xyz" for std in ("", "_std")),
     "std_mm",
@@ -90,7 +93,7 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
         If a column name is misspelt, duplicated, without unit or without its neighbours, or a field is invalid.
     """
     found: dict[str, dict[int, tuple[int, float]]] = {}
-    for column, name in enumerate(_known_names(table.header)):
+    for column, name in enumerate(_known_names(table)):
         known = _recognise(name, table)
         if known is not None and known[0].array in wanted:
             quantity, factor = known
@@ -106,10 +109,78 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
     return {array: _values(table, array, places, finite) for array, places in found.items()}
 
 
-def _known_names(header: list[str]) -> list[str]:
-    """Return the names of columns with a table's ``point`` as ``name``, unless it has both."""
-    lower = [name.lower() for name in header]
-    return header if "name" in lower else ["name" if name == "point" else header[k] for k, name in enumerate(lower)]
+def _known_names(table: TextTable) -> list[str]:
+    """Return the names of columns as those of the tidy table.
+
+    A table's ``point`` is its ``name``; ``x_cmd [mm]`` is ``x_cmd_mm``; joints may be ``A1 [°]`` or ``Achse1_deg``; a
+    quaternion ``q0 … q3`` without unit is no joint.
+    """
+    lower = [name.lower() for name in table.header]
+    joints = {} if any(map(_is_joint, lower)) else {column: k for k, column in enumerate(joint_columns(table), start=1)}
+    return [_known_name(name, lower, joints.get(column)) for column, name in enumerate(table.header)]
+
+
+def _is_joint(name: str) -> bool:
+    """Return whether a column is ``q1_deg`` or the like."""
+    stem, _, unit = name.rpartition("_")
+    return (known := QUANTITIES.get(stem)) is not None and known.array == "q" and unit in RAD_PER
+
+
+def _known_name(name: str, header: list[str], joint: int | None) -> str:
+    lower, (stem, unit) = name.lower(), split_unit(name)
+    if lower == "point" and "name" not in header:
+        return "name"
+    if lower in _QUATERNION and "q0" in header:
+        return ""
+    if joint is not None and (unit or "x_cmd" not in "".join(header)):
+        return f"q{joint}_{unit}" if unit else name
+    known = QUANTITIES.get(stem)
+    return f"{stem}_{unit}" if known is not None and unit.lower() in _UNITS.get(known.kind, {}) else name
+
+
+def joint_columns(table: TextTable) -> list[int]:
+    """Return the columns of joints, first to last, by names such as ``j1``, ``A1 [°]``, ``Achse1``, ``Joint 1``.
+
+    Of ``q1 … q4`` or ``q0 … q3`` beside other joints, the numbers are those of a quaternion. The list is empty if there
+    are no joints.
+
+    Raises
+    ------
+    FileError
+        If there are several sets of joints.
+    """
+    sets: dict[str, dict[int, int]] = {}
+    for column, name in enumerate(table.header):
+        if match := _JOINT_COLUMN.fullmatch(split_unit(name)[0]):
+            sets.setdefault(match["prefix"], {}).setdefault(int(match["number"]), column)
+    whole = {prefix: found for prefix, found in sets.items() if set(found) == set(range(1, len(found) + 1))}
+    if len(whole) > 1 and len(whole.get("q", {})) in (3, 4):
+        del whole["q"]
+    if len(whole) > 1:
+        names = " and ".join(f"{table.header[found[1]]} …" for found in whole.values())
+        raise FileError(table.path, f"has several sets of joints ({names}); keep one", line=table.header_line)
+    return [found[k] for found in whole.values() for k in sorted(found)]
+
+
+def header_of(text: str, *, joints: bool = False) -> int | None:
+    """Return the number of lines up to the header of a tidy table, if titles stand before it; else None.
+
+    With `joints`, names such as ``Achse1`` make a header, too.
+    """
+    rows = ((number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip())
+    lines = [(number, row) for number, row in rows if not row.lstrip().startswith(COMMENTS)]
+    for k, (number, row) in enumerate(lines[:_TITLES]):
+        delimiter = find_delimiter(row)
+        names = [name.strip().lower() for name in (row.split() if delimiter == " " else row.split(delimiter))]
+        if any(map(_is_column, names)) or (joints and any(_JOINT_COLUMN.fullmatch(split_unit(n)[0]) for n in names)):
+            return number if k else None
+    return None
+
+
+def _is_column(name: str) -> bool:
+    stem, unit = split_unit(name)
+    known = QUANTITIES.get(stem)
+    return known is not None and unit.lower() in _UNITS.get(known.kind, {})
 
 
 def require(table: TextTable, arrays: Collection[str], *stems: str) -> None:

@@ -25,12 +25,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from truepose._io.delimited import escaped, is_number, read_table
+from truepose._io.delimited import TextTable, escaped, find_delimiter, is_number, parse, read_tabular
 from truepose._io.files import write_atomic
 from truepose._io.workbook import in_format, is_workbook
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
+from truepose.samples.columns import header_of
 from truepose.samples.frames import quantities, tidy_columns
 from truepose.samples.table import Poses, Samples
 
@@ -67,7 +68,7 @@ def read_samples(path: str | Path) -> Samples:
     array([[2100.,    5.,  800.],
            [2050.,  360.,  800.]])
     """
-    table = read_table(path)
+    table = _table(path)
     samples = Samples(**quantities(table, measured=True), line=table.line, source=str(table.path))
     check(samples)
     return samples
@@ -102,7 +103,7 @@ def read_poses(path: str | Path) -> Poses:
     array([[1200.,    0.,  900.],
            [1350.,  200.,  900.]])
     """
-    table = read_table(path)
+    table = _table(path)
     poses = Poses(**quantities(table, measured=False), line=table.line, source=str(table.path))
     check(poses)
     return poses
@@ -153,7 +154,7 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     DataError
         If a column has another number of rows than the table.
     """
-    table = read_table(path)
+    table = _table(path)
     for name, values in columns.items():
         if len(values) != len(table.fields):
             raise DataError(f"{path}: has {len(table.fields)} rows, but the column {name} has {len(values)}")
@@ -166,6 +167,15 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     rows = ([_cell(field) for field in row] for row in table.fields[:, kept].tolist())
     writer.writerows([*row, *new] for row, *new in zip(rows, *added, strict=True))
     write_atomic(out, in_format(out, text.getvalue()))
+
+
+def _table(path: str | Path) -> TextTable:
+    """Read a table whose header may have titles above it."""
+    text, source = read_tabular(path)
+    skip = header_of(text)
+    if skip is None:
+        return parse(text, source)
+    return parse(text, source, skip=skip, delimiter=find_delimiter(text.splitlines()[skip - 1]))
 
 
 def _cell(field: str) -> str:

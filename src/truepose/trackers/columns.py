@@ -103,8 +103,9 @@ class Columns:
         known = [f.name for f in fields(cls)]
         if unknown := [key for key in values if key not in known]:
             raise DataError(f"columns: {unknown[0]!r} is not known; known are {', '.join(known)}")
+        only = "; for the unit alone, pass --unit" if set(values) == {"unit"} else ""
         if missing := [key for key in "xyz" if key not in values]:
-            raise DataError(f"columns: {missing[0]} is not given; write x=4, y=5, z=6 (numbers from 1, or names)")
+            raise DataError(f"columns: {missing[0]} is not given; write x=4, y=5, z=6 (numbers from 1, or names){only}")
         listed: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
         return cls(**listed)
 
@@ -160,8 +161,9 @@ def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
     notes: tuple[str, ...] = ()
     if columns.name is not None:
         optional["name"] = table.fields[:, _place(table, columns.name)]
-    if columns.time is not None:
-        texts = table.fields[:, _place(table, columns.time)].tolist()
+    if columns.time is not None and (texts := table.fields[:, _place(table, columns.time)].tolist()) != [""] * len(
+        table.fields
+    ):
         optional["time"] = column_seconds(texts, table.line, path)
         if optional["time"] is None:
             notes = (f"The time stamps were rounded by a spreadsheet (such as {texts[0]}) and are left out.",)

@@ -22,6 +22,7 @@ def import_readings(
     *,
     cell: Cell | None = None,
     columns: Columns | None = None,
+    unit: str | None = None,
     reflectors: ArrayLike | int | None = None,
     keep: int | None = None,
     reorder: bool = False,
@@ -40,6 +41,8 @@ def import_readings(
         The cell; its robot is used to compare joints with commanded positions.
     columns : Columns, optional
         The columns of a file of unknown layout.
+    unit : str, optional
+        The unit of lengths in a file that states none, see `read_readings`.
     reflectors, keep : optional
         The reflectors read at each pose; see `combine_reflectors`.
     reorder, missing, two_stations : bool
@@ -57,7 +60,7 @@ def import_readings(
     FileError, DataError
         For the reasons of `read_readings`, `match` and `check_against`.
     """
-    readings = read_readings(path, columns)
+    readings = read_readings(path, columns, unit=unit)
     if reflectors is not None:
         readings = combine_reflectors(readings, reflectors, keep=keep)
     if cell is not None and plan.q is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +12,7 @@ from truepose._io.delimited import escaped, first_row
 from truepose._typing import FloatArray
 from truepose.samples import Samples
 from truepose.trackers.columns import Columns, read_columns
-from truepose.trackers.readings import Readings, check_metres
+from truepose.trackers.readings import Readings
 
 NUMBER: Final = r"(?:[+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+|[+-]?[nN][aA][nN])"
 """Pattern of a number with a decimal point, or of nan."""
@@ -54,12 +54,12 @@ def in_columns(
     columns : Columns or callable
         The columns of the quantities, or a function ``columns(text, path)`` that finds them.
     unit_stated : bool
-        Whether files state their unit; if not, readings that seem to be metres are refused.
+        Whether files state their unit; if not, the user may, and readings that seem to be metres are refused.
     """
 
     def read(text: str, path: str | Path) -> Readings:
         readings = read_columns(text, path, columns if isinstance(columns, Columns) else columns(text, path))
-        return readings if unit_stated else check_metres(readings)
+        return replace(readings, unit_stated=unit_stated)
 
     return read
 

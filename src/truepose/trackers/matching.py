@@ -20,7 +20,7 @@ from truepose.trackers.station import describe_move
 
 _REPEAT_MM: Final = 1.0
 _FEWEST_REPEATS: Final = 5  # for an estimate of the standard deviation
-_UNITS: Final = {1e-3: "metres", 1 / 25.4: "inches", 0.1: "centimetres"}
+_UNITS: Final = {1e-3: ("metres", "m"), 1 / 25.4: ("inches", "in"), 0.1: ("centimetres", "cm")}
 
 
 @dataclass(frozen=True)
@@ -222,9 +222,10 @@ def _refuse_other_units(readings: Readings, p_cmd: FloatArray) -> None:
     """Refuse readings whose mutual distances are those of the plan in another unit."""
     p = readings.p[~readings.missing]
     commanded, measured = (float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1))) for x in (p_cmd, p))
-    for factor, unit in _UNITS.items():
+    for factor, (unit, short) in _UNITS.items():
         if commanded > 0 and abs(measured / commanded / factor - 1.0) < 0.2:
-            message = f"the readings spread {1 / factor:g} times less than the plan; {unit}? Export them in mm"
+            option = f'pass --unit {short} (unit="{short}" in Python)'
+            message = f"the readings spread {1 / factor:g} times less than the plan; {unit}? If so, {option}"
             raise DataError(f"{readings.source}: {message}")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._io.units import millimetres_per
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import FileError
 from truepose.samples import looks_like_metres, name_points
@@ -40,6 +41,8 @@ class Readings:
         The time of each reading since 1970, by the clock of the file.
     unit : str
         The unit of length in the file.
+    unit_stated : bool
+        Whether the file or its layout states the unit; if not, it is mm unless the user states another.
     frame : str
         The name of the frame, if the file states one.
     notes : tuple of str
@@ -56,6 +59,7 @@ class Readings:
     name: NDArray[np.str_] | None = None
     time: FloatArray | None = None
     unit: str = "mm"
+    unit_stated: bool = True
     frame: str = ""
     notes: tuple[str, ...] = ()
 
@@ -64,7 +68,9 @@ class Readings:
 
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
         """Return the readings selected by a mask, an index array or a slice."""
-        names = [f.name for f in fields(self) if f.name not in ("layout", "source", "unit", "frame", "notes")]
+        names = [
+            f.name for f in fields(self) if f.name not in ("layout", "source", "unit", "unit_stated", "frame", "notes")
+        ]
         return replace(self, **{name: value[index] for name in names if (value := getattr(self, name)) is not None})
 
     @property
@@ -89,16 +95,27 @@ def first_line(text: str) -> str:
     return next((line.strip() for line in text.splitlines() if line.strip()), "")
 
 
-def check_metres(readings: Readings) -> Readings:
-    """Return the readings of a file without units, or raise if they seem to be metres.
+def in_unit(readings: Readings, unit: str | None) -> Readings:
+    """Return readings in mm from those of a file that states no unit; the user may state it.
 
     Raises
     ------
     FileError
-        If the readings spread over a few units near the origin, as a work region in metres does.
+        If no unit is stated, and the readings spread over a few units near the origin, as a work region in metres does;
+        or if file and user state different units.
     """
+    if unit is not None:
+        factor = millimetres_per(unit, readings.source, 1)
+        if not readings.unit_stated:
+            std = None if readings.p_std is None else factor * readings.p_std
+            return replace(readings, p=factor * readings.p, p_std=std, unit=unit)
+        if factor != millimetres_per(readings.unit, readings.source, 1):
+            raise FileError(readings.source, f"states its lengths in {readings.unit}; leave out --unit {unit}")
+    if readings.unit_stated:
+        return readings
     p = readings.p[~readings.missing]
     if looks_like_metres(p):
         spread = np.linalg.norm(np.ptp(p, axis=0))
-        raise FileError(readings.source, f"the readings spread over {spread:.2f} mm; metres? Export them in mm")
+        option = 'pass --unit m (unit="m" in Python)'
+        raise FileError(readings.source, f"the readings spread over {spread:.2f} mm; metres? If so, {option}")
     return readings

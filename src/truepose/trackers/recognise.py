@@ -15,7 +15,7 @@ from truepose.samples import Samples
 from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.formats import headed, leica, plain_rows, portable_cmm, pose_log, spatial_analyzer, tidy
 from truepose.trackers.layout import Layout
-from truepose.trackers.readings import Readings
+from truepose.trackers.readings import Readings, in_unit
 
 LAYOUTS: Final[tuple[Layout, ...]] = (
     spatial_analyzer.WITH_HEADER,
@@ -36,7 +36,13 @@ _REMEDY: Final = "State the columns, such as --columns 'x=4, y=5, z=6, unit=mm'"
 _DELIMITERS: Final = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
-def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: Sequence[Layout] = LAYOUTS) -> Readings:
+def read_readings(
+    path: str | Path,
+    columns: Columns | None = None,
+    *,
+    unit: str | None = None,
+    layouts: Sequence[Layout] = LAYOUTS,
+) -> Readings:
     """Read a measurement file of a known layout, or a table with stated columns.
 
     Parameters
@@ -45,6 +51,8 @@ def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: 
         The measurement file: text, or a workbook (``file.xlsx``, ``file.xlsx#Sheet``).
     columns : Columns, optional
         The columns of the quantities; by default the layout is recognised.
+    unit : str, optional
+        The unit of lengths (mm, m, cm, in) in a file that states none; by default mm.
     layouts : sequence of Layout
         The layouts that are tried, in this order.
 
@@ -65,9 +73,10 @@ def read_readings(path: str | Path, columns: Columns | None = None, *, layouts: 
     """
     text, path = read_tabular(path)
     if columns is not None:
-        return replace(read_columns(text, path, columns), layout="stated columns")
+        stated = columns if unit is None else replace(columns, unit=unit)
+        return replace(read_columns(text, path, stated), layout="stated columns")
     layout = recognise(text, path, layouts)
-    return replace(layout.read(text, path), layout=layout.name)
+    return in_unit(replace(layout.read(text, path), layout=layout.name), unit)
 
 
 def write_readings(path: str | Path, samples: Samples, layout: str) -> None:

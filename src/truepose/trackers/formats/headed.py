@@ -8,18 +8,19 @@ refused.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from truepose._io.delimited import find_delimiter
-from truepose._io.units import split_unit
+from truepose._io.units import is_length, split_unit
 from truepose.errors import FileError
 from truepose.samples import Samples
 from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.layout import Layout, row_names
-from truepose.trackers.readings import Readings, check_metres, first_line
+from truepose.trackers.readings import Readings, first_line
 
 STEMS: Final = {
     **{
@@ -27,36 +28,71 @@ STEMS: Final = {
         for axis in "xyz"
         for name in (axis, f"m{axis} coord", f"{axis} coord", f"actual {axis}", f"{axis} actual", f"meas {axis}")
     },
-    **dict.fromkeys(("name", "element name", "point", "point name", "id", "point id", "nr", "no"), "name"),
+    **dict.fromkeys(
+        ("name", "element name", "point", "point name", "id", "point id", "nr", "no", "punkt", "punktname"), "name"
+    ),
     **dict.fromkeys(("time", "date", "date/time", "datetime", "timestamp", "time stamp"), "time"),
     **dict.fromkeys(("u(95)", "u95"), "u95"),
     **{f"q{k}": f"q{k}" for k in range(4)},
     **{f"r{axis}": f"r{axis}" for axis in "xyz"},
 }
 """The quantity of a column, by its name in lower case without unit and final dot."""
+_TITLES: Final = 20  # lines in which a header is searched
 
 
 def _names_xyz(text: str) -> bool:
-    """Return whether the first line names x, y and z and, between blanks, as many columns as the next line has."""
-    line = first_line(text)
-    names = _names(line)
-    if not {"x", "y", "z"} <= {STEMS.get(split_unit(name)[0]) for name in names}:
-        return False
-    rows = [row for row in text.splitlines() if row.strip()]
-    return find_delimiter(line) != " " or len(rows) < 2 or len(rows[1].split()) == len(names)
+    """Return whether a header names x, y and z and, between blanks, as many columns as the next line has."""
+    return bool(_header(text).names)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The line that names the columns, its number, and the names; without names there is no such line."""
+
+    number: int = 1
+    line: str = ""
+    names: tuple[str, ...] = ()
+
+
+def _header(text: str) -> _Header:
+    """Return the header of a table: its first line, or the first of the next ones that names x, y and z.
+
+    An empty name (a merged cell) is that of the line above; a unit in the line above holds for the columns below it.
+    """
+    rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
+    for k, (number, line) in enumerate(rows[:_TITLES]):
+        names = _names(line)
+        if {"x", "y", "z"} <= {STEMS.get(split_unit(name)[0]) for name in names}:
+            whole = find_delimiter(line) != " " or k + 1 == len(rows) or len(rows[k + 1][1].split()) == len(names)
+            above = _names(rows[k - 1][1]) if k else []
+            return _Header(number, line, tuple(_completed(names, above))) if whole else _Header()
+    return _Header()
+
+
+def _completed(names: list[str], above: list[str]) -> list[str]:
+    if len(above) != len(names):
+        return names
+    found, over = [], ""
+    for name, upper in zip(names, above, strict=True):
+        over = upper.strip() or over
+        unit = split_unit(over)[1]
+        add = STEMS.get(split_unit(name)[0], "") in ("x", "y", "z") and not split_unit(name)[1] and is_length(unit)
+        found.append(f"{name.strip()} [{unit}]" if add else name if name.strip() else upper)
+    return found
 
 
 def header_columns(text: str, path: str | Path) -> Columns:
-    """Return the columns that the first line names.
+    """Return the columns that the header names.
 
     Raises
     ------
     FileError
         If x, y or z is missing or named twice, or they have different units.
     """
-    number, line = next(((n, ln) for n, ln in enumerate(text.splitlines(), start=1) if ln.strip()), (1, ""))
+    header = _header(text)
+    number, line, names = header.number, header.line or first_line(text), header.names or _names(first_line(text))
     found: dict[str, tuple[int, str]] = {}
-    for column, name in enumerate(_names(line), start=1):
+    for column, name in enumerate(names, start=1):
         stem, unit = split_unit(name)
         if (what := STEMS.get(stem)) is None:
             continue
@@ -78,7 +114,7 @@ def header_columns(text: str, path: str | Path) -> Columns:
 
 def _states_unit(text: str) -> bool:
     """Return whether the header states the unit of x."""
-    named = (split_unit(name) for name in _names(first_line(text)))
+    named = (split_unit(name) for name in _header(text).names)
     return any(STEMS.get(stem) == "x" and unit for stem, unit in named)
 
 
@@ -100,7 +136,7 @@ def _rotation(found: dict[str, tuple[int, str]]) -> dict[str, Any]:
 def _read(text: str, path: str | Path) -> Readings:
     """Read the columns that the header names x, y, z, name, time, rx, ry, rz or q0 … q3."""
     readings = read_columns(text, path, header_columns(text, path))
-    return readings if _states_unit(text) else check_metres(readings)
+    return replace(readings, unit_stated=_states_unit(text))
 
 
 def _write(samples: Samples) -> bytes:

@@ -13,6 +13,7 @@ from truepose._io.delimited import TextTable, first_row, parse, read_tabular
 from truepose._io.units import split_unit
 from truepose.errors import FileError
 from truepose.samples import Poses, check, read_poses
+from truepose.samples.columns import header_of, joint_columns
 from truepose.trackers.formats.headed import STEMS
 from truepose.trackers.layout import NUMBER
 
@@ -23,7 +24,6 @@ _KRL: Final = re.compile(
     re.IGNORECASE,
 )
 _UR: Final = re.compile(rf"(?:\b(?P<name>\w++)\s*+=\s*+)?(?<!p)\[{','.join([_N] * 6)}\]")
-_JOINT_COLUMN: Final = re.compile(r"(?:j|q|a|joint|axis)[ _]?(?P<number>[0-9]{1,3})")
 _PATTERNS: Final = ((_RAPID, np.pi / 180.0), (_KRL, np.pi / 180.0), (_UR, 1.0))
 _TIDY: Final = re.compile(r"\b(?:q1|x_cmd)_", re.IGNORECASE)
 _SURELY_DEGREES: Final = 4.0 * np.pi
@@ -40,7 +40,7 @@ def read_plan(path: str | Path) -> Poses:
         If the joints are implausible; see `truepose.samples.check`.
     """
     text, source = read_tabular(path)
-    if _TIDY.search(first_row(text)):
+    if _TIDY.search(first_row(text)) or header_of(text) is not None:
         return read_poses(path)
     for pattern, factor in _PATTERNS:
         if found := list(pattern.finditer(text)):
@@ -62,19 +62,15 @@ def _names(table: TextTable) -> NDArray[np.str_] | None:
 
 def _read_table(text: str, path: str | Path) -> Poses:
     """Read columns j1_deg … or j1_rad …."""
-    table = parse(text, path, lenient=True)
-    found = {}
-    for column, name in enumerate(table.header):
-        stem, unit = split_unit(name)
-        if match := _JOINT_COLUMN.fullmatch(stem):
-            found[int(match["number"])] = (column, unit)
-    if not found or set(found) != set(range(1, len(found) + 1)):
+    table = parse(text, path, skip=header_of(text, joints=True), lenient=True)
+    found = joint_columns(table)
+    if not found:
         known = (
             "plan.csv (q1_deg … or x_cmd_mm …), RAPID jointtarget, KRL E6AXIS, UR lists [j1, …, j6], columns j1_deg …"
         )
         raise FileError(path, f"is not a plan; expected {known}", line=table.header_line)
-    q = table.numbers([found[k][0] for k in sorted(found)])
-    units = {unit for _, unit in found.values()}
+    q = table.numbers(found)
+    units = {split_unit(table.header[column])[1] for column in found}
     if units == {""} and np.abs(q).max() > _SURELY_DEGREES:
         units = {"deg"}
     if units not in ({"deg"}, {"rad"}):

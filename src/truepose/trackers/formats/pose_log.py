@@ -6,6 +6,7 @@ Angles are about the fixed axes x, y, z (not confirmed by the maker).
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +17,7 @@ from truepose._io.strict import to_float
 from truepose.errors import FileError
 from truepose.samples import Samples
 from truepose.trackers.layout import Layout, row_names
-from truepose.trackers.readings import Readings, check_metres, first_line
+from truepose.trackers.readings import Readings, first_line
 
 _BLOCK: Final = re.compile(r"\s*+Pos(?:e|ition)?+\s*+[:#=]?+\s*+(?P<name>\w++)\s*+:?+\s*+", re.IGNORECASE)
 _PAIR: Final = re.compile(r"(?<![A-Za-z])(?P<key>[A-Za-z]++)\s*=\s*(?P<value>[^\s,;=]+)")
@@ -57,7 +58,7 @@ def _read(text: str, path: str | Path) -> Readings:
         name=np.array(names),
         rotation=Rotation.from_euler("xyz", table[:, 3:], degrees=True) if turned.all() else None,
     )
-    return check_metres(readings)
+    return replace(readings, unit_stated=False)
 
 
 def _values(pairs: dict[str, str], path: str | Path, line: int) -> list[float]:

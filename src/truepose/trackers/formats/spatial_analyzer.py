@@ -12,7 +12,7 @@ from truepose._io.units import millimetres_per
 from truepose.errors import FileError
 from truepose.samples import Samples
 from truepose.trackers.layout import NUMBER, Layout, row_names, row_times
-from truepose.trackers.readings import Readings, check_metres, first_line
+from truepose.trackers.readings import Readings, first_line
 from truepose.trackers.times import date, seconds
 
 _ROW: Final = re.compile(
@@ -58,7 +58,7 @@ def _read(text: str, path: str | Path) -> Readings:
         message = f"has {len(names[odd])} names before x, y, z, the first reading has {len(names[0])}"
         raise FileError(path, f"{message}; is a number missing?", line=body[odd][0])
     dates = [row["date"] for row in found]
-    readings = Readings(
+    return Readings(
         p=factor * np.array([(row["x"], row["y"], row["z"]) for row in found]).astype(np.float64),
         line=np.array([number for number, _ in body], dtype=np.int64),
         source=str(path),
@@ -66,8 +66,8 @@ def _read(text: str, path: str | Path) -> Readings:
         time=np.array([seconds(text, path, body[i][0]) for i, text in enumerate(dates)]) if all(dates) else None,
         unit=unit,
         frame=frame,
+        unit_stated=any(_AXES.search(line) for _, line in header),
     )
-    return check_metres(readings)
 
 
 def _header(header: list[tuple[int, str]], path: str | Path) -> tuple[str, float, str]:
