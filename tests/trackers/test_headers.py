@@ -30,6 +30,7 @@ def test_titles_above_the_header(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.degrees(poses.q[1]), [11, 20])
     samples = write(tmp_path, "Campaign", "q1_deg x_meas_mm y_meas_mm z_meas_mm", "1,5 2100 5,5 800", "2,5 2400 5 800")
     np.testing.assert_array_equal(tp.read_samples(samples).p_meas[0], [2100, 5.5, 800])
+    np.testing.assert_array_equal(tp.read_readings(samples).p[0], [2100, 5.5, 800])
 
 
 def test_a_unit_above_the_header(tmp_path: Path) -> None:
@@ -73,9 +74,7 @@ def test_a_quaternion_beside_joints(tmp_path: Path) -> None:
 
 def test_two_sets_of_joints(tmp_path: Path) -> None:
     path = write(tmp_path, "A1 [°];A2 [°];J1 [°];J2 [°]", "10;20;10;20", "11;25;11;25")
-    with pytest.raises(
-        FileError, match=r"t\.csv:1: has several sets of joints \(A1 \[°\] … and J1 .*\); keep one"
-    ):
+    with pytest.raises(FileError, match=r"t\.csv:1: has several sets of joints \(A1 \[°\] … and J1 .*\); keep one"):
         read_plan(path)
 
 
