@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import hashlib
 import io
 import json
@@ -133,7 +134,7 @@ def test_page_asks_for_nothing(documents, locale):
     page = to_html(documents[locale])
     asked = Asked(page)
     assert not {"script", "link", "iframe", "object", "base"} & set(asked.tags)
-    assert [target for target in asked.loads if not target.startswith("#")] == []
+    assert [target for target in asked.loads if not target.startswith(("#", "data:text/csv;"))] == []
     assert re.findall(r"url\((?!data:|#)|@import", page) == []
     assert re.findall(r"https?://(?!www\.w3\.org/)", page) == []
     assert "default-src 'none'" in page
@@ -244,8 +245,8 @@ def test_corrected_programs(error_map, study, sidecar, no_figures):
     programs = next(section for section in made.sections if section.title == say("programs.title"))
     tables = [block for block in programs.blocks if isinstance(block, Table)]
     assert tables[0].rows == [["panel.src", "2", "1", "0", "0", "1", "0", "0.100", "0.013"]]
-    assert tables[1].rows == [["panel.src", "skipped", "too far", "1"]]
-    assert tables[2].rows == [["XP1", "7", "1.000", "−2.000", "3.000", "+0.100", "+0.000", "+0.000", "0.013"]]
+    assert tables[1].rows == [["skipped", "too far", "1", "1"]]
+    assert tables[2].rows == [["XP1", "panel.dat:7", "1.000", "−2.000", "3.000", "+0.100", "+0.000", "+0.000", "0.013"]]
     assert not any(getattr(block, "warns", False) for block in programs.blocks)
     assert "b" * 64 in made.text()
 
@@ -291,7 +292,7 @@ def test_programs_of_another_map_and_refusals_are_told(error_map, study, sidecar
     text = document(gather(error_map, study=study, sidecars=[sidecar(content)]), EN).text()
     assert "panel.src was corrected with another map (cccccccccccc), not with this one." in text
     assert "panel.src: 4 targets refused" in text
-    assert "30 of 100 targets are shown; the record panel.corrections.json contains all." in text
+    assert "60 of 100 targets are listed; the attached table targets.csv contains all." in text
 
 
 def test_names_are_text_not_markup(error_map, study, sidecar, no_figures):
@@ -471,3 +472,31 @@ def test_a_logo_that_cannot_be_used_is_named(error_map, cell, stated_cell, study
 )
 def test_orientations_are_the_controllers_own(controller, text):
     assert controller_angles(Rotation.from_euler("z", 90, degrees=True), controller, EN).replace("−", "") == text
+
+
+@pytest.mark.promise("the report has one row for each program, groups reasons, and attaches the complete tables")
+def test_many_programs(error_map, study, tmp_path, no_figures):
+    paths = []
+    for k in range(4):
+        content = record(error_map.hash, n=6, program=f"cell/p{k}.src")
+        content["targets"][0]["reason"] = f"{0.31 + k / 100:.3f} mm, above P1's limit of 0.300 mm"
+        content["limits"] = {"max_std_mm": {"value": 0.2 if k else 0.1, "origin": "option"}}
+        paths.append(tmp_path / f"p{k}.corrections.json")
+        paths[-1].write_text(json.dumps(content))
+    made = document(gather(error_map, study=study, sidecars=paths, date=DATE), EN)
+    section = next(section for section in made.sections if section.title == EN("programs.title"))
+    rows, reasons, *limits, targets = [block.rows for block in section.blocks if isinstance(block, Table)]
+    assert [row[0] for row in rows] == ["p0.src", "p1.src", "p2.src", "p3.src", "total"]
+    assert rows[-1][1:3] == ["24", "20"]
+    assert reasons == [["skipped", "… mm, above P1's limit of … mm", "4", "4"]]
+    assert len(limits) == 2
+    assert len(targets) == 20
+    poses, table = made.attachments
+    assert (poses.name, table.name) == ("poses.csv", "targets.csv")
+    assert len(poses.text.splitlines()) == 61
+    listed = list(csv.DictReader(io.StringIO(table.text)))
+    assert len(listed) == 24
+    assert (listed[0]["verdict"], listed[0]["x_correction_mm"], listed[1]["file"]) == ("skip", "", "panel.dat")
+    assert "/EmbeddedFile" in to_pdf(made, DATE).decode("latin-1")
+    saved = re.search(r'<a download="targets.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', to_html(made))
+    assert base64.b64decode(saved[1]).decode() == table.text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, Final
 
 _TIED: Final = re.compile(r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)")
@@ -82,6 +82,20 @@ class Logo:
         return {"form": self.form, "uri": uri, "bytes": list(self.content), "description": self.description}
 
 
+@dataclass(frozen=True)
+class Attachment:
+    """A table as a CSV file: attached to a PDF, and a link for saving on a page."""
+
+    name: str
+    description: str
+    text: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the attachment as plain values, with a data URI for a page."""
+        content = base64.b64encode(self.text.encode("utf-8")).decode("ascii")
+        return {**asdict(self), "uri": f"data:text/csv;charset=utf-8;base64,{content}"}
+
+
 Block = Text | Facts | Table | Picture | Signatures
 
 
@@ -109,6 +123,8 @@ class Document:
         The origin of the report, printed on every page.
     page : str
         The word for page.
+    attached : str
+        The heading of the attachments.
     tiles : list of (str, str)
         The main figures, each with its caption.
     lead : list of Text
@@ -117,6 +133,8 @@ class Document:
         The sections in their order.
     logo : Logo or None
         The company's logo.
+    attachments : list of Attachment
+        The complete tables.
     """
 
     language: str
@@ -124,25 +142,29 @@ class Document:
     title: str
     stamp: str
     page: str
+    attached: str
     tiles: list[tuple[str, str]]
     lead: list[Text]
     sections: list[Section]
     logo: Logo | None = None
+    attachments: list[Attachment] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document as plain values; blocks have a ``kind``, and tables a mask ``words`` of their columns."""
-        plain = asdict(self) | {"logo": None}
+        plain = asdict(self) | {"logo": None, "attachments": []}
         for own, section in zip(self.sections, plain["sections"], strict=True):
             for block, values in zip(own.blocks, section["blocks"], strict=True):
                 values["kind"] = block.kind
                 if isinstance(block, Table):
                     values["words"] = block.words
         tied: dict[str, Any] = _tied(plain)
-        return tied | {"logo": None if self.logo is None else self.logo.to_dict()}
+        logo = None if self.logo is None else self.logo.to_dict()
+        return tied | {"logo": logo, "attachments": [one.to_dict() for one in self.attachments]}
 
     def text(self) -> str:
         """Return all text of the document as one string, without pictures."""
-        return "".join(_strings(asdict(self)))
+        shown = replace(self, attachments=[replace(one, text="") for one in self.attachments])
+        return "".join(_strings(asdict(shown)))
 
 
 def _tied(value: Any) -> Any:

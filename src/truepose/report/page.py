@@ -45,7 +45,8 @@ def write_report(
     error_map : ErrorMap
         The error map that the report describes.
     path : str or Path
-        The file to write. ``.html`` gives one page that loads nothing from elsewhere, ``.pdf`` a PDF/A.
+        The file to write. ``.html`` gives one page that loads nothing from elsewhere, ``.pdf`` a PDF/A-3u.
+        Complete tables are attached to both as CSV.
     held_out : Samples, optional
         Samples that took no part in the fit, for the accuracy before and after. Without them, each sample is predicted
         from the others, and the report says so.
@@ -116,7 +117,8 @@ def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> b
 
     Notes
     -----
-    The PDF is a PDF/A-2u for archiving, with all fonts embedded; a character without a font is an error.
+    The PDF is a PDF/A-3u for archiving, with all fonts embedded and the complete tables attached as CSV. A character
+    without a font is an error.
     """
     typst = _typst(path)
 
@@ -127,7 +129,7 @@ def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> b
             font_paths=known,
             sys_inputs={"report": json.dumps(made.to_dict(), ensure_ascii=False)},
             timestamp=int(date.timestamp()),
-            pdf_standards=["a-2u"],
+            pdf_standards=["a-3u"],
         )
         return pdf
 

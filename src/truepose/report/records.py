@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
-from collections import Counter
+import io
+import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal
@@ -11,12 +14,18 @@ from typing import Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from truepose._io import files
+from truepose._io.delimited import escaped
 from truepose.errors import FileError
-from truepose.report.document import Block, Section, Table, Text
+from truepose.report.document import Attachment, Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
-_SHOWN: Final = 30
-"""The number of targets of a program that are listed one by one."""
+_SHOWN: Final = 60
+"""The number of targets of all programs that are listed one by one; the attached table contains all."""
+_FEWEST: Final = 2
+"""The number of targets of each program that are listed at least."""
+TABLE: Final = "targets.csv"
+"""The name of the attached table."""
+_VARYING: Final = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?!\w)")
 _REASONS: Final = 12
 _COUNTS: Final = ("targets", "corrected", "clipped", "below_uncertainty", "skipped", "refused")
 _Numbers = tuple[float | None, float | None, float | None]
@@ -51,6 +60,7 @@ class Target(_Part):
     """The correction of one target; positions and corrections [mm] in its own frame."""
 
     name: str
+    file: str = ""
     line: int
     before_mm: _Numbers
     correction_mm: _Numbers
@@ -62,6 +72,11 @@ class Target(_Part):
     def touched(self) -> bool:
         """Whether the target was changed."""
         return self.verdict in ("correct", "clip")
+
+    @property
+    def where(self) -> str:
+        """The file and the line of the target."""
+        return f"{_file_name(self.file)}:{self.line}" if self.file else str(self.line)
 
 
 class Limit(_Part):
@@ -143,26 +158,60 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
         ]
         for record in records
     ]
+    if len(records) > 1:
+        rows.append(_total(records, say))
     blocks: list[Block] = [
         Text(warning, warns=True) for record in records for warning in _warnings(record, map_hash, say)
     ]
-    blocks.append(Table(columns, rows))
-    reasons = Counter(
-        (record.name, target.verdict, target.reason)
-        for record in records
-        for target in record.targets
-        if not target.touched
-    )
-    if reasons:
-        columns = [say(f"programs.column_{key}") for key in ("program", "verdict", "reason", "count")]
-        rows = [
-            [name, say(f"programs.{verdict.replace(' ', '_')}"), reason, str(count)]
-            for (name, verdict, reason), count in reasons.most_common(_REASONS)
-        ]
-        blocks += [Text(say("programs.why")), Table(columns, rows, left=3)]
-    for record in records:
-        blocks += _limits(record, say) + _targets(record, say)
+    blocks += [Table(columns, rows), *_reasons(records, say), *_limits(records, say), *_targets(records, say)]
     return Section(title, blocks)
+
+
+def attachment(records: Sequence[Record], say: Locale) -> list[Attachment]:
+    """Return the complete table of all targets as CSV, to attach; none without records."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    places = [f"{axis}_{kind}_mm" for kind in ("before", "correction") for axis in "xyz"]
+    writer.writerow(["program", "file", "line", "target", *places, "std_mm", "verdict", "reason"])
+    for record in records:
+        for t in record.targets:
+            numbers = ["" if v is None else f"{v:.6f}" for v in (*t.before_mm, *t.correction_mm, t.std_mm)]
+            words = [escaped(word) for word in (record.program, t.file)]
+            writer.writerow([*words, t.line, escaped(t.name), *numbers, t.verdict, escaped(t.reason)])
+    return [Attachment(TABLE, say("programs.attached"), buffer.getvalue())] if records else []
+
+
+def _total(records: Sequence[Record], say: Locale) -> list[str]:
+    sums = [str(sum(getattr(record.summary, key) for record in records)) for key in _COUNTS]
+    largest = (
+        max((v for record in records if (v := getattr(record.summary, key)) is not None), default=None)
+        for key in ("largest_correction_mm", "largest_std_mm")
+    )
+    return [say("programs.total"), *sums, *(say.number(value, ".3f") for value in largest)]
+
+
+def _reasons(records: Sequence[Record], say: Locale) -> list[Block]:
+    """Return the table of the reasons why targets are unchanged; reasons that differ in numbers alone are one."""
+    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for record in records:
+        for target in record.targets:
+            if not target.touched:
+                group = found.setdefault((target.verdict, _VARYING.sub("…", target.reason)), [])
+                group.append((record.program, target.reason))
+    if not found:
+        return []
+    ranked = sorted(found.items(), key=lambda item: -len(item[1]))[:_REASONS]
+    columns = [say(f"programs.column_{key}") for key in ("verdict", "reason", "programs", "count")]
+    rows = [
+        [
+            say(f"programs.{verdict.replace(' ', '_')}"),
+            some[0][1] if len({reason for _, reason in some}) == 1 else common,
+            str(len({program for program, _ in some})),
+            str(len(some)),
+        ]
+        for (verdict, common), some in ranked
+    ]
+    return [Text(say("programs.why")), Table(columns, rows, left=2)]
 
 
 def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
@@ -175,38 +224,49 @@ def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
     return found
 
 
-def _limits(record: Record, say: Locale) -> list[Block]:
-    """Return the limits of a correction with their sources; empty for a record of an older version."""
+def _limits(records: Sequence[Record], say: Locale) -> list[Block]:
+    """Return the limits with their sources, once for programs that share them; records of older versions have none."""
+    shared: dict[str, list[Record]] = {}
+    for record in records:
+        if record.limits:
+            shared.setdefault(json.dumps({k: v.model_dump() for k, v in record.limits.items()}), []).append(record)
     columns = [say(f"programs.column_{key}") for key in ("setting", "value", "origin")]
-    rows = [
-        [key, limit.value if isinstance(limit.value, str) else say.number(limit.value, ".4g"), limit.origin]
-        for key, limit in record.limits.items()
-    ]
-    return [Text(say("programs.limits", program=record.name)), Table(columns, rows, left=3)] if rows else []
+    blocks: list[Block] = []
+    for some in shared.values():
+        rows = [
+            [key, limit.value if isinstance(limit.value, str) else say.number(limit.value, ".4g"), limit.origin]
+            for key, limit in some[0].limits.items()
+        ]
+        names = say("finding.list").join(record.name for record in some[:_REASONS])
+        more = say("finding.list") + say("cell.more", n=len(some) - _REASONS) if len(some) > _REASONS else ""
+        blocks += [Text(say("programs.limits", program=names + more)), Table(columns, rows, left=3)]
+    return blocks
 
 
-def _targets(record: Record, say: Locale) -> list[Block]:
-    """Return the table of the first corrected targets."""
-    touched = [target for target in record.targets if target.touched]
-    if not touched:
+def _targets(records: Sequence[Record], say: Locale) -> list[Block]:
+    """Return the table of the first corrected targets of each program."""
+    each = max(_SHOWN // len(records), _FEWEST)
+    shown = [target for record in records for target in [t for t in record.targets if t.touched][:each]]
+    if not shown:
         return []
-    words = [say(f"programs.column_{key}") for key in ("target", "line")]
+    words = [say(f"programs.column_{key}") for key in ("target", "where")]
     columns = [*words, "x [mm]", "y [mm]", "z [mm]", "Δx [mm]", "Δy [mm]", "Δz [mm]", say("accuracy.column_std")]
     rows = [
         [
             target.name,
-            str(target.line),
+            target.where,
             *(say.number(v, ".3f") for v in target.before_mm),
             *(say.number(v, "+.3f") for v in target.correction_mm),
             say.number(target.std_mm, ".3f"),
         ]
-        for target in touched[:_SHOWN]
+        for target in shown
     ]
-    blocks: list[Block] = [Text(say("programs.targets", program=record.name)), Table(columns, rows)]
-    if len(touched) > _SHOWN:
-        shown = say("programs.targets_more", shown=_SHOWN, n=len(record.targets), record=record.file)
-        blocks.append(Text(shown))
-    return blocks
+    n = sum(len(record.targets) for record in records)
+    return [
+        Text(say("programs.targets")),
+        Table(columns, rows, left=2),
+        Text(say("programs.targets_more", shown=len(shown), n=n, table=TABLE)),
+    ]
 
 
 def _file_name(path: str) -> str:

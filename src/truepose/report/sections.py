@@ -12,7 +12,7 @@ from truepose._version import __version__
 from truepose.geometry import ANGLES, euler
 from truepose.report import conformity, identity, records, verification
 from truepose.report.arm import rods
-from truepose.report.document import Block, Document, Facts, Picture, Section, Signatures, Table, Text
+from truepose.report.document import Attachment, Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
 from truepose.report.findings import findings, title
 from truepose.report.locale import MISSING, Locale
@@ -56,11 +56,22 @@ def document(evidence: Evidence, say: Locale) -> Document:
         title=say("report.of", robot=robot),
         stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=__version__),
         page=say("report.page"),
+        attached=say("report.attached"),
         tiles=_tiles(evidence, say),
         lead=[*_lead(evidence, say), *warned, *_missing(sections, say)],
         sections=sections,
         logo=logo,
+        attachments=[_poses(evidence, say), *records.attachment(evidence.records, say)],
     )
+
+
+def _poses(evidence: Evidence, say: Locale) -> Attachment:
+    """Return the evaluated poses with their errors as CSV, to attach."""
+    parts = {"cmd": evidence.p, "before": evidence.before, "after": evidence.after, "std": evidence.std}
+    names = [f"{axis}_{kind}_mm" for kind in parts for axis in "xyz"]
+    rows = np.column_stack(list(parts.values())).tolist()
+    lines = [",".join(("pose", *names)), *(f"{k},{','.join(f'{v:.6f}' for v in row)}" for k, row in enumerate(rows, 1))]
+    return Attachment("poses.csv", say("errors.attached"), "\n".join(lines) + "\n")
 
 
 def _missing(sections: Sequence[Section], say: Locale) -> list[Text]:
