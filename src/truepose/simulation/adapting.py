@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,8 @@ from truepose.simulation.presets import Preset
 
 _MASS_EXPONENT: Final = 2.7  # as in `truepose.robots.nongeometric.rough_masses`
 _SHRINK: Final = 0.8
-_NEARER: Final = 0.25  # exponent with which a smaller region moves towards the base
+_NEARER: Final = (0.25, 0.0)  # exponents with which a smaller region moves towards the base
+_SPREADS: Final = (1.0, 0.5)  # of the orientations, the second for wrists with little room
 _TRIES: Final = 8
 
 
@@ -25,7 +27,8 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
 
     Lengths scale with the length of the arm, the payload with its mass. Among the branches that reach the centre of the
     region, the one is chosen that reaches the corners at all orientations with the largest margin to the limits. A
-    region that no branch reaches is made smaller and moved towards the base.
+    region that no branch reaches is made smaller and moved towards the base, or only made smaller; if that does not
+    suffice, the orientations deviate half as much.
 
     Raises
     ------
@@ -48,12 +51,13 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
         work_payload_kg=None if preset.work_payload_kg is None else round(preset.work_payload_kg * lighter, 1),
         reflector_radius_mm=scale * preset.reflector_radius_mm,
     )
-    for smaller in _SHRINK ** np.arange(_TRIES):
+    for spread, nearer, smaller in product(_SPREADS, _NEARER, _SHRINK ** np.arange(_TRIES)):
         x, y, z = adapted.centre_mm
         tried = replace(
             adapted,
             size_mm=tuple((smaller * np.array(size)).round(1).tolist()),
-            centre_mm=(round(x * smaller**_NEARER, 1), y, z),
+            centre_mm=(round(x * smaller**nearer, 1), y, z),
+            orientation_deg=spread * adapted.orientation_deg,
         )
         if (home := _home(tried, robot)) is not None:
             return replace(tried, home_deg=tuple(np.rad2deg(home).tolist()))
