@@ -27,7 +27,9 @@ methods = {
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name, colour in methods.items():
-    after = [tp.fit_cell(cell.cell, samples[:n], name).validate(held_out)["after"]["mean_mm"] for n in counts]
+    after = [
+        tp.fit_cell(cell.cell, samples[:n], name).validate(held_out, rivals=False)["after"]["mean_mm"] for n in counts
+    ]
     print(name.ljust(24), np.round(after, 3))
     axes.plot(counts, after, "o-", color=colour, label=name)
 axes.axhline(cell.noise_floor, color="k", ls=":", label="noise floor")

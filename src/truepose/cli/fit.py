@@ -12,6 +12,7 @@ from truepose.cli.output import accuracy_table, emit_json, overwrite, say, worki
 from truepose.cli.summaries import (
     calibration_data,
     calibration_of,
+    show_better,
     show_calibration,
     show_campaign,
     show_choice,
@@ -39,6 +40,7 @@ def fit(
     """Register the samples, fit the tool if the cell file asks for it, fit a predictor, and write a map."""
     from truepose.cell import load_cell
     from truepose.error_map.fit import fit_cell
+    from truepose.error_map.rivals import better_predictor
     from truepose.numerics.threads import cores
     from truepose.samples import read_samples
 
@@ -55,13 +57,16 @@ def fit(
             accept_campaign=accept_campaign,
         )
         error_map.save(out)
-    data = {"map": out, **_figures(error_map)}
+        progress("Comparing with another predictor")
+        better = better_predictor(error_map)
+    data = {"map": out, **_figures(error_map), "better": None if better is None else better.to_dict()}
     if as_json:
         emit_json(data)
         return
     _show(error_map)
     title = f"{error_map.predictor_name}: after registration, and each sample predicted from the others"
     say(accuracy_table(title, {"before": data["registered"], "after": data["leave_one_out"]}), f"Wrote {out}.")
+    show_better(better)
 
 
 def _figures(error_map: ErrorMap) -> dict[str, Any]:

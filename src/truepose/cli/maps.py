@@ -10,7 +10,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table
-from truepose.cli.summaries import show_campaign, show_worth
+from truepose.cli.summaries import show_better, show_campaign, show_worth
 
 _STATES = ("before", "after")
 
@@ -55,7 +55,8 @@ def validate(
 
     error_map = load_map(map_path)
     samples = read_samples(test_path)
-    data, found = error_map.validate(samples).to_dict(), recheck(error_map, samples)
+    validation, found = error_map.validate(samples), recheck(error_map, samples)
+    data = validation.to_dict()
     if as_json:
         more = {"holding": found.holding.to_dict(), "campaign": error_map.campaign}
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data, **more})
@@ -78,6 +79,7 @@ def validate(
     _show_groups(data["groups"])
     show_campaign(error_map.campaign)
     show_worth(error_map.worth)
+    show_better(validation.better)
     if data["seen"]:
         say(f"[yellow]Warning[/]: {data['seen']} of these poses were in the fit; the figures are too favourable.")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from truepose.cli.output import say, table
 
 if TYPE_CHECKING:
+    from truepose.error_map.rivals import Better
     from truepose.error_map.worth import Worth
     from truepose.predictors import KinematicCalibration, Predictor
 
@@ -32,6 +33,12 @@ def show_worth(worth: Worth) -> None:
         say(f"[yellow]Weak map[/]: {sentence}. 'truepose correct' refuses it without --accept-weak-map.")
     else:
         say(f"{sentence}.")
+
+
+def show_better(better: Better | None) -> None:
+    """Show that another predictor would do far better, if one does."""
+    if better is not None:
+        say(f"[yellow]Note[/]: {better.words}.")
 
 
 def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any]) -> None:

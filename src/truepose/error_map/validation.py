@@ -12,6 +12,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.rivals import Better, better_predictor
 from truepose.error_map.worth import Worth
 from truepose.samples import Samples
 from truepose.verification import RP_PER_STD, HeldOut, held_out, usual_groups
@@ -64,16 +65,20 @@ class Validation:
         The comparison of the map itself with no map.
     residuals : Residuals
         The errors of each pose, for pictures and tables.
+    better : Better, optional
+        Another predictor that would do far better on these samples.
     """
 
     figures: HeldOut
     seen: int
     worth: Worth
     residuals: Residuals
+    better: Better | None = None
 
     def __repr__(self) -> str:
         seen = f"\n{self.seen} of the samples took part in the fit: the figures are too good" if self.seen else ""
-        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}"
+        better = "" if self.better is None else f"\n{self.better.words}"
+        return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}"
 
     def __getitem__(self, key: str) -> Any:
         return self.to_dict()[key]
@@ -97,10 +102,11 @@ class Validation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
-        return {**self.figures.to_dict(), "seen": self.seen, "worth": self.worth.to_dict()}
+        better = None if self.better is None else self.better.to_dict()
+        return {**self.figures.to_dict(), "seen": self.seen, "worth": self.worth.to_dict(), "better": better}
 
 
-def validate(error_map: PredictingMap, samples: Samples) -> Validation:
+def validate(error_map: PredictingMap, samples: Samples, *, rivals: bool) -> Validation:
     """Compare errors before and after on held-out samples; see `truepose.ErrorMap.validate`."""
     e = error_map.errors(samples)
     expected, std = error_map.predict_reading(samples)
@@ -113,6 +119,7 @@ def validate(error_map: PredictingMap, samples: Samples) -> Validation:
         sum(row.tobytes() in known for row in samples.p_meas),
         error_map.worth,
         Residuals(samples.row, p_cmd, e, expected, std),
+        better_predictor(error_map, samples) if rivals else None,
     )
 
 

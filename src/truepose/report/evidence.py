@@ -120,7 +120,7 @@ def gather(
         p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
         predicted, std = error_map.predict_errors(held_out)
         after = before - predicted
-        figures = error_map.validate(held_out).to_dict()
+        figures = error_map.validate(held_out, rivals=False).to_dict()
     evaluated = error_map.samples if held_out is None else held_out
     noise = motion_noise(error_map, evaluated, cell)
     if noise is not None and "noise_floor" not in figures:
