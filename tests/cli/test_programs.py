@@ -28,7 +28,8 @@ def test_check_lists_every_target(run, program):
     assert "tool 9 is not known" in last["reason"]
     shown = run("check", program).out
     assert "1 to correct, 1 to skip, 1 refused" in shown
-    assert "line 7, LIN:7: refuse: tool 9 is not known; give it in [frames]" in shown
+    assert "1 × refuse: tool 9 is not known; give it in [frames]" in shown
+    assert f"({program}:7 LIN:7)" in shown
 
 
 def test_check_takes_frames_from_a_cell_or_the_controller(run, program, tmp_path):
@@ -113,6 +114,37 @@ def test_check_goes_on_behind_programs_that_it_cannot_read(run, program, tmp_pat
     assert done.err.count("\n") == 1
     listed = run("check", *paths, "--json")
     assert (listed.code, len(listed.json["programs"]), len(listed.json["unreadable"])) == (1, 1, 2)
+
+
+def test_check_groups_reasons_and_adds_up(run, program, tmp_path):
+    other = tmp_path / "b.src"
+    other.write_text(f"DEF b()\n$BASE=$NULLFRAME\nBAS(#TOOL,8)\nLIN {POSE}\nBAS(#TOOL,9)\nLIN {POSE}\nEND\n")
+    shown = run("check", program, other).out
+    assert "2 × refuse: such as: tool 8 is not known" in shown
+    assert f"{other}:4 LIN:4, {other}:6 LIN:6)" in shown
+    assert "2 programs: 1 to correct, 1 to skip, 3 refused" in shown
+
+
+def test_keep_going_corrects_the_others_and_names_the_refused(run, cell_files, near_samples, tmp_path):
+    options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--out", tmp_path / "out")
+    good = near_samples[0]
+    bad = tmp_path / "bad.src"
+    bad.write_text("DEF bad()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
+    broken = tmp_path / "broken.src"
+    broken.write_text("DEF broken()\nLIN {X 1.2.3}\nEND\n")
+    assert run("correct", cell_files.map, good, bad, *options).failed()
+    assert not (tmp_path / "out").exists()
+    done = run("correct", cell_files.map, good, bad, broken, *options, "--keep-going")
+    assert done.code == 1
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        "a.corrections.csv", "a.corrections.json", "a.src"
+    ]  # fmt: skip
+    assert "1 programs corrected, 2 refused" in done.out
+    assert "2 files are refused: " in done.err
+    assert f"{bad}:2: LIN:2" in done.err
+    assert f"{broken}:2: X 1.2.3 is not a number" in done.err
+    listed = run("correct", cell_files.map, good, bad, *options, "--keep-going", "--dry-run", "--json")
+    assert (listed.code, [one["file"] for one in listed.json["refused"]]) == (1, [str(bad)])
 
 
 def test_check_takes_a_folder(run, tmp_path):

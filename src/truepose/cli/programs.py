@@ -16,13 +16,10 @@ from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import counting, emit_json, overwrite, say
 
 if TYPE_CHECKING:
-    from truepose._typing import IntArray
     from truepose.cell import Cell
     from truepose.compensation import Policy
     from truepose.errors import FileError
-    from truepose.programs import CorrectedProgram, FrameTable, ReadOptions
-
-_LISTED = 40  # targets that are shown one by one
+    from truepose.programs import CorrectedBatch, FrameTable, ReadOptions, RefusedProgram
 
 
 class OnGuard(StrEnum):
@@ -149,9 +146,7 @@ def check(
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
-    import numpy as np
-    from rich.markup import escape
-
+    from truepose.cli.verdicts import say_total, show_checked
     from truepose.programs import read_programs
 
     found = read_programs(paths, reading.frames(reading.cell()), reading.options())
@@ -165,10 +160,8 @@ def check(
         )
     else:
         for program in found.programs:
-            counts = program.counts()
-            verdicts = f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
-            say(f"[bold]{escape(str(program.path))}[/]: {verdicts}")
-            _say_reasons(program.targets, np.flatnonzero(program.targets.verdicts()))
+            show_checked(program)
+        say_total([program.counts() for program in found.programs])
     if found.unreadable:
         raise _unread(found.unreadable)
 
@@ -199,15 +192,18 @@ def correct(
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Overwrite the programs; keep each original as NAME.original.")
     ] = False,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="Correct the others if a program is refused; then exit with 1.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the changes and write nothing.")] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; write the programs and a record of every target."""
     from truepose.error_map import load_map
-    from truepose.errors import DataError
-    from truepose.programs import CorrectedShare, correct_program, read_programs
-    from truepose.programs.corrected import write, write_in_place
+    from truepose.errors import DataError, RefusedError
+    from truepose.programs import CorrectedBatch, RefusedProgram, read_programs
+    from truepose.programs.batch import check_names, correct_read
 
     if in_place and out is not None:
         raise DataError("--out has no effect with --in-place; give one of them")
@@ -218,75 +214,54 @@ def correct(
     policy: Policy | None = None if on_guard is None else on_guard.value
     # correct all before writing any, so that a refusal leaves no program half done
     found = read_programs(paths, frames, reading.options(orientation=orientation))
-    if found.unreadable:
+    if found.unreadable and not keep_going:
         raise _unread(found.unreadable)
     with counting("targets") as progress:
-        corrected = [
-            correct_program(
-                program,
-                error_map,
-                cell,
-                on_guard=policy,
-                orientation=orientation,
-                require=require,
-                other_maker=other_maker,
-                accept_weak_map=accept_weak_map,
-                progress=progress,
-            )
-            for program in found.programs
-        ]
-    _check_names(corrected, in_place)
+        corrected, refused = correct_read(
+            found.programs,
+            error_map,
+            cell,
+            keep_going=keep_going,
+            on_guard=policy,
+            orientation=orientation,
+            require=require,
+            other_maker=other_maker,
+            accept_weak_map=accept_weak_map,
+            progress=progress,
+        )
+    unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
+    batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
+    check_names(corrected, in_place=in_place)
     written: list[Path] = []
-    if not dry_run:
-        written = (
-            write_in_place(corrected, force=force)
-            if in_place
-            else write(corrected, out or Path("corrected"), force=force)
-        )
-    coverage = CorrectedShare.of(program.targets for program in corrected)
+    if corrected and not dry_run:
+        written = batch.write_in_place(force=force) if in_place else batch.write(out or Path("corrected"), force=force)
     if as_json:
-        emit_json(
-            {
-                "written": written,
-                "coverage": coverage._asdict(),
-                "programs": [program.to_dict() for program in corrected],
-            }
-        )
-        return
-    for program in corrected:
+        emit_json({"written": written, **batch.to_dict()})
+    else:
+        _show_batch(batch, written, dry_run=dry_run)
+    if batch.refused:
+        raise RefusedError(_refusals(batch.refused))
+
+
+def _show_batch(batch: CorrectedBatch, written: Sequence[Path], *, dry_run: bool) -> None:
+    """Show each program in one line with its reasons, the files that were written, and the total."""
+    from truepose.cli.verdicts import show_corrected
+
+    for program in batch.corrected:
         if dry_run:
             typer.echo(program.diff(), nl=False)
-        _show(program)
+        show_corrected(program)
     for file in written:
         say(f"Wrote {file}")
-    say(str(coverage))
+    if len(batch.corrected) + len(batch.refused) > 1:
+        say(f"{len(batch.corrected)} programs corrected, {len(batch.refused)} refused")
+    say(str(batch.coverage))
 
 
-def _show(program: CorrectedProgram) -> None:
-    """Show the counts of a corrected program, its limits and warnings, and the targets that were left unchanged."""
-    import numpy as np
-    from rich.markup import escape
-
-    summary = program.summary()
-    say(
-        f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
-        f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
-        f"{summary['refused']} refused; largest correction "
-        f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm",
-        f"  Limits in force: {escape(program.limits.sentence())}",
-        *(f"  {escape(warning)}" for warning in program.warnings[:_LISTED]),
-    )
-    _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
-
-
-def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:
-    """Show why the targets of some rows are not corrected."""
-    from rich.markup import escape
-
-    for target in (targets[i] for i in rows[:_LISTED].tolist()):
-        say(escape(f"  line {target.line}, {target.name}: {target.verdict}: {target.reason}"))
-    if len(rows) > _LISTED:
-        say(f"  … and {len(rows) - _LISTED} more (--json lists all)")
+def _refusals(refused: Sequence[RefusedProgram]) -> str:
+    """Return the list of refused programs."""
+    listed = "; ".join(one.reason for one in refused)
+    return f"{len(refused)} {'file is' if len(refused) == 1 else 'files are'} refused: {listed}"
 
 
 def _unread(errors: Sequence[FileError]) -> FileError:
@@ -297,20 +272,3 @@ def _unread(errors: Sequence[FileError]) -> FileError:
         return errors[0]
     first, *others = map(str, errors)
     return FileError(f"{len(errors)} programs cannot be read", "; ".join([first, *others]))
-
-
-def _check_names(corrected: Sequence[CorrectedProgram], in_place: bool) -> None:
-    """Refuse programs that would overwrite each other."""
-    from truepose.errors import RefusedError
-    from truepose.programs.corrected import names
-
-    taken: dict[str, Path] = {}
-    for one in corrected:
-        folder = str(one.program.folder.resolve()) if in_place else ""
-        for name in names(one.program):
-            first = taken.setdefault(f"{folder}/{str(name).lower()}", one.program.path)
-            if first is not one.program.path:
-                raise RefusedError(
-                    f"{first} and {one.program.path} would both be written as {name}; correct them one by one, "
-                    "each with its own --out"
-                )

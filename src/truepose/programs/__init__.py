@@ -1,5 +1,6 @@
 """Robot programs: read as targets, corrected in place, byte-exact."""
 
+from truepose.programs.batch import CorrectedBatch, RefusedProgram, correct_programs
 from truepose.programs.core.outcomes import CorrectedShare, Outcome
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.core.target import Target
@@ -12,6 +13,7 @@ from truepose.programs.verified import ProgramVerification, VerifiedTarget
 from truepose.programs.verify import verify_program
 
 __all__ = [
+    "CorrectedBatch",
     "CorrectedProgram",
     "CorrectedShare",
     "Corrector",
@@ -21,9 +23,11 @@ __all__ = [
     "ProgramVerification",
     "ReadOptions",
     "Reading",
+    "RefusedProgram",
     "Target",
     "VerifiedTarget",
     "correct_program",
+    "correct_programs",
     "read_program",
     "read_programs",
     "verify_program",

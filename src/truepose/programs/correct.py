@@ -26,6 +26,7 @@ from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
 from truepose.programs.core.joints import joints_along_paths
+from truepose.programs.core.modules import RefusedModules
 from truepose.programs.core.orientations import turned
 from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digit_step
 from truepose.programs.core.paths import Paths
@@ -65,6 +66,7 @@ def correct_program(
     require: float | str | None = None,
     other_maker: bool = False,
     accept_weak_map: bool = False,
+    keep_going: bool = False,
     progress: Progress = lambda _done, _all: None,
 ) -> CorrectedProgram:
     r"""Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
@@ -96,6 +98,9 @@ def correct_program(
         Whether to accept a program of another maker than that of the map's robot.
     accept_weak_map : bool
         Whether to use a map that is not shown to be better than no map; see `truepose.ErrorMap.correct`.
+    keep_going : bool
+        Whether to refuse only the modules with refused targets, if the program is a project (KRL) or a task (RAPID) of
+        several modules. Their targets stay nominal, and `CorrectedProgram.refused` names their files.
     progress : callable
         A function that is called with the number of targets that are done, and the number of all.
 
@@ -145,8 +150,10 @@ def correct_program(
     warnings = _check_robot(error_map, program, cell, other_maker)
     check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
-    if on_guard == "refuse":
-        _refuse(program, _reasons(program, "refuse"))
+    own = _reasons(program, "refuse") if on_guard == "refuse" else {}
+    several = keep_going and len({source.path.with_suffix("") for source in program.sources}) > 1
+    if not several:
+        _refuse(program, own)
     counts = program.counts()
     if not counts["correct"] and not all(why.startswith("joint target") for why in _reasons(program).values()):
         raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, _reasons(program))}")
@@ -170,11 +177,18 @@ def correct_program(
         refused.update({i: reason for i, reason in why.items() if DONE[outcomes.code[i]] == "refuse"})
         done += len(rows)
         progress(done, counts["correct"])
-    if on_guard == "refuse":
+    refused = refused | own if on_guard == "refuse" else {}
+    modules = RefusedModules(outcomes) if several else None
+    if modules is None:
         _refuse(program, refused)
+    else:
+        modules.leave(refused)
     outcomes.leave_circles()
     paths = Paths(program, outcomes, limits.values.get("max_bend_mm"))
-    continuity = paths.settle(outcomes, on_guard)
+    continuity = paths.settle(outcomes, on_guard, modules)
+    refused_files = {} if modules is None else modules.files
+    if modules is not None and modules.all:
+        raise RefusedError("; ".join(list(modules.reasons.values())[:_SHOWN]))
     limits = limits.with_found({"max_bend_mm": (paths.limit, paths.origin)})
     CorrectedShare.of([outcomes]).check(limits.values["require"], program.path)
     warnings += _weakness(error_map)
@@ -182,7 +196,17 @@ def correct_program(
     hashes = proven_hashes(outcomes, resolution)
     map_hash = error_map.hash if isinstance(error_map, HasHash) else None
     return CorrectedProgram(
-        program, outcomes, on_guard, resolution, map_hash, hashes, limits, continuity, tuple(warnings), known.path
+        program,
+        outcomes,
+        on_guard,
+        resolution,
+        map_hash,
+        hashes,
+        limits,
+        continuity,
+        tuple(warnings),
+        known.path,
+        refused_files,
     )
 
 

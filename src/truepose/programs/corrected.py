@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -46,6 +46,8 @@ class CorrectedProgram:
         The warnings for the user.
     map_path : Path, optional
         The file that the map was read from; corrected programs are listed beside it.
+    refused : mapping of Path to str
+        The files of refused modules, which are not written, with the reasons; see ``keep_going`` of `correct_program`.
     """
 
     program: Program
@@ -58,6 +60,7 @@ class CorrectedProgram:
     continuity: Continuity
     warnings: tuple[str, ...] = ()
     map_path: Path | None = None
+    refused: Mapping[Path, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
@@ -110,6 +113,7 @@ class CorrectedProgram:
             "summary": self.summary(),
             "continuity": self.continuity.summary(),
             "warnings": list(self.warnings),
+            "refused": {str(path): reason for path, reason in self.refused.items()},
         }
 
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
@@ -168,7 +172,7 @@ class CorrectedProgram:
 
 
 def names(program: Program) -> list[Path]:
-    """Return all files that a correction of this program writes, as seen from the output folder."""
+    """Return all files that a correction of this program may write, as seen from its folder."""
     *sources, last = (*program.names(), program.path)
     # the record of a project is named after its folder, that of a program lies beside it
     here = Path(last.resolve().name) if last.is_dir() else last.relative_to(program.folder).with_suffix("")
@@ -213,14 +217,21 @@ def _original(path: Path) -> Path:
 
 def write(corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False) -> list[Path]:
     """Write the files of programs and their records, all or none; see `CorrectedProgram.write`."""
-    paths = [[out_dir / name for name in names(one.program)] for one in corrected]
+    kept = [[source for source in one.program.sources if source.path not in one.refused] for one in corrected]
+    paths = [
+        [
+            out_dir / one.program.place / name
+            for name in [*(source.path.relative_to(one.program.folder) for source in some), *names(one.program)[-2:]]
+        ]
+        for one, some in zip(corrected, kept, strict=True)
+    ]
     sources = [source.path for one in corrected for source in one.program.sources]
     files.check_outputs(*chain.from_iterable(paths), force=force, inputs=sources)
     history.remember(corrected)
     with files.Commit() as commit:
-        for one, goals in zip(corrected, paths, strict=True):
+        for one, some, goals in zip(corrected, kept, paths, strict=True):
             *programs, json_path, csv_path = goals
-            for source, goal in zip(one.program.sources, programs, strict=True):
+            for source, goal in zip(some, programs, strict=True):
                 with commit.open(goal, like=source.path) as file:
                     file.writelines(one.content(source))
             with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:

@@ -196,7 +196,9 @@ def read_programs(
     given = [Path(path) for path in paths]
     together = [path for path in given if path.suffix.lower() in _RAPID and not _is_folder(path)]
     together = together if len(together) > 1 else []
+    places = _places([path for path in given if _is_folder(path)])
     for path in given:
+        first = len(programs)
         if path in together:
             if path is together[0]:
                 take_all(partial(_named_together, together, known, allowed))
@@ -210,7 +212,15 @@ def read_programs(
                 take_all(partial(_tasks, path, rapid, known, allowed))
             for file in others:
                 take(file, path)
+            programs[first:] = [replace(one, place=places[path]) for one in programs[first:]]
     return Reading(programs, unreadable)
+
+
+def _places(folders: list[Path]) -> dict[Path, Path]:
+    """Return the places of folders within their common one; of a single folder the place is that itself."""
+    whole = [folder.resolve() for folder in folders]
+    common = os.path.commonpath(whole) if whole else ""
+    return {folder: path.relative_to(common) for folder, path in zip(folders, whole, strict=True)}
 
 
 def _named_together(files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:

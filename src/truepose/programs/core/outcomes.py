@@ -64,6 +64,11 @@ class Outcome:
         return self.target.line
 
     @property
+    def where(self) -> str:
+        """The file and line of the target."""
+        return self.target.where
+
+    @property
     def p_before(self) -> FloatArray:
         """Position in the target's own frame, (3,) [mm]."""
         return self.target.p

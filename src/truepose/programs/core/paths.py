@@ -15,6 +15,7 @@ import numpy as np
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
+from truepose.programs.core.modules import RefusedModules
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.program import Program
 from truepose.programs.core.source import printable
@@ -110,10 +111,11 @@ class Paths:
         least = f"at least {SMALLEST_LIMIT:g} mm"
         return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets, {least}"
 
-    def settle(self, outcomes: Outcomes, on_guard: str) -> Continuity:
+    def settle(self, outcomes: Outcomes, on_guard: str, modules: RefusedModules | None = None) -> Continuity:
         """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
 
-        A point of such a path may be in other paths, which are then judged again.
+        A point of such a path may be in other paths, which are then judged again. With `modules`, only the modules of
+        such a path are refused.
 
         Raises
         ------
@@ -124,6 +126,10 @@ class Paths:
             continuity, kinks = self.judge(outcomes.corrected)
             if not kinks:
                 return continuity
+            if on_guard == "refuse" and modules is not None:
+                for kink in kinks:
+                    modules.leave(dict.fromkeys(kink.path.tolist(), self._words(outcomes, kink)))
+                continue
             if on_guard == "refuse":
                 raise RefusedError(self._told(outcomes, kinks))
             for kink in kinks:

@@ -110,6 +110,8 @@ class Program:
         A function that reads the program once more, with the same frames and options, for the proof.
     language : str
         The name of the language's reader, such as "krl".
+    place : Path
+        The folder of its results within the output folder, if the user gave several folders.
     """
 
     path: Path
@@ -122,6 +124,7 @@ class Program:
     options: ReadOptions | None = None
     again: Callable[[], Program] | None = None
     language: str = ""
+    place: Path = Path()
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts().items())

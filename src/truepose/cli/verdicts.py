@@ -1,0 +1,94 @@
+"""One line per program, and the reasons why targets are not corrected, grouped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from truepose.cli.output import say
+
+if TYPE_CHECKING:
+    from truepose._typing import IntArray
+    from truepose.programs import CorrectedProgram, Program
+    from truepose.programs.core.reasons import Judged
+
+_TARGETS: Final = 3  # targets of a group that are named
+_GROUPS: Final = 20
+_WARNINGS: Final = 40
+
+
+def show_checked(program: Program) -> None:
+    """Show the counts of a program, or of each module of a project, and why targets are not corrected."""
+    import numpy as np
+    from rich.markup import escape
+
+    codes = program.targets.verdicts()
+    say(f"[bold]{escape(str(program.path))}[/]: {_verdicts(program.counts())}")
+    modules = _modules(program)
+    for module, rows in modules.items() if len(modules) > 1 else ():
+        counts = [int(np.count_nonzero(codes[rows] == k)) for k in range(3)]
+        say(f"  {escape(str(module))}: {_verdicts(dict(zip(('correct', 'skip', 'refuse'), counts, strict=True)))}")
+    _say_reasons(program.targets, np.flatnonzero(codes))
+
+
+def show_corrected(program: CorrectedProgram) -> None:
+    """Show the counts of a corrected program, its limits and warnings, and why targets are left nominal."""
+    import numpy as np
+    from rich.markup import escape
+
+    summary = program.summary()
+    say(
+        f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
+        f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
+        f"{summary['refused']} refused; largest correction "
+        f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
+    )
+    modules, corrected = _modules(program.program), program.targets.corrected
+    for module, rows in modules.items() if len(modules) > 1 else ():
+        note = "; refused, not written" if module in program.refused else ""
+        say(f"  {escape(str(module))}: {int(np.count_nonzero(corrected[rows]))} of {len(rows)} corrected{note}")
+    say(
+        f"  Limits in force: {escape(program.limits.sentence())}",
+        *(f"  {escape(warning)}" for warning in program.warnings[:_WARNINGS]),
+    )
+    _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
+
+
+def say_total(counts: Sequence[Mapping[Any, int]]) -> None:
+    """Show the sum of the counts of several programs."""
+    if len(counts) > 1:
+        sums = {verdict: sum(one[verdict] for one in counts) for verdict in ("correct", "skip", "refuse")}
+        say(f"{len(counts)} programs: {_verdicts(sums)}")
+
+
+def _verdicts(counts: Mapping[Any, int]) -> str:
+    return f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
+
+
+def _modules(program: Program) -> dict[Path, list[int]]:
+    """Return the rows of the targets of each file with targets."""
+    found: dict[Path, list[int]] = {}
+    for first, columns in program.targets.chunks():
+        found.setdefault(columns.path, []).extend(range(first, first + len(columns)))
+    return found
+
+
+def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:
+    """Show why the targets of some rows are not corrected, each reason once, with files, lines and names."""
+    from rich.markup import escape
+
+    from truepose.programs.core.reasons import group_reasons
+
+    groups = group_reasons(_judged(targets, rows))
+    for group in groups[:_GROUPS]:
+        n = len(group.targets)
+        more = f" and {n - _TARGETS} more" if n > _TARGETS else ""
+        such = "" if group.alike else "such as: "
+        say(escape(f"  {n} × {group.verdict}: {such}{group.reason} ({', '.join(group.targets[:_TARGETS])}{more})"))
+    if len(groups) > _GROUPS:
+        say(f"  … and {len(groups) - _GROUPS} more reasons (--json lists all)")
+
+
+def _judged(targets: Sequence[Any], rows: IntArray) -> list[Judged]:
+    return [targets[i] for i in rows.tolist()]

@@ -1,0 +1,180 @@
+"""Correct many programs: all or none, or all but the refused ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from truepose.cell import Cell
+from truepose.errors import RefusedError, TrueposeError
+from truepose.programs.core.outcomes import CorrectedShare
+from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.correct import correct_program
+from truepose.programs.corrected import CorrectedProgram, names, write, write_in_place
+from truepose.programs.corrector import Corrector
+from truepose.programs.frame_table import FrameTable
+from truepose.programs.reading import read_programs
+
+
+@dataclass(frozen=True)
+class RefusedProgram:
+    """A program, or a module of a project, that is not corrected.
+
+    Attributes
+    ----------
+    path : Path
+        The program, or the file of the module.
+    reason : str
+        The reason.
+    """
+
+    path: Path
+    reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the path and the reason, for JSON."""
+        return {"file": str(self.path), "reason": self.reason}
+
+
+@dataclass(frozen=True, repr=False)
+class CorrectedBatch:
+    """Programs that are corrected and not yet written, and those that are refused.
+
+    Attributes
+    ----------
+    corrected : tuple of CorrectedProgram
+        The corrected programs.
+    refused : tuple of RefusedProgram
+        The others, and refused modules of corrected projects; empty unless the run keeps going.
+    """
+
+    corrected: tuple[CorrectedProgram, ...]
+    refused: tuple[RefusedProgram, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<CorrectedBatch: {len(self.corrected)} programs, {len(self.refused)} refused; {self.coverage}>"
+
+    @property
+    def coverage(self) -> CorrectedShare:
+        """The number of motion targets of the corrected programs, and of those that are corrected."""
+        return CorrectedShare.of(program.targets for program in self.corrected)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the records and the refused programs, for JSON."""
+        return {
+            "coverage": self.coverage._asdict(),
+            "programs": [program.to_dict() for program in self.corrected],
+            "refused": [one.to_dict() for one in self.refused],
+        }
+
+    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
+        """Write the corrected programs, all or none; see `CorrectedProgram.write`."""
+        return write(self.corrected, Path(out_dir), force=force)
+
+    def write_in_place(self, *, force: bool = False) -> list[Path]:
+        """Write over the corrected programs, all or none; see `CorrectedProgram.write_in_place`."""
+        return write_in_place(self.corrected, force=force)
+
+
+def correct_programs(
+    paths: Iterable[str | Path],
+    error_map: Corrector,
+    cell: Cell | None = None,
+    *,
+    frames: FrameTable | None = None,
+    options: ReadOptions | None = None,
+    keep_going: bool = False,
+    **settings: Any,
+) -> CorrectedBatch:
+    r"""Correct the programs of files and folders. Nothing is written; see `CorrectedBatch.write`.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        The files and folders, as in `read_programs`.
+    error_map : Corrector
+        The error map, such as `truepose.ErrorMap`.
+    cell, frames, options
+        The cell, the tools and bases, and the options of reading, as in `correct_program`.
+    keep_going : bool
+        Whether to correct the other programs if one cannot be read or is refused. In a project (KRL) or a task (RAPID)
+        this holds for each module.
+    **settings
+        The other options of `correct_program`.
+
+    Raises
+    ------
+    FileError
+        If a program cannot be read, unless `keep_going`.
+    RefusedError
+        If a program is refused, unless `keep_going`; if two programs would be written to one file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from types import SimpleNamespace
+    >>> class Shift:
+    ...     def correct(self, poses, **_):  # every error is 0.5 mm along x
+    ...         p, n = poses[:, :3, 3], len(poses)
+    ...         e = np.tile([0.5, 0.0, 0.0], (n, 1))
+    ...         return SimpleNamespace(
+    ...             p_target=p, p_command=p - e, e=e, std=np.full((n, 3), 0.05),
+    ...             verdict=np.full(n, "correct"), reason=[""] * n)
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> text = "DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"
+    >>> _ = (folder / "good.src").write_text(text)
+    >>> _ = (folder / "bad.src").write_text(text.replace("2", "2.3.4"))
+    >>> correct_programs([folder / "good.src", folder / "bad.src"], Shift(), keep_going=True)
+    <CorrectedBatch: 1 programs, 1 refused; 1 of 1 motion targets corrected, 0 stay nominal>
+    """
+    if frames is None and cell is not None:
+        frames = FrameTable.from_cell(cell)
+    options = replace(options or ReadOptions(), orientation=bool(settings.get("orientation", False)))
+    found = read_programs(paths, frames, options)
+    refused = [RefusedProgram(Path(error.path), str(error)) for error in found.unreadable]
+    if found.unreadable and not keep_going:
+        raise found.unreadable[0]
+    corrected, more = correct_read(found.programs, error_map, cell, keep_going=keep_going, **settings)
+    return CorrectedBatch(tuple(corrected), (*refused, *more))
+
+
+def correct_read(
+    programs: Sequence[Program], error_map: Corrector, cell: Cell | None, *, keep_going: bool, **settings: Any
+) -> tuple[list[CorrectedProgram], list[RefusedProgram]]:
+    """Return programs that were read corrected, and those that are refused."""
+    corrected: list[CorrectedProgram] = []
+    refused: list[RefusedProgram] = []
+    for program in programs:
+        try:
+            one = correct_program(program, error_map, cell, keep_going=keep_going, **settings)
+        except TrueposeError as error:
+            if not keep_going:
+                raise
+            refused.append(RefusedProgram(program.path, str(error)))
+        else:
+            corrected.append(one)
+            refused += [RefusedProgram(path, reason) for path, reason in one.refused.items()]
+    return corrected, refused
+
+
+def check_names(corrected: Sequence[CorrectedProgram], *, in_place: bool = False) -> None:
+    """Refuse programs that would overwrite each other.
+
+    Raises
+    ------
+    RefusedError
+        If two programs would be written to one file.
+    """
+    taken: dict[str, Path] = {}
+    for one in corrected:
+        folder = one.program.folder.resolve() if in_place else one.program.place
+        for name in names(one.program):
+            first = taken.setdefault(str(folder / name).lower(), one.program.path)
+            if first is not one.program.path:
+                raise RefusedError(
+                    f"{first} and {one.program.path} would both be written as {name}; correct them one by one, "
+                    "each with its own --out"
+                )

@@ -1,0 +1,103 @@
+"""Many programs: one that is refused does not block the others, if the user says so."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from truepose.errors import FileError, RefusedError
+from truepose.programs import FrameTable, correct_programs
+
+HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
+GOOD = HEAD + "LIN {{X {0},Y 2,Z 3,A 0,B 0,C 0}}\nLIN {{X {0},Y 9,Z 3,A 0,B 0,C 0}}\n"
+
+
+def module(name: str, body: str) -> str:
+    return f"DEF {name}()\n{body}END\n"
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> list[Path]:
+    """Three controllers; one module of the second sets no tool, the third cannot be read."""
+    found = [tmp_path / name for name in ("one", "two", "three")]
+    for k, folder in enumerate(found):
+        (folder / "R1").mkdir(parents=True)
+        for name in ("a", "b"):
+            (folder / "R1" / f"{name}.src").write_text(module(name, GOOD.format(100 * k + ord(name))))
+    (found[1] / "R1" / "bad.src").write_text(module("bad", "LIN {X 7,Y 7,Z 7,A 0,B 0,C 0}\n"))
+    (found[2] / "R1" / "broken.src").write_text(module("broken", "LIN {X 1.2.3}\n"))
+    return found
+
+
+def test_all_or_none_without_keep_going(folders: list[Path], make_map: Any) -> None:
+    with pytest.raises(FileError, match=r"1\.2\.3 is not a number"):
+        correct_programs(folders, make_map([1.0, 0, 0]), frames=FrameTable())
+    with pytest.raises(RefusedError, match=r"bad\.src:2"):
+        correct_programs(folders[:2], make_map([1.0, 0, 0]), frames=FrameTable())
+
+
+def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
+    batch = correct_programs(folders, make_map([1.0, 0, 0]), frames=FrameTable(), keep_going=True)
+    assert [one.path for one in batch.refused] == [folders[2] / "R1/broken.src", folders[1] / "R1/bad.src"]
+    assert "no $TOOL is set" in batch.refused[1].reason
+    assert str(batch.coverage) == "8 of 9 motion targets corrected, 1 stays nominal"
+    assert repr(batch) == "<CorrectedBatch: 2 programs, 2 refused; 8 of 9 motion targets corrected, 1 stays nominal>"
+    out = tmp_path / "out"
+    written = {str(path.relative_to(out)) for path in batch.corrected[1].write(out)}
+    assert written == {
+        f"two/{name}" for name in ("R1/a.src", "R1/b.src", "two.corrections.json", "two.corrections.csv")
+    }
+    record = json.loads((out / "two" / "two.corrections.json").read_text())
+    assert list(record["refused"]) == [str(folders[1] / "R1/bad.src")]
+    assert json.loads(json.dumps(batch.to_dict()))["refused"][1]["file"].endswith("bad.src")
+
+
+def test_a_guard_refuses_a_module(folders: list[Path], make_map: Any) -> None:
+    batch = correct_programs(
+        folders[:1], make_map([1.0, 0, 0], guarded={2: "far away"}), frames=FrameTable(), keep_going=True
+    )
+    (one,) = batch.corrected
+    assert [str(path) for path in one.refused] == [str(folders[0] / "R1/b.src")]
+    assert [target.verdict for target in one.targets] == ["correct", "correct", "refuse", "skip"]
+    assert "its module is refused" in one.targets[3].reason
+
+
+def test_a_bend_refuses_the_modules_of_its_path(folders: list[Path], make_map: Any) -> None:
+    path = folders[0] / "R1" / "b.src"
+    path.write_text(module("b", HEAD + "".join(f"LIN {{X {x},Y 0,Z 0,A 0,B 0,C 0}}\n" for x in range(0, 50, 10))))
+    shifts = [[0.0, 0, 0]] * 4 + [[0, 0, 5.0]] + [[0.0, 0, 0]] * 2
+    batch = correct_programs(folders[:1], make_map(shifts, std=0.01), frames=FrameTable(), keep_going=True)
+    assert [one.path for one in batch.refused] == [path]
+    assert "would bend the path by" in batch.refused[0].reason
+
+
+def test_a_project_without_a_good_module_is_refused(folders: list[Path], make_map: Any) -> None:
+    error_map = make_map([1.0, 0, 0], guarded={0: "far away", 2: "far away"})
+    batch = correct_programs(folders[:1], error_map, frames=FrameTable(), keep_going=True)
+    assert not batch.corrected
+    assert [one.path for one in batch.refused] == folders[:1]
+
+
+def test_several_folders_keep_their_structure(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
+    batch = correct_programs(folders[:2], make_map([1.0, 0, 0]), frames=FrameTable(), keep_going=True)
+    out = tmp_path / "out"
+    batch.write(out)
+    found = {str(path.relative_to(out)) for path in out.rglob("*.*")}
+    assert found == {
+        *("one/R1/a.src", "one/R1/b.src", "one/one.corrections.json", "one/one.corrections.csv"),
+        *("two/R1/a.src", "two/R1/b.src", "two/two.corrections.json", "two/two.corrections.csv"),
+    }
+
+
+def test_one_folder_keeps_its_structure(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
+    deep = folders[0] / "R1" / "cell 3" / "seam.src"
+    deep.parent.mkdir()
+    deep.write_text(module("seam", GOOD.format(7)))
+    (folders[0] / "R1" / "notes.txt").write_text("no program")
+    out = tmp_path / "out"
+    correct_programs(folders[:1], make_map([1.0, 0, 0]), frames=FrameTable()).write(out)
+    found = {str(path.relative_to(out)) for path in out.rglob("*.src")}
+    assert found == {"R1/a.src", "R1/b.src", "R1/cell 3/seam.src"}
