@@ -18,6 +18,7 @@ from truepose.cli.summaries import (
     show_choice,
     show_worth,
 )
+from truepose.cli.tool import show_tool, tool_data
 
 if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
@@ -64,25 +65,25 @@ def fit(
         emit_json(data)
         return
     _show(error_map)
-    title = f"{error_map.predictor_name}: after registration, and each sample predicted from the others"
+    title = f"{error_map.predictor_name}: each sample predicted from the others"
     say(accuracy_table(title, {"before": data["registered"], "after": data["leave_one_out"]}), f"Wrote {out}.")
     show_better(better)
 
 
 def _figures(error_map: ErrorMap) -> dict[str, Any]:
     """Return the results of a fit as plain values, for JSON."""
-    import numpy as np
-
+    from truepose.error_map.registration import tool_estimate
     from truepose.verification import summary
 
-    tool, calibration = error_map.registration.p_flange_tool, calibration_of(error_map.predictor)
+    calibration = calibration_of(error_map.predictor)
+    estimate = tool_estimate(error_map.cell, error_map.robot, error_map.samples)
     parameters = error_map.predictor.to_dict()
     return {
         "hash": error_map.hash,
         "n": len(error_map.samples),
         "predictor": error_map.predictor_name,
         "parameters": {key: value for key, value in parameters.items() if key not in ("weight", "weights")},
-        "tool_mm": None if tool is None else np.round(tool, 4),
+        **tool_data(error_map.registration, estimate),
         "hint": error_map.registration.hint,
         "registered": summary(error_map.e),
         "leave_one_out": summary(error_map.leave_one_out()[0]),
@@ -97,16 +98,13 @@ def _figures(error_map: ErrorMap) -> dict[str, Any]:
 
 
 def _show(error_map: ErrorMap) -> None:
-    import numpy as np
     from rich.markup import escape
 
+    from truepose.error_map.registration import tool_estimate
     from truepose.samples import name_one
 
     registration, calibration = error_map.registration, calibration_of(error_map.predictor)
-    if (tool := registration.p_flange_tool) is not None:
-        std = np.sqrt(np.diag(registration.covariance)[6:9])
-        parts = ", ".join(f"{axis} {value:.3f} ± {s:.3f}" for axis, value, s in zip("xyz", tool, std, strict=True))
-        say(f"Fitted tool, flange to measured point: {parts} mm")
+    show_tool(error_map.cell, registration, tool_estimate(error_map.cell, error_map.robot, error_map.samples))
     colour = "green" if error_map.arm_check.checked else "yellow"
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
     if registration.hint:

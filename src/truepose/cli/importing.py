@@ -10,6 +10,7 @@ import typer
 from truepose.cli.options import AcceptCampaign, CellPath, Force, Json
 from truepose.cli.output import emit_json, overwrite, say
 from truepose.cli.summaries import show_campaign
+from truepose.cli.tool import show_tool, tool_data
 from truepose.errors import DataError
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def import_readings(
     from truepose import trackers
     from truepose.cell import load_cell
     from truepose.error_map.campaign import check_campaign
-    from truepose.error_map.registration import register_samples
+    from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
     from truepose.samples import name_one, write_samples
 
     _check_pairs(("--save-columns", save_columns, "--columns", columns), ("--keep", keep, "--reflectors", reflectors))
@@ -80,8 +81,10 @@ def import_readings(
     robot = cell.load_robot()
     registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
     campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
+    tool = tool_estimate(cell, robot, samples)
     if not accept_campaign:
-        campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
+        with wrong_tool_named(cell, robot, samples):
+            campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
     length = np.linalg.norm(registration.residuals, axis=1)
     outliers = [
         {**samples.identify(i), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers).tolist()
@@ -91,9 +94,11 @@ def import_readings(
     figures = {"mean_mm": float(kept.mean()), "max_mm": float(kept.max())}
     if as_json:
         data = {"samples": out, "n": len(samples), "understood": understood.sentences(), "summary": asdict(understood)}
-        emit_json({**data, "registration": figures, "outliers": outliers, "campaign": campaign.to_dict()})
+        data |= {"registration": figures, "outliers": outliers, "campaign": campaign.to_dict()}
+        emit_json({**data, **tool_data(registration, tool)})
         return
     say(f"Error after registration: mean {figures['mean_mm']:.3f} mm, maximum {figures['max_mm']:.3f} mm.")
+    show_tool(cell, registration, tool)
     show_campaign(campaign.to_dict())
     for outlier in outliers:
         residual = f"{name_one(outlier)}, {outlier['residual_mm']:.3f} mm"

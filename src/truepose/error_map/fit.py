@@ -11,6 +11,7 @@ from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import check_campaign
 from truepose.error_map.map import ErrorMap
+from truepose.error_map.registration import wrong_tool_named
 from truepose.error_map.selection import CellSamples
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -79,7 +80,8 @@ def fit_cell(
     registration, tf_flange_tool = measured.register()
     campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
     if not accept_campaign:
-        campaign.refuse(samples.source)
+        with wrong_tool_named(cell, measured.robot, samples):
+            campaign.refuse(samples.source)
     if predictor == "auto":
         choice = rank_predictors(
             candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress

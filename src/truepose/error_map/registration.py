@@ -14,7 +14,16 @@ from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.errors import DataError, RobotError
-from truepose.geometry import Registration, invert_transform, register, register_known, register_with_tool
+from truepose.geometry import (
+    Registration,
+    ToolEstimate,
+    estimate_tool,
+    invert_transform,
+    register,
+    register_known,
+    register_with_tool,
+    tool_suspected,
+)
 from truepose.geometry.plausibility import write_hint
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples, check_not_compensated
@@ -91,6 +100,26 @@ def _radians_hinted(samples: Samples) -> Iterator[None]:
         raise
 
 
+def tool_estimate(cell: Cell, robot: Robot, samples: Samples) -> ToolEstimate | None:
+    """Return the tool that samples imply, and the stated one; None if it is fitted or cannot be found."""
+    if samples.q is None or cell.tool.fit != "none":
+        return None
+    return estimate_tool(robot.forward(samples.q), samples.p_meas, cell.tf_flange_tool[:3, 3])
+
+
+@contextmanager
+def wrong_tool_named(cell: Cell, robot: Robot, samples: Samples) -> Iterator[None]:
+    """Name a probably wrong tool in front of an error of the samples."""
+
+    def pairs() -> tuple[FloatArray, FloatArray] | None:
+        if samples.q is None or cell.tool.fit != "none":
+            return None
+        return robot.forward(samples.q), samples.p_meas
+
+    with tool_suspected(pairs, cell.tf_flange_tool[:3, 3], samples.source):
+        yield
+
+
 def reading_noise(cell: Cell, samples: Samples, registration: Registration) -> FloatArray | None:
     """Return the standard deviation of readings in the base frame, (n, 3) [mm], or None if it is unknown.
 
@@ -135,7 +164,8 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
     tf_base_flange = robot.forward(samples.q)
     if cell.tool.fit == "none":
         p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
-        return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
+        with wrong_tool_named(cell, robot, samples):
+            return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
     if not cell.station_fitted:
         raise DataError('[tool] fit needs the station fitted with it: set [tracker] fit = "pose", or state the tool')
     registration = register_with_tool(tf_base_flange, samples.p_meas, tf_flange_tool[:3, 3], robust=cell.tracker.robust)

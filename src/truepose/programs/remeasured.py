@@ -15,6 +15,7 @@ from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, register
 from truepose.trackers import Readings
 from truepose.trackers.assignment import assign
+from truepose.trackers.by_name import owners_by_name
 
 MatchBy = Literal["auto", "name", "position"]
 
@@ -113,16 +114,9 @@ def remeasured(
 
 def _by_name(readings: Readings, names: list[str]) -> IntArray:
     """Return the target that each reading is named after, (m,); −1 where there is none, or more than one."""
-    if readings.name is None:
-        return np.full(len(readings), -1)
-    own = [_folded(name) for name in names]
+    own = [name.strip().casefold() for name in names]
     count = Counter(own)
-    unique = {name: k for k, name in enumerate(own) if count[name] == 1}
-    return np.array([unique.get(_folded(name), -1) for name in readings.name.tolist()])
-
-
-def _folded(name: str) -> str:
-    return name.strip().casefold()
+    return owners_by_name(readings, [name if count[name] == 1 else "" for name in own])
 
 
 def _registered(

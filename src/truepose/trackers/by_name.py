@@ -51,7 +51,7 @@ def match_names(readings: Readings, plan: Poses, p_cmd: FloatArray, repeat_mm: f
     if readings.name is None or plan.name is None:
         return NameMatch()
     planned = [_key(name) for name in plan.name.tolist()]
-    owner = _owners(readings, planned)
+    owner = owners_by_name(readings, planned)
     named, there = owner >= 0, ~readings.missing
     if np.unique(owner[named]).size < 0.5 * min(len(plan), int(there.sum())):
         return NameMatch()
@@ -76,10 +76,15 @@ def _repeated(names: list[str]) -> BoolArray:
     return repeated
 
 
-def _owners(readings: Readings, planned: list[str]) -> IntArray:
-    """Return the point of the plan of each reading, (m,); -1 without one."""
-    assert readings.name is not None
-    place = {name: i for i, name in enumerate(planned) if name}
+def owners_by_name(readings: Readings, names: list[str]) -> IntArray:
+    """Return the point with the name of each reading, (m,); -1 without one, the last of several.
+
+    Names are compared without regard to case; of a name in parts (``Station1::Main::P3``) the last part may agree
+    alone.
+    """
+    if readings.name is None:
+        return np.full(len(readings), -1)
+    place = {name: i for i, name in enumerate(map(_key, names)) if name}
     whole = [_key(name) for name in readings.name.tolist()]
     return np.array([place.get(name, place.get(name.rpartition("::")[2], -1)) for name in whole], dtype=np.int64)
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._typing import FloatArray
 from truepose.cell import Cell
+from truepose.geometry import tool_suspected
 from truepose.samples import Poses, Samples, check_against
+from truepose.trackers.by_name import owners_by_name
 from truepose.trackers.columns import Columns
 from truepose.trackers.matching import ImportSummary, match
+from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import read_readings
 from truepose.trackers.reflectors import combine_reflectors
 
@@ -70,4 +76,20 @@ def import_readings(
             plan = replace(plan, p_cmd=tf[:, :3, 3], rotation_cmd=Rotation.from_matrix(tf[:, :3, :3]))
         else:
             check_against(plan, robot)
-    return match(readings, plan, reorder=reorder, missing=missing, two_stations=two_stations)
+    permissions = {"reorder": reorder, "missing": missing, "two_stations": two_stations}
+    if cell is None or plan.q is None or cell.tool.fit != "none":
+        return match(readings, plan, **permissions)
+    with tool_suspected(partial(_pairs, readings, plan, cell), cell.tf_flange_tool[:3, 3], readings.source):
+        return match(readings, plan, **permissions)
+
+
+def _pairs(readings: Readings, plan: Poses, cell: Cell) -> tuple[FloatArray, FloatArray] | None:
+    """Return the flange poses and readings of points that have one name, or else of the file in order."""
+    assert plan.q is not None
+    owner = owners_by_name(readings, [] if plan.name is None else plan.name.tolist())
+    if (owner < 0).all():
+        if len(readings) != len(plan):
+            return None
+        owner = np.arange(len(plan))
+    used = (owner >= 0) & ~readings.missing
+    return cell.load_robot().forward(plan.q[owner[used]]), readings.p[used]
