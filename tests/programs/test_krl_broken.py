@@ -64,7 +64,7 @@ def test_motion_behind_another_statement(pair: Any, record_property: Callable[[s
     ("points", "message"),
     [
         (f"DECL E6POS XP1={POSE}\nDECL E6POS xp1={POSE}", r"cell\.dat:3: XP1 is declared twice, first in line 2"),
-        (f"DECL E6POS XP[2]\nXP[1]={POSE}\nXP[1]={POSE}", r"cell\.dat:4: XP has a value already in line 3"),
+        (f"DECL E6POS XP[2]\nXP[1]={POSE}\nXP[1]={POSE}", r"cell\.dat:4: XP already has a value in line 3"),
         ("DECL E6POS XP1={X 1,Y 2", r"cell\.dat:2: "),
         ("DECL E6POS XP1={X 1.5.2,Y 2}", r"cell\.dat:2: X 1\.5\.2 is not a number"),
         ("DECL FDAT FP1={TOOL_NO 1.2.3}", r"cell\.dat:2: TOOL_NO 1\.2\.3 is not a number"),

@@ -69,7 +69,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
             values, spans = numbers_at(source, line, _KEYS[: len(pieces)], tokens, starts)
             axis = values[3:] or axis
             if abs(sum(a * a for a in axis) - 1.0) > 1e-2:
-                raise source.error(line, f"{name}: the tool axis has not the length 1; correct the file")
+                raise source.error(line, f"{name}: the tool axis does not have length 1; correct the file")
             if options.angles not in _RULES:
                 problem = Problem("refuse", "state the direction of the tool axis on the tool (--angles z or -z)")
             elif changed:

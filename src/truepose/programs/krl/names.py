@@ -106,7 +106,7 @@ class Names:
             return
         aggregate = parse_point(source, start, end, line)
         if variable.origin == "dat" and (old := variable.literals.get(index)) and old[0].source is source:
-            raise source.error(line, f"{variable.name} has a value already in line {old[0].line}; keep one")
+            raise source.error(line, f"{variable.name} already has a value in line {old[0].line}; keep one")
         suffix = "" if index == () else "[" + (",".join(map(str, index)) if index else "…") + "]"
         numbers = Numbers(variable.name + suffix, source, line, aggregate, variable, index)
         variable.literals[index].append(numbers)
