@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 import typer
 
@@ -275,6 +276,23 @@ def plan_and_readings(cell_files, tmp_path):
     return plan, readings, lines
 
 
+def test_import_of_workbooks(run, cell_files, plan_and_readings, tmp_path):
+    plan, _, lines = plan_and_readings
+    book = openpyxl.Workbook()
+    book.create_sheet("Points").append(["Point", "X [mm]", "Y [mm]", "Z [mm]"])
+    for line in lines:
+        name, *p = line.split(", ")
+        book["Points"].append([name, *map(float, p)])
+    book.save(tmp_path / "readings.xlsx")
+    out, csv_out = tmp_path / "samples.xlsx", tmp_path / "samples.csv"
+    readings = f"{tmp_path / 'readings.xlsx'}#Points"
+    for path in (out, csv_out):
+        run("import", cell_files.cell, readings, "--plan", plan, "--out", path, "--json")
+    np.testing.assert_allclose(tp.read_samples(out).p_meas, tp.read_samples(csv_out).p_meas)
+    refused = run("import", cell_files.cell, readings, "--plan", plan, "--out", tmp_path / "readings.xlsx", "--force")
+    assert "is an input, and inputs are never overwritten" in refused.failed()
+
+
 def test_import(run, cell_files, plan_and_readings, tmp_path):
     plan, readings, lines = plan_and_readings
     out = tmp_path / "samples.csv"
@@ -413,6 +431,18 @@ def test_correct_records_every_target(run, program, tmp_path):
     (record,) = run("correct", error_map, source, "--out", tmp_path / "out", "--json").json["programs"]
     assert record["summary"]["corrected"] == 24
     assert json.loads((tmp_path / "out" / "panel.corrections.json").read_text())["targets"] == record["targets"]
+
+
+def test_correct_writes_records_as_workbooks(run, program, tmp_path):
+    source, error_map = program
+    written = run("correct", error_map, source, "--out", tmp_path / "out", "--xlsx", "--json").json["written"]
+    assert str(tmp_path / "out" / "panel.corrections.xlsx") in written
+    sheet = openpyxl.load_workbook(tmp_path / "out" / "panel.corrections.xlsx").active
+    rows = list(csv.DictReader((tmp_path / "out" / "panel.corrections.csv").open(encoding="utf-8")))
+    heads = [cell.value for cell in sheet[1]]
+    assert (heads, sheet.max_row) == (list(rows[0]), len(rows) + 1)
+    assert sheet.cell(2, 1 + heads.index("x_mm")).value == float(rows[0]["x_mm"])
+    assert sheet.cell(2, 1 + heads.index("name")).value == rows[0]["name"]
 
 
 @pytest.mark.parametrize(

@@ -196,6 +196,7 @@ def correct(
         bool, typer.Option("--keep-going", help="Correct the others if a program is refused; then exit with 1.")
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the changes and write nothing.")] = False,
+    xlsx: Annotated[bool, typer.Option("--xlsx", help="Write each record as a workbook, too.")] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -235,6 +236,7 @@ def correct(
     written: list[Path] = []
     if corrected and not dry_run:
         written = batch.write_in_place(force=force) if in_place else batch.write(out or Path("corrected"), force=force)
+        written += _workbooks(written) if xlsx else []
     if as_json:
         emit_json({"written": written, **batch.to_dict()})
     else:
@@ -272,3 +274,13 @@ def _unread(errors: Sequence[FileError]) -> FileError:
         return errors[0]
     first, *others = map(str, errors)
     return FileError(f"{len(errors)} programs cannot be read", "; ".join([first, *others]))
+
+
+def _workbooks(written: list[Path]) -> list[Path]:
+    """Write the records among the written files as workbooks beside them; return their paths."""
+    from truepose._io.files import read_text, write_all
+    from truepose._io.workbook import in_format
+
+    records = {path.with_suffix(".xlsx"): path for path in written if path.name.endswith(".corrections.csv")}
+    write_all({goal: in_format(goal, read_text(path)) for goal, path in records.items()})
+    return list(records)

@@ -56,7 +56,8 @@ def verify(
         str | None, typer.Option("--columns", help="Columns of READINGS, as for import: 'x=4, y=5, z=6, unit=m'.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="File to write: .csv, or .json for 'truepose report --verification'.")
+        Path | None,
+        typer.Option("--out", help="File to write: .csv, .xlsx, or .json for 'report --verification'."),
     ] = None,
     reading: Reading = _READING,
     force: Force = False,
@@ -66,13 +67,14 @@ def verify(
     import json
 
     from truepose._io.files import write_atomic
+    from truepose._io.workbook import in_format
     from truepose.error_map import load_map
     from truepose.errors import FileError
     from truepose.programs import verify_program
     from truepose.trackers import Columns
 
-    if out is not None and out.suffix.lower() not in (".csv", ".json"):
-        raise FileError(out, "expected a name that ends in .csv or .json")
+    if out is not None and out.suffix.lower() not in (".csv", ".xlsx", ".json"):
+        raise FileError(out, "expected a name that ends in .csv, .xlsx or .json")
     overwrite(force, *([] if out is None else [out]))
     error_map = load_map(map_path)
     cell = reading.cell()
@@ -93,7 +95,7 @@ def verify(
     )
     if out is not None:
         in_json = json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n"
-        write_atomic(out, found.to_csv() if out.suffix.lower() == ".csv" else in_json)
+        write_atomic(out, in_json if out.suffix.lower() == ".json" else in_format(out, found.to_csv()))
     if as_json:
         emit_json(found.to_dict())
     else:

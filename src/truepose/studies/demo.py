@@ -7,6 +7,7 @@ program, its corrected copy, and the report.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -103,10 +104,11 @@ def run_demo(
 def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int) -> Samples:
     """Plan n poses, measure them, and import the readings from the tracker's file."""
     measured = virtual.measure(virtual.design(n, seed=seed))
+    measured = replace(measured, name=np.array([f"P{number}" for number in range(1, n + 1)]))
     plan_path, readings_path, samples_path = (
         directory / f"{name}_{kind}" for kind in ("plan.csv", "readings.txt", "samples.csv")
     )
-    commanded = ("q", "p_cmd", "rotation_cmd", "approach", "load", "temperature")
+    commanded = ("name", "q", "p_cmd", "rotation_cmd", "approach", "load", "temperature")
     write_samples(plan_path, Poses(**{name: getattr(measured, name) for name in commanded}))
     write_readings(readings_path, measured, "spatial-analyzer")
     samples, _ = import_readings(readings_path, read_poses(plan_path))
