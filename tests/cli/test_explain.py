@@ -38,6 +38,16 @@ def test_what_kinematic_kriging_knows(run, kinematic, tmp_path):
     assert set(data["measure_next"][0]) == {*(f"q{j}_deg" for j in range(1, 7)), "std_mm"}
 
 
+def test_parameters_are_shown_on_request_and_all_fits_80_columns(run, kinematic):
+    _, _, path = kinematic
+    brief, long = run("explain", path).out, run("explain", path, "--parameters").out
+    assert len(brief.splitlines()) < 40
+    assert "Joint curves" not in brief
+    assert "--parameters" in brief
+    assert "Joint curves" in long
+    assert max(map(len, long.splitlines())) <= 80
+
+
 def test_measuring_what_is_proposed_makes_surer_than_other_poses(kinematic):
     virtual, error_map, _ = kinematic
     rng = np.random.default_rng(0)
