@@ -90,3 +90,20 @@ def test_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(DataError, match=r"pandas is not installed; install it with: pip install truepose\[pandas\]"):
         tp.Poses(q=np.zeros((2, 6))).to_frame()
+
+
+def test_notebooks_show_tables(error_map: tp.ErrorMap, held_out: tp.Samples) -> None:
+    result = error_map.validate(held_out)
+    shown = result._repr_html_()
+    assert f"<td>mean</td><td>{result['before']['mean_mm']:.4g}</td><td>{result['after']['mean_mm']:.4g}</td>" in shown
+    assert "<p>inside the predicted 95 % intervals" in shown
+    ev = tp.experimental_variogram(error_map.p_cmd, error_map.e, bins=4)
+    assert ev._repr_html_().count("<tr>") == 5
+    assert "<caption>spherical variogram</caption>" in tp.VariogramModel("spherical", sill=1.0, range=5.0)._repr_html_()
+    assert held_out._repr_html_().startswith("<table><caption>Samples: 25 rows from ")
+    commands = error_map.correct(held_out.q, accept_weak_map=True)
+    assert "<caption>Corrections of 25 targets [mm]</caption>" in commands._repr_html_()
+    virtual = tp.VirtualCell("paper", seed=3)
+    choice = tp.choose(["idw", "registration"], virtual.measure(virtual.design(40)), virtual.cell)
+    assert "<td>idw</td>" in choice._repr_html_()
+    assert "<td>chosen</td>" in choice._repr_html_()

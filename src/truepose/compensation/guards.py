@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from truepose._html import html_table
 from truepose._io.frames import by_axis, data_frame
 from truepose._typing import BoolArray, FloatArray, IntArray
 
@@ -280,6 +281,14 @@ class Corrections:
             f"<Corrections of {len(self.verdict)} targets: {listed}; lengths have mean {length.mean():.3f} mm, "
             f"max {length.max():.3f} mm>"
         )
+
+    def _repr_html_(self) -> str:
+        length = np.linalg.norm(self.correction, axis=1)
+        rows = [
+            (verdict, int(which.sum()), float(length[which].mean()), float(length[which].max()))
+            for verdict, which in ((verdict, self.verdict == verdict) for verdict in np.unique(self.verdict))
+        ]
+        return html_table(f"Corrections of {len(length)} targets [mm]", ["verdict", "targets", "mean", "max"], rows)
 
     def to_frame(self) -> DataFrame:
         """Return a pandas table with one row for each target, in mm and mrad; needs pandas."""

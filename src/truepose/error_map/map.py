@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from truepose._html import facts_table
 from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
 from truepose._typing import FloatArray, IntArray
@@ -51,8 +51,7 @@ class ErrorMap(PredictingMap):
         return "\n".join(["ErrorMap", *(f"  {name:10} {text}" for name, text in self._summary.items())])
 
     def _repr_html_(self) -> str:
-        rows = (f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in self._summary.items())
-        return f"<table><caption>ErrorMap</caption>{''.join(rows)}</table>"
+        return facts_table("ErrorMap", self._summary)
 
     @property
     def _summary(self) -> dict[str, str]:

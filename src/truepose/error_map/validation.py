@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from truepose._html import html_table
 from truepose._io.frames import by_axis, data_frame
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
@@ -19,6 +20,9 @@ from truepose.verification import RP_PER_STD, HeldOut, held_out, usual_groups
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+_SHOWN: Final = ("mean", "rms", "p95", "max")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,14 @@ class Validation:
         seen = f"\n{self.seen} of the samples took part in the fit: the figures are too good" if self.seen else ""
         better = "" if self.better is None else f"\n{self.better.words}"
         return f"{self.figures!r}\nmap: {self.worth.brief}{seen}{better}"
+
+    def _repr_html_(self) -> str:
+        figures = self.figures.to_dict()
+        rows = [(name, *(figures[when][f"{name}_mm"] for when in ("before", "after"))) for name in _SHOWN]
+        notes = repr(self).splitlines()[len(repr(self.figures.accuracy).splitlines()) :]
+        return html_table(
+            f"Errors at {figures['before']['n']} held-out poses [mm]", ["", "before", "after"], rows, notes
+        )
 
     def __getitem__(self, key: str) -> Any:
         return self.to_dict()[key]

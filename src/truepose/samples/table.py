@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from truepose._html import facts_table
 from truepose._io.frames import data_frame
 from truepose._io.strict import LARGEST
 from truepose._typing import FloatArray, IntArray
@@ -125,6 +126,10 @@ class Poses:
         widths = max(len(name) for name in self.columns()) + 1
         facts = [f"  {name + ':':{widths}} {fact}" for name in self.columns() if (fact := self._fact(name))]
         return "\n".join([f"{type(self).__name__}: {len(self)} rows from {self.source}", *facts])
+
+    def _repr_html_(self) -> str:
+        facts = {name: fact for name in self.columns() if (fact := self._fact(name))}
+        return facts_table(f"{type(self).__name__}: {len(self)} rows from {self.source}", facts)
 
     def _fact(self, name: str) -> str:
         """Return the extent of a quantity in a few words; nothing for names, rows and lines."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truepose._html import html_table
 from truepose._io.frames import data_frame
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
@@ -96,6 +97,11 @@ class ExperimentalVariogram:
             text += f"; γ = {self.vector[first]:.4g} mm² at lag {self.lag[first]:.4g}"
             text += f", {self.vector[last]:.4g} mm² at lag {self.lag[last]:.4g}"
         return text + ")"
+
+    def _repr_html_(self) -> str:
+        header = ["lag", "pairs", *(f"γ{k} [mm²]" for k in range(1, self.semivariance.shape[1] + 1)), "vector [mm²]"]
+        columns = zip(self.lag, self.pairs, *self.semivariance.T, self.vector, strict=True)
+        return html_table(f"Experimental semivariogram ({self.estimator})", header, columns)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the bins as plain values, units in the names."""

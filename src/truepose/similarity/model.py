@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truepose._html import facts_table
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.similarity.families import FAMILIES, Family, check_shape, family_named
@@ -116,6 +117,12 @@ class VariogramModel(SingleStructure):
         object.__setattr__(self, "plus", flat)
         if self.nugget + self.partial_sill == 0:
             raise KrigingError("variogram nugget and sill are both 0: nothing varies; give at least one of them")
+
+    def _repr_html_(self) -> str:
+        found = {"nugget [mm²]": self.nugget, "partial sill [mm²]": self.sill, "range": self.range}
+        more = {f"structure {k}": repr(part) for k, part in enumerate(self.plus, 2)}
+        remarks = {} if self.fit is None else {"remark": "; ".join(self.fit.remarks) or "none"}
+        return facts_table(f"{self.family} variogram", {**found, **more, **remarks})
 
     def __repr__(self) -> str:
         """Return the parameters that are set, to six digits, and the remarks of a fit."""

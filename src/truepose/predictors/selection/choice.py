@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from truepose._html import html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
@@ -87,6 +88,14 @@ class Choice:
         expected = f"{self.expected['mean_mm']:.3f} mm (95 % interval {low:.3f} to {high:.3f})"
         head = f"<Choice: {self.predictor_name}, fitted to {used} of {n} samples; expected mean residual {expected}"
         return head + "".join(rows) + ">"
+
+    def _repr_html_(self) -> str:
+        header = ["predictor", "mean [mm]", "P95 [mm]", ""]
+        rows = [
+            (row["predictor"], row.get("mean_mm", ""), row.get("p95_mm", ""), row.get("note", "" if k else "chosen"))
+            for k, row in enumerate(self.ranking)
+        ]
+        return html_table("Cross-validation of the candidates", header, rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking and the expected residuals as plain values, for JSON."""
