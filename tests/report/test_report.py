@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import hashlib
+import html
 import io
 import json
 import re
@@ -403,7 +404,7 @@ def test_faults_of_the_campaign_are_named(evidence, language, no_figures):
             assert f"{say.number(0.234, '.3f')} ± {say.number(0.011, '.3f')} mm" in text
             assert "59" in text
     assert say("cell.campaign_none", n=60) in told({"tested": 60, "limit_mm": 0.1, "faults": []})
-    assert f"{say('cell.campaign')}{say('report.missing')}" in told({})
+    assert say("cell.campaign_missing") in told({})
 
 
 @pytest.fixture(scope="module")
@@ -500,3 +501,29 @@ def test_many_programs(error_map, study, tmp_path, no_figures):
     assert "/EmbeddedFile" in to_pdf(made, DATE).decode("latin-1")
     saved = re.search(r'<a download="targets.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', to_html(made))
     assert base64.b64decode(saved[1]).decode() == table.text
+
+
+@pytest.mark.promise("the interactive view needs no network, and only its own script may run")
+@pytest.mark.parametrize("language", LOCALES)
+def test_interactive_view(evidence, language, no_figures):
+    made = document(evidence, load_locale(language), interactive=True)
+    page = to_html(made)
+    data, script = re.findall(r"<script[^>]*>(.*?)</script>", page, re.DOTALL)
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = html.unescape(re.search(r'Security-Policy" content="([^"]+)"', page)[1])
+    assert f"script-src 'sha256-{allowed}'" in policy
+    assert [target for target in Asked(page).loads if not target.startswith(("#", "data:text/csv;"))] == []
+    assert not {"fetch(", "XMLHttpRequest", "import ", "eval(", "innerHTML"} & {w for w in script.split() if w}
+    scene = json.loads(data)
+    np.testing.assert_allclose(scene["before"], evidence.before, atol=1e-4)
+    np.testing.assert_allclose(scene["p"], evidence.p, atol=0.1)
+    arm = np.array(scene["arm"])
+    assert arm[0].tolist() == [0, 0, 0]
+    tips = evidence.error_map.robot.forward(evidence.error_map.samples.q, tool=evidence.error_map.tf_flange_tool)
+    assert np.linalg.norm(tips[:, :3, 3] - arm[-1], axis=1).min() < 0.1
+    assert b"%PDF-" in to_pdf(made, DATE)
+
+
+def test_a_pdf_is_not_interactive(error_map, study, tmp_path):
+    with pytest.raises(FileError, match=r"r\.pdf: a PDF cannot be interactive; name an \.html file"):
+        write_report(error_map, tmp_path / "r.pdf", study=study, interactive=True)

@@ -28,6 +28,9 @@ def report(
         Path | None, typer.Option("--cell", help="Cell file with the facts of the report; by default the map's own.")
     ] = None,
     locale: Annotated[str, typer.Option(help="Language: en, de or zh.")] = "en",
+    interactive: Annotated[
+        bool, typer.Option("--interactive", help="Add a view of errors and arm that can be turned (.html only).")
+    ] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -51,6 +54,7 @@ def report(
             sidecars=programs or [],
             verifications=verifications or [],
             locale=locale,
+            interactive=interactive,
         )
     if as_json:
         emit_json({"report": out})

@@ -96,7 +96,20 @@ class Attachment:
         return {**asdict(self), "uri": f"data:text/csv;charset=utf-8;base64,{content}"}
 
 
-Block = Text | Facts | Table | Picture | Signatures
+@dataclass(frozen=True)
+class View:
+    """An interactive view for pages: its scene, caption, words, and the decadic logarithms of the arrows' scale."""
+
+    kind: ClassVar[str] = "view"
+    scene: dict[str, Any]
+    caption: str
+    words: dict[str, str]
+    low: float
+    start: float
+    high: float
+
+
+Block = Text | Facts | Table | Picture | Signatures | View
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,13 @@ def section(evidence: Evidence, say: Locale) -> Section:
 
 def facts(title: str, rows: dict[str, str | None], say: Locale, *, columns: int = 1) -> Facts:
     """Return named facts by their keys in one section of the texts; None is a missing fact."""
-    shown = [(say(f"{title}.{key}"), say("report.missing") if text is None else text) for key, text in rows.items()]
-    return Facts(shown, [k for k, text in enumerate(rows.values()) if text is None], columns)
+    missing = [k for k, text in enumerate(rows.values()) if text is None]
+
+    def shown(key: str, text: str | None) -> str:
+        own = f"{title}.{key}_missing"
+        return say(own if own in say.texts else "report.missing") if text is None else text
+
+    return Facts([(say(f"{title}.{key}"), shown(key, text)) for key, text in rows.items()], missing, columns)
 
 
 def overdue(evidence: Evidence, say: Locale) -> list[Text]:

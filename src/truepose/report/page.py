@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -15,7 +17,7 @@ from truepose.error_map import ErrorMap
 from truepose.errors import FileError
 from truepose.programs import ProgramVerification
 from truepose.report import fonts
-from truepose.report.document import Document
+from truepose.report.document import Document, View
 from truepose.report.evidence import Evidence, gather
 from truepose.report.locale import load_locale
 from truepose.report.plots.palette import COLOURS, DARK, LIGHT
@@ -37,6 +39,7 @@ def write_report(
     study: SimilarityStudy | None = None,
     locale: str = "en",
     date: datetime | None = None,
+    interactive: bool = False,
 ) -> None:
     """Write a report about an error map to one file; a failure leaves the old file unchanged.
 
@@ -62,12 +65,14 @@ def write_report(
         The language of the report.
     date : datetime, optional
         The date of the report; the present time if not given.
+    interactive : bool
+        Whether a page contains a view of the errors and the arm that can be turned; not for a PDF.
 
     Raises
     ------
     FileError
-        If the path ends neither in ``.html`` nor in ``.pdf``, a record cannot be read, the path cannot be written, or
-        a PDF is requested and the package typst is not installed.
+        If the path ends neither in ``.html`` nor in ``.pdf``, an interactive PDF is requested, a record cannot be read,
+        the path cannot be written, or a PDF is requested and the package typst is not installed.
     DataError
         If the locale is not known, or the held-out samples or the cell do not fit the error map.
 
@@ -81,11 +86,13 @@ def write_report(
     if ending not in _ENDINGS:
         raise FileError(path, f"expected a name that ends in .html or .pdf, got {ending or 'no ending'}")
     if ending == ".pdf":
+        if interactive:
+            raise FileError(path, "a PDF cannot be interactive; name an .html file")
         _typst(path)
     evidence: Evidence = gather(
         error_map, held_out, cell=cell, sidecars=sidecars, verifications=verifications, study=study, date=date
     )
-    made = document(evidence, say)
+    made = document(evidence, say, interactive=interactive)
     files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))
 
 
@@ -101,9 +108,18 @@ def to_html(made: Document) -> str:
         lstrip_blocks=True,
     )
     environment.filters["themed"] = _themed
+    interactive = any(isinstance(block, View) for section in made.sections for block in section.blocks)
+    script = _resource("view.js") if interactive else ""
+    allowed = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") if script else ""
     font = fonts.embedded(made.text())
     return environment.get_template("report.html").render(
-        made=made.to_dict(), font=font, family=fonts.FAMILY, light=_properties(LIGHT), dark=_properties(DARK)
+        made=made.to_dict(),
+        font=font,
+        family=fonts.FAMILY,
+        light=_properties(LIGHT),
+        dark=_properties(DARK),
+        script=script,
+        allowed=allowed,
     )
 
 

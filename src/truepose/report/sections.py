@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._version import __version__
 from truepose.geometry import ANGLES, euler
-from truepose.report import conformity, identity, records, verification
+from truepose.report import conformity, identity, records, scene, verification
 from truepose.report.arm import rods
 from truepose.report.document import Attachment, Block, Document, Facts, Picture, Section, Signatures, Table, Text
 from truepose.report.evidence import SEED, Evidence
@@ -29,8 +29,8 @@ _NARROW: Final = 0.7
 """The width of a single plot, as a share of the page's width."""
 
 
-def document(evidence: Evidence, say: Locale) -> Document:
-    """Return the document of a report in a language."""
+def document(evidence: Evidence, say: Locale, *, interactive: bool = False) -> Document:
+    """Return the document of a report in a language, for a page also with an interactive view."""
     error_map = evidence.error_map
     verified = verification.section(evidence.verifications, error_map.hash, say)
     logo, warned = identity.logo(evidence, say)
@@ -40,7 +40,7 @@ def document(evidence: Evidence, say: Locale) -> Document:
         _accuracy(evidence, say),
         _signatures(evidence, say),
         _cell(evidence, say),
-        _errors(evidence, say),
+        _errors(evidence, say, interactive),
         _maps(evidence, say),
         _registration(evidence, say),
         _similarity(evidence, say),
@@ -228,11 +228,12 @@ def _accuracy(evidence: Evidence, say: Locale) -> Section:
     return Section(say("accuracy.title"), blocks)
 
 
-def _errors(evidence: Evidence, say: Locale) -> Section:
+def _errors(evidence: Evidence, say: Locale, interactive: bool) -> Section:
     rows: list[list[str]] = []
     for axis, both in evidence.accuracy["axes"].items():
         rows += _accuracy_rows(say("accuracy.component", axis=axis), both, say)
     blocks: list[Block] = [
+        *([scene.view(evidence, say)] if interactive else []),
         Picture(
             figures.error_arrows(evidence.p, evidence.before, evidence.after, rods(evidence.error_map), say),
             say("figure.arrows"),
