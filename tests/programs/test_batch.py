@@ -34,13 +34,13 @@ def folders(tmp_path: Path) -> list[Path]:
 
 def test_all_or_none_without_keep_going(folders: list[Path], make_map: Any) -> None:
     with pytest.raises(FileError, match=r"1\.2\.3 is not a number"):
-        correct_programs(folders, make_map([1.0, 0, 0]), frames=FrameTable())
+        correct_programs(folders, make_map([0.37, 0, 0]), frames=FrameTable())
     with pytest.raises(RefusedError, match=r"bad\.src:2"):
-        correct_programs(folders[:2], make_map([1.0, 0, 0]), frames=FrameTable())
+        correct_programs(folders[:2], make_map([0.37, 0, 0]), frames=FrameTable())
 
 
 def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
-    batch = correct_programs(folders, make_map([1.0, 0, 0]), frames=FrameTable(), keep_going=True)
+    batch = correct_programs(folders, make_map([0.37, 0, 0]), frames=FrameTable(), keep_going=True)
     assert [one.path for one in batch.refused] == [folders[2] / "R1/broken.src", folders[1] / "R1/bad.src"]
     assert "no $TOOL is set" in batch.refused[1].reason
     assert str(batch.coverage) == "8 of 9 motion targets corrected, 1 stays nominal"
@@ -57,7 +57,7 @@ def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_
 
 def test_a_guard_refuses_a_module(folders: list[Path], make_map: Any) -> None:
     batch = correct_programs(
-        folders[:1], make_map([1.0, 0, 0], guarded={2: "far away"}), frames=FrameTable(), keep_going=True
+        folders[:1], make_map([0.37, 0, 0], guarded={2: "far away"}), frames=FrameTable(), keep_going=True
     )
     (one,) = batch.corrected
     assert [str(path) for path in one.refused] == [str(folders[0] / "R1/b.src")]
@@ -75,14 +75,14 @@ def test_a_bend_refuses_the_modules_of_its_path(folders: list[Path], make_map: A
 
 
 def test_a_project_without_a_good_module_is_refused(folders: list[Path], make_map: Any) -> None:
-    error_map = make_map([1.0, 0, 0], guarded={0: "far away", 2: "far away"})
+    error_map = make_map([0.37, 0, 0], guarded={0: "far away", 2: "far away"})
     batch = correct_programs(folders[:1], error_map, frames=FrameTable(), keep_going=True)
     assert not batch.corrected
     assert [one.path for one in batch.refused] == folders[:1]
 
 
 def test_several_folders_keep_their_structure(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
-    batch = correct_programs(folders[:2], make_map([1.0, 0, 0]), frames=FrameTable(), keep_going=True)
+    batch = correct_programs(folders[:2], make_map([0.37, 0, 0]), frames=FrameTable(), keep_going=True)
     out = tmp_path / "out"
     batch.write(out)
     found = {str(path.relative_to(out)) for path in out.rglob("*.*")}
@@ -98,6 +98,35 @@ def test_one_folder_keeps_its_structure(folders: list[Path], make_map: Any, tmp_
     deep.write_text(module("seam", GOOD.format(7)))
     (folders[0] / "R1" / "notes.txt").write_text("no program")
     out = tmp_path / "out"
-    correct_programs(folders[:1], make_map([1.0, 0, 0]), frames=FrameTable()).write(out)
+    correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable()).write(out)
     found = {str(path.relative_to(out)) for path in out.rglob("*.src")}
     assert found == {"R1/a.src", "R1/b.src", "R1/cell 3/seam.src"}
+
+
+def test_a_second_run_names_and_removes_what_it_does_not_write(
+    folders: list[Path], make_map: Any, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    extra = folders[0] / "R1" / "old.src"
+    kept = folders[0] / "R1" / "edited.src"
+    for path in (extra, kept):
+        path.write_text(module(path.stem, GOOD.format(len(path.stem))))
+    correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable()).write(out)
+    extra.unlink()
+    kept.unlink()
+    (out / "R1/edited.src").write_text("; by hand")
+    (out / "R1/mine.src").write_text("; not by truepose")
+    again = correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable())
+    with pytest.warns(UserWarning, match=r"removed .*old\.src, which an earlier run wrote") as warned:
+        again.write(out, force=True)
+    assert any("edited.src: written by an earlier run and changed since" in str(one.message) for one in warned)
+    assert {path.name for path in out.rglob("*.src")} == {"a.src", "b.src", "edited.src", "mine.src"}
+
+
+def test_without_force_leftovers_are_named(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    one, other = folders[0] / "R1/a.src", folders[0] / "R1/b.src"
+    correct_programs([one], make_map([0.37, 0, 0]), frames=FrameTable()).write(out)
+    with pytest.warns(UserWarning, match=r"a\.src.*: are files of an earlier run and no part of this one"):
+        correct_programs([other], make_map([0.37, 0, 0]), frames=FrameTable()).write(out)
+    assert {path.name for path in out.rglob("*.src")} == {"a.src", "b.src"}

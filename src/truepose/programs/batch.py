@@ -15,6 +15,7 @@ from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram, names, write, write_in_place
 from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
+from truepose.programs.leftovers import clear_leftovers
 from truepose.programs.reading import read_programs
 
 
@@ -70,8 +71,14 @@ class CorrectedBatch:
         }
 
     def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
-        """Write the corrected programs, all or none; see `CorrectedProgram.write`."""
-        return write(self.corrected, Path(out_dir), force=force)
+        """Write the corrected programs, all or none; see `CorrectedProgram.write`.
+
+        A warning names files in the folder that an earlier run wrote and this one does not. With `force` they are
+        removed, unless they were changed since.
+        """
+        written = write(self.corrected, Path(out_dir), force=force)
+        clear_leftovers(Path(out_dir), written, force=force)
+        return written
 
     def write_in_place(self, *, force: bool = False) -> list[Path]:
         """Write over the corrected programs, all or none; see `CorrectedProgram.write_in_place`."""

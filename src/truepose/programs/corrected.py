@@ -17,6 +17,7 @@ from truepose.programs.core.outcomes import CorrectedShare, Outcomes
 from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
+from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, TARGETS, head_csv, rows
 
 
@@ -236,7 +237,9 @@ def write(corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool =
                     file.writelines(one.content(source))
             with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
                 one.write_records(json_file, csv_file)
-    return list(chain.from_iterable(paths))
+    written = list(chain.from_iterable(paths))
+    remember_written(out_dir, written)
+    return written
 
 
 def _encoded(text: str) -> bytes:

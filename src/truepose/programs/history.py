@@ -88,7 +88,7 @@ def remember(corrected: Sequence[Remembered]) -> None:
         paths = stores(one.map_path)
         for path in paths:
             try:
-                _append(path, lines)
+                append(path, lines)
             except OSError as error:
                 what = f"cannot be written ({error.strerror or error}), and corrected programs are remembered there"
                 failed.append(FileError(path, f"{what}; set TRUEPOSE_STATE to a folder that can be written"))
@@ -136,7 +136,8 @@ def _hashes(p: FloatArray) -> HashArray:
     return mixed
 
 
-def _append(path: Path, lines: str) -> None:
+def append(path: Path, lines: str) -> None:
+    """Add lines to a list and flush them to the disk."""
     if path.exists() and not path.is_file():
         raise OSError("it is no plain file")
     path.parent.mkdir(parents=True, exist_ok=True)

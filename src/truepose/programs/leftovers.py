@@ -1,0 +1,120 @@
+"""Files that an earlier run wrote into an output folder and the present run does not.
+
+Every run adds a line of JSON to ``written.jsonl`` in the user's state folder (`truepose.programs.history`): the output
+folder, and the SHA-256 of each file. So only files that truepose wrote, and that nobody changed since, are removed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from truepose.programs import history
+
+_SHOWN: Final = 5  # files that a message names
+
+
+@dataclass(frozen=True)
+class Leftovers:
+    """The files of earlier runs that are no longer part of the results.
+
+    Attributes
+    ----------
+    unchanged : tuple of Path
+        The files that are as truepose wrote them.
+    changed : tuple of Path
+        The files that were changed since.
+    """
+
+    unchanged: tuple[Path, ...]
+    changed: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the paths, for JSON."""
+        return {"unchanged": [str(path) for path in self.unchanged], "changed": [str(path) for path in self.changed]}
+
+
+def remember_written(out_dir: Path, paths: Iterable[Path]) -> None:
+    """Add the files of a run to the list; a list that cannot be written only means that they are never removed."""
+    files = {str(path.relative_to(out_dir)): _digest(path) for path in paths}
+    if not files or (store := _store()) is None:
+        return
+    line = json.dumps({"folder": str(out_dir.resolve()), "files": files})
+    with contextlib.suppress(OSError):
+        history.append(store, f"\n{line}\n")
+
+
+def find_leftovers(out_dir: Path, written: Iterable[Path]) -> Leftovers:
+    """Return the files of earlier runs in a folder, without those that the present run has written."""
+    here = {str(path.relative_to(out_dir)) for path in written}
+    known: dict[str, set[str]] = {}
+    for files in _runs(out_dir):
+        for name, digest in files.items():
+            if name not in here:
+                known.setdefault(name, set()).add(digest)
+    unchanged: list[Path] = []
+    changed: list[Path] = []
+    for name, digests in sorted(known.items()):
+        path = out_dir / name
+        if path.is_file() and not path.is_symlink():
+            (unchanged if _digest(path) in digests else changed).append(path)
+    return Leftovers(tuple(unchanged), tuple(changed))
+
+
+def clear_leftovers(out_dir: Path, written: Iterable[Path], *, force: bool) -> Leftovers:
+    """Name the files of earlier runs in a warning; remove the unchanged ones if `force`; return them."""
+    found = find_leftovers(out_dir, written)
+    if found.unchanged and force:
+        for path in found.unchanged:
+            path.unlink(missing_ok=True)
+        _warn(f"removed {_listed(found.unchanged)}, which an earlier run wrote and this one does not")
+    elif found.unchanged:
+        what = "are files of an earlier run" if len(found.unchanged) > 1 else "is a file of an earlier run"
+        _warn(f"{_listed(found.unchanged)}: {what} and no part of this one; remove with --force (force=True)")
+    if found.changed:
+        _warn(f"{_listed(found.changed)}: written by an earlier run and changed since, and therefore kept")
+    return found
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, UserWarning, stacklevel=3)
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    more = f" and {len(paths) - _SHOWN} more" if len(paths) > _SHOWN else ""
+    return ", ".join(map(str, paths[:_SHOWN])) + more
+
+
+def _store() -> Path | None:
+    own = history.stores(None)
+    return own[0].with_name("written.jsonl") if own else None
+
+
+def _runs(out_dir: Path) -> Iterable[dict[str, str]]:
+    """Yield the files and hashes of each run into a folder; lines that cannot be read are left out."""
+    store = _store()
+    try:
+        lines = store.read_bytes().splitlines() if store is not None and store.is_file() else []
+    except OSError:
+        return
+    folder = str(out_dir.resolve())
+    for line in filter(bytes.strip, lines):
+        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+            entry = json.loads(line)
+            if entry["folder"] == folder:
+                yield {
+                    str(name): str(digest)
+                    for name, digest in entry["files"].items()
+                    if not Path(name).is_absolute() and ".." not in Path(name).parts
+                }
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
