@@ -42,7 +42,7 @@ training, held_out = samples[order[:250]], samples[order[250:450]]
 # The semivariogram shows how alike the errors of near poses are. Weights and held parameters are those of gstat.
 
 registered = tp.fit_cell(cell, training, "registration")
-experimental = tp.experimental_variogram(registered.p_cmd, registered.e, bins=12, max_lag=500.0)
+experimental = tp.experimental_variogram(registered.p_cmd, registered.e, bins=15, max_lag=1000.0)
 model = tp.fit_variogram(experimental, "best", weights="pairs/h2", fixed={"nugget": 0.01})
 envelope = tp.permutation_envelope(registered.p_cmd, registered.e, experimental.edges, rng=0)
 print(model)

@@ -27,7 +27,7 @@ cell = virtual.cell  # yours: tp.load_cell("cell.toml")
 plan = tp.Poses(q=virtual.design(80), source="plan")
 tp.write_readings(root / "tracker.txt", virtual.measure(plan.q), "spatial-analyzer")  # stands for the tracker
 samples, summary = tp.import_readings(root / "tracker.txt", plan, cell=cell)
-print(len(samples), "samples;", summary)
+print(f"{summary.readings} readings, {len(samples)} samples, {len(summary.missing)} missing")
 
 # %%
 # The map
