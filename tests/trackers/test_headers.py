@@ -101,3 +101,8 @@ def test_a_unit_that_the_file_contradicts(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"metres\? If so, pass --unit m"):
         tp.read_readings(metres)
     np.testing.assert_array_equal(tp.read_readings(metres, unit="m").p[0], [1500, 2500, 500])
+
+
+def test_a_column_of_times_that_is_empty(tmp_path: Path) -> None:
+    readings = tp.read_readings(write(tmp_path, "Point;X;Y;Z;Time", "P1;1834;-920;318;", "P2;1934;-900;318;"))
+    assert readings.time is None

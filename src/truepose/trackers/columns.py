@@ -161,9 +161,8 @@ def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
     notes: tuple[str, ...] = ()
     if columns.name is not None:
         optional["name"] = table.fields[:, _place(table, columns.name)]
-    if columns.time is not None and (texts := table.fields[:, _place(table, columns.time)].tolist()) != [""] * len(
-        table.fields
-    ):
+    texts = [] if columns.time is None else table.fields[:, _place(table, columns.time)].tolist()
+    if any(texts):
         optional["time"] = column_seconds(texts, table.line, path)
         if optional["time"] is None:
             notes = (f"The time stamps were rounded by a spreadsheet (such as {texts[0]}) and are left out.",)
