@@ -201,3 +201,16 @@ def test_correct_requires_a_share(run, cell_files, tmp_path):
     assert "0 of 1 motion targets corrected, 1 stays nominal, but 95 % must be corrected" in failed
     assert not out.exists()
     assert "expected a share" in run("correct", cell_files.map, path, "--require", "many", "--out", out).failed()
+
+
+def test_watch_corrects_a_folder_once(run, cell_files, near_samples, tmp_path):
+    options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--once", "--settle", "0.05")
+    done = run("watch", cell_files.map, tmp_path / "one", tmp_path / "out", *options, "--json")
+    assert done.code == 0, done.err
+    assert [one["coverage"] for one in done.json["programs"]] == [{"corrected": 2, "targets": 2}]
+    assert (tmp_path / "out" / "a.corrections.json").is_file()
+    (tmp_path / "one" / "b.src").write_text("DEF b()\nLIN {X 1.2.3}\nEND\n")
+    again = run("watch", cell_files.map, tmp_path / "one", tmp_path / "out", *options)
+    assert again.code == 1
+    assert "1 of 1 programs are refused" in again.err
+    assert "--json needs --once" in run("watch", cell_files.map, tmp_path, tmp_path / "o", "--json").failed()

@@ -29,6 +29,7 @@ from truepose.cli import (
     similarity,
     update,
     verify,
+    watch,
 )
 from truepose.cli.options import Command
 from truepose.errors import TrueposeError, one_line
@@ -64,6 +65,7 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
     "Correct": {
         "check": programs.check,
         "correct": programs.correct,
+        "watch": watch.watch,
         "verify": verify.verify,
     },
     "Report": {"report": report.report},

@@ -11,12 +11,14 @@ from truepose.programs.frame_table import FrameTable
 from truepose.programs.reading import Reading, read_program, read_programs
 from truepose.programs.verified import ProgramVerification, VerifiedTarget
 from truepose.programs.verify import verify_program
+from truepose.programs.watching import FolderWatch, WatchEvent
 
 __all__ = [
     "CorrectedBatch",
     "CorrectedProgram",
     "CorrectedShare",
     "Corrector",
+    "FolderWatch",
     "FrameTable",
     "Outcome",
     "Program",
@@ -26,6 +28,7 @@ __all__ = [
     "RefusedProgram",
     "Target",
     "VerifiedTarget",
+    "WatchEvent",
     "correct_program",
     "correct_programs",
     "read_program",

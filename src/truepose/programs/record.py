@@ -134,10 +134,10 @@ def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]
     """Yield the records beside the files of a program, each with the hashes before and after of its files."""
     for folder in {program.folder, *(source.path.parent for source in program.sources)}:
         for path in sorted(folder.glob(f"*{SUFFIX}")):
-            yield path, _hashes(path)
+            yield path, hashes_of(path)
 
 
-def _hashes(path: Path) -> list[tuple[str, str]]:
+def hashes_of(path: Path) -> list[tuple[str, str]]:
     """Return the hashes before and after of a record's files; targets, which may be a million, are not read."""
     try:
         with path.open(encoding="utf-8-sig") as lines:

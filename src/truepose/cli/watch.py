@@ -1,0 +1,83 @@
+"""Command watch: correct the programs that are put into a folder."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.cli.options import Force, Json, MapPath
+from truepose.cli.output import emit_json, say
+from truepose.cli.programs import OnGuard, Reading, with_reading
+
+_READING = Reading()
+
+
+@with_reading
+def watch(
+    map_path: MapPath,
+    in_dir: Annotated[Path, typer.Argument(metavar="IN", help="The folder that programs are put into.")],
+    out_dir: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the corrected programs.")],
+    on_guard: Annotated[
+        OnGuard | None, typer.Option(help="Policy for targets that a guard refuses; by default the cell file's.")
+    ] = None,
+    reading: Reading = _READING,
+    orientation: Annotated[
+        bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
+    ] = False,
+    require: Annotated[
+        str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
+    ] = None,
+    other_maker: Annotated[
+        bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
+    ] = False,
+    accept_weak_map: Annotated[
+        bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
+    ] = False,
+    settle: Annotated[
+        float,
+        typer.Option("--settle", min=0.0, help="Seconds for which a program must be unchanged before it is read."),
+    ] = 2.0,
+    interval: Annotated[float, typer.Option("--interval", min=0.1, help="Seconds between two looks.")] = 1.0,
+    once: Annotated[bool, typer.Option("--once", help="Correct what is there, and end; 1 if a program is refused.")] = (
+        False
+    ),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Correct programs that are put into a folder, until Ctrl-C; each with the guards and the record of correct."""
+    from truepose.error_map import load_map
+    from truepose.errors import DataError, RefusedError
+    from truepose.programs.watching import FolderWatch
+
+    if as_json and not once:
+        raise DataError("--json needs --once, because a watch has no end")
+    error_map = load_map(map_path)
+    cell = reading.cell()
+    settings = {
+        "on_guard": None if on_guard is None else on_guard.value,
+        "orientation": orientation,
+        "require": require,
+        "other_maker": other_maker,
+        "accept_weak_map": accept_weak_map,
+    }
+    frames = reading.frames(cell or error_map.cell)
+    options = reading.options(orientation=orientation)
+    folder = FolderWatch(in_dir, out_dir, error_map, cell, frames, options, settings, settle, force)
+    if not once:
+        say(f"Watching {in_dir}, results in {out_dir}; Ctrl-C ends")
+        while True:
+            for event in folder.poll():
+                say(f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {event}")
+            time.sleep(interval)
+    events = folder.once()
+    if as_json:
+        emit_json({"programs": [event.to_dict() for event in events]})
+    else:
+        for event in events:
+            say(str(event))
+    if refused := [event for event in events if event.refused]:
+        listed = "; ".join(event.refused for event in refused)
+        raise RefusedError(f"{len(refused)} of {len(events)} programs are refused: {listed}")
