@@ -435,7 +435,7 @@ def test_conformity_and_missing_facts(error_map, cell, stated_cell, study, langu
         (length - u > 0.4).sum(),
     ]
     warned = " ".join(text.text for text in made.lead if text.warns)
-    assert say("job.overdue", what=say("job.reflector"), due="2025-02-28", day="2025-03-01") in warned
+    assert say("job.overdue", what=say("job.reflector_name"), due="2025-02-28", day="2025-03-01") in warned
     assert say("job.operator") in warned
     assert say("job.company") not in warned
     page = to_html(made)

@@ -45,7 +45,7 @@ def overdue(evidence: Evidence, say: Locale) -> list[Text]:
         "reflector": stated.reflector_calibration_due,
     }
     return [
-        Text(say("job.overdue", what=say(f"job.{key}"), due=str(end), day=str(day)), warns=True)
+        Text(say("job.overdue", what=say(f"job.{key}_name"), due=str(end), day=str(day)), warns=True)
         for key, end in due.items()
         if end is not None and end < day
     ]
