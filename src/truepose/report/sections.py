@@ -116,6 +116,8 @@ def _lead(evidence: Evidence, say: Locale) -> list[Text]:
         texts.append(Text(say("report.not_held_out"), warns=True))
     elif found["seen"]:
         texts.append(Text(say("report.seen", n=found["seen"]), warns=True))
+    if not evidence.error_map.arm_check.checked:
+        texts.append(Text(say("cell.arm_not_checked"), warns=True))
     return texts + identity.overdue(evidence, say)
 
 
