@@ -86,7 +86,7 @@ def test_apt_other_motions(tmp_path: Path) -> None:
     assert [t.verdict for t in program.targets] == ["correct", "skip", "refuse", "refuse"]
     for text, message in (
         ("GOTO/1,2", "has 2 numbers, expected 3 or 6"),
-        ("GOTO/1,2,3,0,0,2", "has not the length 1"),
+        ("GOTO/1,2,3,0,0,2", "does not have length 1"),
         ("GOTO/1,2,3.4.5", r"a\.apt:1: z: 3\.4\.5 is not a number"),
         ("GOTO/1,2,$", "it is truncated"),
         ("FINI", "has no GOTO"),
