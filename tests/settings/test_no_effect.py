@@ -38,6 +38,6 @@ def test_the_report_lists_the_limits(run, map_path, krl, tmp_path, no_figures):
     done = run("report", map_path, "--program", record, "--out", page)
     assert done.code == 0, done.err
     text = page.read_text(encoding="utf-8")
-    assert "Limits in force for a.src" in text
+    assert "Limits in force and their source, for a.src" in text
     assert "max_correction_mm" in text
     assert "1.5 times the widest gap" in text
