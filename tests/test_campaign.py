@@ -80,7 +80,9 @@ def test_a_moved_tracker_stops_the_fit(virtual: VirtualCell, sound: Samples):
 
 @pytest.mark.promise("fit refuses samples with a scale of 0.5 %, and says how large it is")
 def test_a_scale_stops_the_fit(virtual: VirtualCell, sound: Samples):
-    told = r"measured lengths are 0\.\d\d ± 0\.\d\d % longer than commanded ones, from row 0 to row 59 .*; check the unit"
+    told = (
+        r"measured lengths are 0\.\d\d ± 0\.\d\d % longer than commanded ones, from row 0 to row 59 .*; check the unit"
+    )
     with pytest.raises(DataError, match=told):
         tp.fit_cell(virtual.cell, scaled(sound), "registration")
     change = only_change(virtual.cell, scaled(sound))

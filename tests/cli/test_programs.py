@@ -139,7 +139,7 @@ def test_keep_going_corrects_the_others_and_names_the_refused(run, cell_files, n
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
         "a.corrections.csv", "a.corrections.json", "a.src"
     ]  # fmt: skip
-    assert "1 programs corrected, 2 refused" in done.out
+    assert "1 program corrected, 2 files refused" in done.out
     assert "2 files are refused: " in done.err
     assert f"{bad}:2: LIN:2" in done.err
     assert f"{broken}:2: X 1.2.3 is not a number" in done.err

@@ -256,14 +256,19 @@ def _show_batch(batch: CorrectedBatch, written: Sequence[Path], *, dry_run: bool
     for file in written:
         say(f"Wrote {file}")
     if len(batch.corrected) + len(batch.refused) > 1:
-        say(f"{len(batch.corrected)} programs corrected, {len(batch.refused)} refused")
+        count = len(batch.corrected)
+        say(f"{count} {'program' if count == 1 else 'programs'} corrected, {_files(batch.refused)} refused")
     say(str(batch.coverage))
 
 
 def _refusals(refused: Sequence[RefusedProgram]) -> str:
     """Return the list of refused programs."""
-    listed = "; ".join(one.reason for one in refused)
-    return f"{len(refused)} {'file is' if len(refused) == 1 else 'files are'} refused: {listed}"
+    listed = "; ".join(dict.fromkeys(one.reason for one in refused))  # the files of a module have one reason
+    return f"{_files(refused)} {'is' if len(refused) == 1 else 'are'} refused: {listed}"
+
+
+def _files(refused: Sequence[RefusedProgram]) -> str:
+    return f"{len(refused)} {'file' if len(refused) == 1 else 'files'}"
 
 
 def _unread(errors: Sequence[FileError]) -> FileError:
