@@ -46,7 +46,7 @@ def verify(
     ] = None,
     register: Annotated[
         bool,
-        typer.Option("--register", help="Register the readings to the targets: the tracker was moved. See the docs."),
+        typer.Option("--register", help="Register the readings to the targets (moved tracker). Hides a common shift."),
     ] = False,
     match: Annotated[Match, typer.Option("--match", help="Way to match readings with targets.")] = Match.auto,
     uncertainty: Annotated[
