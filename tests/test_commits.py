@@ -93,10 +93,15 @@ class Case:
         self.paths = [folder / f"p{i}.src" for i in range(n)]
         self.sources = [Source(path, f"old {path.name}\n".encode()) for path in self.paths]
         program = SimpleNamespace(
-            sources=self.sources, path=self.paths[0], folder=folder, names=lambda: [Path(p.name) for p in self.paths]
+            sources=self.sources,
+            path=self.paths[0],
+            folder=folder,
+            place=Path(),
+            names=lambda: [Path(p.name) for p in self.paths],
         )
         self.corrected: Any = SimpleNamespace(
             program=program,
+            refused={},
             hashes={s.path: Source(s.path, self.new(s)).sha256 for s in self.sources},
             content=lambda source: [self.new(source)],
             write_records=lambda a, b: (a.write(b"record"), b.write(b"record")),
@@ -179,9 +184,12 @@ def run(case: Case, patch: pytest.MonkeyPatch, how: str, at: int) -> tuple[Fault
     if how == "killed":
         child = os.fork()
         if not child:
-            faults = Faults(patch, how, at)
-            case.write()
-            os._exit(0)
+            try:
+                Faults(patch, how, at)
+                case.write()
+                os._exit(0)
+            except BaseException:
+                os._exit(1)  # never back into pytest in a child
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         assert status in (0, KILLED)
         return None, SystemExit(status) if status else None

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,7 +145,11 @@ def test_the_report_says_it(weak, good, record_property):
         say = load_locale(language)
         for error_map in (weak, good):
             evidence = SimpleNamespace(
-                error_map=error_map, held_out=None, accuracy=error_map.validate(error_map.samples).to_dict()
+                error_map=error_map,
+                cell=error_map.cell,
+                date=datetime(2026, 1, 2),
+                held_out=None,
+                accuracy=error_map.validate(error_map.samples).to_dict(),
             )
             told = say("report.weak") in [text.text for text in _lead(evidence, say)]
             assert told == error_map.worth.weak

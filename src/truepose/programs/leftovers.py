@@ -42,12 +42,11 @@ class Leftovers:
 
 def remember_written(out_dir: Path, paths: Iterable[Path]) -> None:
     """Add the files of a run to the list; a list that cannot be written only means that they are never removed."""
-    files = {str(path.relative_to(out_dir)): _digest(path) for path in paths}
-    if not files or (store := _store()) is None:
-        return
-    line = json.dumps({"folder": str(out_dir.resolve()), "files": files})
     with contextlib.suppress(OSError):
-        history.append(store, f"\n{line}\n")
+        files = {str(path.relative_to(out_dir)): _digest(path) for path in paths}
+        if files and (store := _store()) is not None:
+            line = json.dumps({"folder": str(out_dir.resolve()), "files": files})
+            history.append(store, f"\n{line}\n")
 
 
 def find_leftovers(out_dir: Path, written: Iterable[Path]) -> Leftovers:
@@ -71,15 +70,25 @@ def clear_leftovers(out_dir: Path, written: Iterable[Path], *, force: bool) -> L
     """Name the files of earlier runs in a warning; remove the unchanged ones if `force`; return them."""
     found = find_leftovers(out_dir, written)
     if found.unchanged and force:
-        for path in found.unchanged:
-            path.unlink(missing_ok=True)
-        _warn(f"removed {_listed(found.unchanged)}, which an earlier run wrote and this one does not")
+        removed = [path for path in found.unchanged if _removed(path)]
+        if removed:
+            _warn(f"removed {_listed(removed)}, which an earlier run wrote and this one does not")
+        if kept := [path for path in found.unchanged if path not in removed]:
+            _warn(f"{_listed(kept)}: of an earlier run, and cannot be removed; remove it by hand")
     elif found.unchanged:
         what = "are files of an earlier run" if len(found.unchanged) > 1 else "is a file of an earlier run"
         _warn(f"{_listed(found.unchanged)}: {what} and no part of this one; remove with --force (force=True)")
     if found.changed:
         _warn(f"{_listed(found.changed)}: written by an earlier run and changed since, and therefore kept")
     return found
+
+
+def _removed(path: Path) -> bool:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True
 
 
 def _warn(message: str) -> None:
