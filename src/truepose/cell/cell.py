@@ -40,7 +40,7 @@ class Cell(CellSection):
 
     Attributes
     ----------
-    robot, tool, base, tracker, payload, frames, region, measuring, correction, report : CellSection
+    robot, tool, base, tracker, payload, frames, region, measuring, report, correction : CellSection
         The tables of the file; ``region`` is None if not stated.
     obstacles : dict of str to Box
         The obstacles by name.

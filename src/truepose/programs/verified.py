@@ -28,8 +28,10 @@ class VerifiedTarget:
 
     Attributes
     ----------
-    name, file : str
-        The name of the target and its file.
+    name : str
+        The name of the target.
+    file : str
+        Its file.
     line : int
         Its line.
     correction : str

@@ -13,3 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_variogram", "plot", "plot_variogram"]
 
 __getattr__ = lazy_names(__name__, {"draw_variogram": "similarity", "plot": "results", "plot_variogram": "similarity"})
+
+
+def __dir__() -> list[str]:
+    return __all__
