@@ -174,7 +174,7 @@ def _tolerance(stated: float | None, cell: Cell) -> tuple[float, str]:
     if cell.tolerance_mm is not None:
         return cell.tolerance_mm, "cell file"
     raise DataError(
-        "no tolerance is known; state tolerance_mm under [correction] in the cell file, or give --tolerance"
+        "no tolerance is known; state tolerance_mm under [report] or [correction] in the cell file, or give --tolerance"
     )
 
 
