@@ -27,7 +27,7 @@ demo: $(RUNTIME)
 	$(BIN)/truepose demo build/demo --force
 
 test: setup
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist worksteal
 
 lint: setup
 	$(BIN)/ruff check .
