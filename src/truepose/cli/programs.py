@@ -30,6 +30,24 @@ class OnGuard(StrEnum):
     clip = "clip"
 
 
+GuardPolicy = Annotated[
+    OnGuard | None,
+    typer.Option("--on-guard", help="Policy for targets that a guard refuses; by default the cell file's."),
+]
+Orientation = Annotated[
+    bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
+]
+Require = Annotated[
+    str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
+]
+OtherMaker = Annotated[
+    bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
+]
+AcceptWeakMap = Annotated[
+    bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
+]
+
+
 class Ambiguous(StrEnum):
     """The policy for a point whose use is ambiguous."""
 
@@ -173,22 +191,12 @@ def correct(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the corrected programs; by default 'corrected'.")
     ] = None,
-    on_guard: Annotated[
-        OnGuard | None, typer.Option(help="Policy for targets that a guard refuses; by default the cell file's.")
-    ] = None,
+    on_guard: GuardPolicy = None,
     reading: Reading = _READING,
-    orientation: Annotated[
-        bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
-    ] = False,
-    require: Annotated[
-        str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
-    ] = None,
-    other_maker: Annotated[
-        bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
-    ] = False,
-    accept_weak_map: Annotated[
-        bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
-    ] = False,
+    orientation: Orientation = False,
+    require: Require = None,
+    other_maker: OtherMaker = False,
+    accept_weak_map: AcceptWeakMap = False,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Overwrite the programs; keep each original as NAME.original.")
     ] = False,

@@ -10,7 +10,15 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, say
-from truepose.cli.programs import OnGuard, Reading, with_reading
+from truepose.cli.programs import (
+    AcceptWeakMap,
+    GuardPolicy,
+    Orientation,
+    OtherMaker,
+    Reading,
+    Require,
+    with_reading,
+)
 
 _READING = Reading()
 
@@ -20,22 +28,12 @@ def watch(
     map_path: MapPath,
     in_dir: Annotated[Path, typer.Argument(metavar="IN", help="The folder that programs are put into.")],
     out_dir: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the corrected programs.")],
-    on_guard: Annotated[
-        OnGuard | None, typer.Option(help="Policy for targets that a guard refuses; by default the cell file's.")
-    ] = None,
+    on_guard: GuardPolicy = None,
     reading: Reading = _READING,
-    orientation: Annotated[
-        bool, typer.Option("--orientation", help="Correct orientations, too; the map must contain them.")
-    ] = False,
-    require: Annotated[
-        str | None, typer.Option("--require", help="Share of motion targets that must be corrected, such as 95%.")
-    ] = None,
-    other_maker: Annotated[
-        bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
-    ] = False,
-    accept_weak_map: Annotated[
-        bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
-    ] = False,
+    orientation: Orientation = False,
+    require: Require = None,
+    other_maker: OtherMaker = False,
+    accept_weak_map: AcceptWeakMap = False,
     settle: Annotated[
         float,
         typer.Option("--settle", min=0.0, help="Seconds for which a program must be unchanged before it is read."),
