@@ -47,11 +47,16 @@ class Remembered(Protocol):
     """The parts of a corrected program that are remembered; see `truepose.programs.CorrectedProgram`."""
 
     @property
-    def targets(self) -> Outcomes: ...  # noqa: D102
+    def targets(self) -> Outcomes:
+        """The outcomes of all targets."""
+
     @property
-    def hashes(self) -> Mapping[Path, str]: ...  # noqa: D102
+    def hashes(self) -> Mapping[Path, str]:
+        """The SHA-256 of each corrected file."""
+
     @property
-    def map_path(self) -> Path | None: ...  # noqa: D102
+    def map_path(self) -> Path | None:
+        """The file of the map; None if it was not read from one."""
 
 
 def stores(map_path: Path | None) -> list[Path]:

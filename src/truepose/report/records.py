@@ -6,7 +6,6 @@ import csv
 import hashlib
 import io
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 from truepose._io import files
 from truepose._io.delimited import escaped
 from truepose.errors import FileError
+from truepose.programs.core.reasons import without_numbers
 from truepose.report.document import Attachment, Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
@@ -25,7 +25,6 @@ _FEWEST: Final = 2
 """The number of targets of each program that are listed at least."""
 TABLE: Final = "targets.csv"
 """The name of the attached table."""
-_VARYING: Final = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?!\w)")
 _REASONS: Final = 12
 _COUNTS: Final = ("targets", "corrected", "clipped", "below_uncertainty", "skipped", "refused")
 _Numbers = tuple[float | None, float | None, float | None]
@@ -196,7 +195,7 @@ def _reasons(records: Sequence[Record], say: Locale) -> list[Block]:
     for record in records:
         for target in record.targets:
             if not target.touched:
-                group = found.setdefault((target.verdict, _VARYING.sub("…", target.reason)), [])
+                group = found.setdefault((target.verdict, without_numbers(target.reason)), [])
                 group.append((record.program, target.reason))
     if not found:
         return []

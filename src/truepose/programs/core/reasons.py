@@ -7,20 +7,27 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-_NUMBER: Final = re.compile(r"-?\d+(?:\.\d+)?")
+_NUMBER: Final = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?!\w)")  # not the digits of a name
 
 
 class Judged(Protocol):
     """A target with its verdict, such as `truepose.programs.Target`."""
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """The name of the target."""
+
     @property
-    def where(self) -> str: ...  # noqa: D102
+    def where(self) -> str:
+        """Its file and line."""
+
     @property
-    def verdict(self) -> str: ...  # noqa: D102
+    def verdict(self) -> str:
+        """What becomes of it."""
+
     @property
-    def reason(self) -> str: ...  # noqa: D102
+    def reason(self) -> str:
+        """Why."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +56,22 @@ class ReasonGroup:
         return {"verdict": self.verdict, "reason": self.reason, "targets": list(self.targets)}
 
 
+def without_numbers(reason: str) -> str:
+    """Return a reason with … in place of its numbers.
+
+    Examples
+    --------
+    >>> without_numbers("P12: correction of 0.5 mm is above the limit of 0.3 mm")
+    'P12: correction of … mm is above the limit of … mm'
+    """
+    return _NUMBER.sub("…", reason)
+
+
 def group_reasons(targets: Iterable[Judged]) -> list[ReasonGroup]:
     """Return the groups of targets by verdict and reason, without regard to numbers; the largest group first."""
     found: dict[tuple[str, str], list[Judged]] = {}
     for target in targets:
-        found.setdefault((target.verdict, _NUMBER.sub("#", target.reason)), []).append(target)
+        found.setdefault((target.verdict, without_numbers(target.reason)), []).append(target)
     groups = [
         ReasonGroup(
             verdict,
