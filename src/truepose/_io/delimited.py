@@ -110,7 +110,7 @@ class TextTable:
                 if not is_number(field):
                     message = f"{self.column_name(column)} is {_shown(field)}, which is not a number"
                     raise FileError(self.path, message, line=int(self.line[row]))
-        raise AssertionError("numpy and Python disagree on what a number is")  # pragma: no cover
+        raise FileError(self.path, "has a number in a form that cannot be read; write plain decimal numbers")
 
 
 def read_tabular(path: str | Path) -> tuple[str, str | Path]:

@@ -235,7 +235,11 @@ class GlobalKriging(Kriging):
         e = self._sums.weighted
         x = self._coordinates(X)
         smooth = support.average(lambda shift: e(x + shift, self._weights))
-        return self._offset + smooth + support.average(lambda shift: self._basis(X + shift)) @ self.beta_
+        return self._offset + smooth + self._mean_basis(X, support) @ self.beta_
+
+    def _mean_basis(self, X: FloatArray, support: Support) -> FloatArray:
+        """Return the columns of the drift at m targets, (m, p), averaged over the support."""
+        return support.average(lambda shift: self._basis(X + shift))
 
     def _moments(
         self, X: FloatArray, targets: IntArray, points: IntArray, support: Support
@@ -244,7 +248,7 @@ class GlobalKriging(Kriging):
         e, variance = np.empty((2, len(X), len(self._total)))
         for part in self._chunks(len(X)):
             inside = (targets >= part.start) & (targets < part.stop)
-            drift = support.average(lambda shift, X=X[part]: self._basis(X + shift))  # type: ignore[misc]
+            drift = self._mean_basis(X[part], support)
             for group in self._groups:
                 c = slice(None) if len(self._groups) == 1 else group.components
                 cross = self._cross(group, X[part], targets[inside] - part.start, points[inside], support)
