@@ -52,7 +52,7 @@ def test_check_says_what_it_cannot_read(run, tmp_path):
     (tmp_path / "a.urp").write_bytes(b"\x1f\x8b")
     assert "save it as .script" in run("check", tmp_path / "a.urp").failed()
     (tmp_path / "a.txt").write_text("LIN")
-    assert "is no robot program of a known language" in run("check", tmp_path / "a.txt").failed()
+    assert "is not a robot program in a known language" in run("check", tmp_path / "a.txt").failed()
     (tmp_path / "loop.src").symlink_to(tmp_path / "loop.src")
     assert "loop.src" in run("check", tmp_path / "loop.src").failed()
 

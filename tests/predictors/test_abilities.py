@@ -1,4 +1,4 @@
-"""The optional abilities of predictors are told by isinstance."""
+"""The optional abilities of predictors are found by isinstance."""
 
 from __future__ import annotations
 

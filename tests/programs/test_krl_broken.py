@@ -91,7 +91,7 @@ def test_no_file_and_other_languages(tmp_path: Path) -> None:
         read_program(tmp_path / "a.dat")
     (tmp_path / "a.txt").touch()
     with pytest.raises(
-        FileError, match=r"a\.txt: is no robot program of a known language; known endings: \.src, \.dat"
+        FileError, match=r"a\.txt: is not a robot program in a known language; known endings: \.src, \.dat"
     ):
         read_program(tmp_path / "a.txt")
 

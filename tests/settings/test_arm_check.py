@@ -71,7 +71,7 @@ def test_the_commands_refuse_it(run, shown, bare, cell_text, tmp_path):
     assert "Arm and tool: The arm's model agrees with the commanded positions of 80 poses" in done.out
 
 
-@pytest.mark.promise("Tool, base and a controller that compensates are told apart by poses of several orientations.")
+@pytest.mark.promise("Poses of several orientations distinguish the tool, the base and a controller that compensates.")
 def test_tool_base_and_compensation_are_told_apart(virtual, cell_text, rng):
     q = np.radians(np.array([0, -80, 90, 0, 30, 0]) + rng.uniform(-30, 30, (40, 6)))
     robot, tool = virtual.robot, virtual.tf_flange_tool
@@ -95,7 +95,7 @@ def test_tool_base_and_compensation_are_told_apart(virtual, cell_text, rng):
         fit(right, accurate.forward(q, tool=tool)[:, :3, 3])
 
 
-@pytest.mark.promise("With one orientation alone the user is told that a tool and a base look the same.")
+@pytest.mark.promise("With one orientation only, a message says that a tool and a base cannot be distinguished.")
 def test_one_orientation_names_both_explanations(virtual, samples, shown, cell_text):
     turned = virtual.robot.forward(samples.q)[:, :3, :3]
     alike = np.flatnonzero(Rotation.from_matrix(turned[:1].transpose(0, 2, 1) @ turned).magnitude() < 1e-6)

@@ -97,7 +97,7 @@ def test_the_command_asks_for_other_maker(run, map_path, virtual, samples, tmp_p
     assert "corrected with the map of a robot of KUKA" in done.out
 
 
-@pytest.mark.promise("With a robot that names no maker, the user is told that makers were not compared.")
+@pytest.mark.promise("For a robot without a maker, a message says that the makers were not compared.")
 def test_a_robot_without_a_maker_is_said(error_map, krl, virtual, samples, tmp_path):
     nameless = replace(error_map, robot=replace(error_map.robot, maker=""))
     corrected = tp.correct_program(krl(), nameless)

@@ -94,7 +94,7 @@ def test_predictors_are_quiet(recwarn: pytest.WarningsRecorder):
     assert "no sill within the samples" in repr(model.variogram_)
 
 
-@pytest.mark.promise("structure and noise are told of the distances that were sampled, as one set of figures")
+@pytest.mark.promise("structure and noise are stated for the distances that were sampled, as one set of figures")
 def test_sampled_figures_extrapolate_nothing():
     envelope = permutation_envelope(X, SMOOTH)
     with pytest.warns(VariogramWarning):

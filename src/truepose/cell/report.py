@@ -48,5 +48,5 @@ class ReportSection(CellSection):
     tracker_calibration_due: Day | None = None
     reflector: Line | None = None
     reflector_calibration_due: Day | None = None
-    temperature_C: Annotated[float, Field(strict=True, ge=_COLDEST, le=_HOTTEST)] | None = None  # noqa: N815
+    temperature_C: Annotated[float, Field(strict=True, ge=_COLDEST, le=_HOTTEST)] | None = None  # noqa: N815 - °C, as in the cell file
     tolerance_mm: Positive | None = None

@@ -131,7 +131,7 @@ def _read_file(
             raise FileError(path, "no such file")
         if why := _REFUSED.get(path.suffix.lower()):
             raise FileError(path, why)
-        raise FileError(path, f"is no robot program of a known language; known endings: {_endings()}")
+        raise FileError(path, f"is not a robot program in a known language; known endings: {_endings()}")
     module = importlib.import_module(LANGUAGES[name].reader)
     if name == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
         raise FileError(path, "is empty; name a program")

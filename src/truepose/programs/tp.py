@@ -130,7 +130,7 @@ class _Reader(Reader):
             elif section == b"MN":
                 goes_on = self._take_line(instructions, line, data[a:b], goes_on)
         if b"PROG" not in seen:
-            raise FileError(self.source.path, "has no /PROG: it is no FANUC program in text form (.ls)")
+            raise FileError(self.source.path, "has no /PROG: it is not a FANUC program in text form (.ls)")
         if b"END" not in seen:
             raise FileError(self.source.path, "has no /END: the file is truncated")
         return instructions, min(start, end), end
@@ -236,7 +236,7 @@ class _Reader(Reader):
             self.other(word, line, unknown_motion(shown(code)))
 
     def _point_elsewhere(self, line: int, code: bytes) -> None:
-        """Take an instruction with a position that is no known motion."""
+        """Take an instruction with a position that is not a known motion."""
         written = _WRITE.match(code)
         if not written and _SPEED.search(code) and not re.search(rb"=|\bCALL\b", code, re.I):
             word = (code.split() or [b"?"])[0].decode("latin-1")[:12]

@@ -143,7 +143,7 @@ def _values(source: Source) -> list[tuple[str, _Value]]:
             raise
         raise FileError(source.path, "has an encoding that is not known; save it as UTF-8") from None
     if not names:
-        raise FileError(source.path, "has no <Data>: it is no VAL3 data file")
+        raise FileError(source.path, "has no <Data>: it is not a VAL3 data file")
     return found
 
 

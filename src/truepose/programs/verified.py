@@ -82,7 +82,7 @@ class ProgramVerification:
     station : {"map", "registered"}
         Whether the station is that of the map, or was registered again.
     station_std_mm : float [mm]
-        The standard uncertainty of the station at the targets (RMS), which shifts all errors alike and is no part of U.
+        The standard uncertainty of the station at the targets (RMS). It shifts all errors alike; U leaves it out.
     before : {"predicted", "measured", ""}
         Whether the errors before the correction were predicted by the map or measured; empty if there are none.
     targets : tuple of VerifiedTarget
@@ -155,7 +155,7 @@ class ProgramVerification:
             said.append(f"Not verifiable, because position or frame is not known: {self.unknown} targets.")
         said += [RULE, _STATION[self.station]]
         said.append(
-            f"Standard uncertainty of the station at the targets: {self.station_std_mm:.3f} mm; it is no part of U."
+            f"Standard uncertainty of the station at the targets: {self.station_std_mm:.3f} mm; it is not part of U."
         )
         return [*said, *self.notes]
 
