@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +118,12 @@ def test_a_second_run_names_and_removes_what_it_does_not_write(
     (out / "R1/edited.src").write_text("; by hand")
     (out / "R1/mine.src").write_text("; not by truepose")
     again = correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable())
-    with pytest.warns(UserWarning, match=r"removed .*old\.src, which an earlier run wrote") as warned:
+    with pytest.warns(UserWarning) as warned:
         again.write(out, force=True)
-    assert any("edited.src: written by an earlier run and changed since" in str(one.message) for one in warned)
+    (told,) = (str(one.message) for one in warned)  # one warning names all of them, at the line of the caller
+    assert warned[0].filename == __file__
+    assert re.search(r"removed .*old\.src, which an earlier run wrote", told)
+    assert "edited.src: written by an earlier run and changed since" in told
     assert {path.name for path in out.rglob("*.src")} == {"a.src", "b.src", "edited.src", "mine.src"}
 
 

@@ -67,19 +67,22 @@ def find_leftovers(out_dir: Path, written: Iterable[Path]) -> Leftovers:
 
 
 def clear_leftovers(out_dir: Path, written: Iterable[Path], *, force: bool) -> Leftovers:
-    """Name the files of earlier runs in a warning; remove the unchanged ones if `force`; return them."""
+    """Name the files of earlier runs in one warning; remove the unchanged ones if `force`; return them."""
     found = find_leftovers(out_dir, written)
+    told: list[str] = []
     if found.unchanged and force:
         removed = [path for path in found.unchanged if _removed(path)]
         if removed:
-            _warn(f"removed {_listed(removed)}, which an earlier run wrote and this one does not")
+            told.append(f"removed {_listed(removed)}, which an earlier run wrote and this one does not")
         if kept := [path for path in found.unchanged if path not in removed]:
-            _warn(f"{_listed(kept)}: of an earlier run, and cannot be removed; remove it by hand")
+            told.append(f"{_listed(kept)}: of an earlier run, and cannot be removed; remove it by hand")
     elif found.unchanged:
         what = "are files of an earlier run" if len(found.unchanged) > 1 else "is a file of an earlier run"
-        _warn(f"{_listed(found.unchanged)}: {what} and no part of this one; remove with --force (force=True)")
+        told.append(f"{_listed(found.unchanged)}: {what} and no part of this one; remove with --force (force=True)")
     if found.changed:
-        _warn(f"{_listed(found.changed)}: written by an earlier run and changed since, and therefore kept")
+        told.append(f"{_listed(found.changed)}: written by an earlier run and changed since, and therefore kept")
+    if told:
+        warnings.warn("; ".join(told), UserWarning, stacklevel=3)
     return found
 
 
@@ -89,10 +92,6 @@ def _removed(path: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=3)
 
 
 def _listed(paths: Sequence[Path]) -> str:
