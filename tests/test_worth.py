@@ -132,7 +132,7 @@ def test_the_commands_say_it(virtual, targets, tmp_path):
     assert "a weak map was accepted" in " ".join(accepted.output.split())
     record = json.loads((tmp_path / "out" / "a.corrections.json").read_text())
     assert "below_uncertainty" in record["summary"]
-    assert record["limits"]["min_correction_stds"]["value"] == 1.0
+    assert record["limits"]["min_correction_stds"]["value"] == 2.0
 
 
 @pytest.mark.promise("The report says that a map is weak, in every language.")

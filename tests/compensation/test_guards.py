@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from truepose.compensation import BELOW, Corrections, Guards, Limits, Region, apply_policy, supported_angle
 from truepose.compensation.orientations import orientation_blocks
@@ -79,21 +80,31 @@ def test_uncertain_orientation_is_told(cube):
     assert "of orientation of 4.00 mrad is above the limit of 3 mrad" in reasons[1]
 
 
-@pytest.mark.promise("A correction smaller than its own standard deviation is not applied, and refuses no program.")
+@pytest.mark.promise("A correction smaller than twice its standard deviation is not applied, and refuses no program.")
 @pytest.mark.parametrize("policy", ["refuse", "skip", "clip"])
 def test_a_correction_below_its_deviation_is_not_applied(policy, record_property):
-    correction = np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.1, 0.0, 0.0]])
+    correction = np.array([[0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.2, 0.0, 0.0]])
     std = np.array([[0.05, 0.05, 0.05], [0.06, 0.06, 0.06], [0.06, 0.06, 0.06]])
     share, verdict, reason = apply_policy(correction, std, ["", "", "outside"], Limits(), policy)
     assert verdict.tolist() == ["correct", BELOW, "skip" if policy == "clip" else policy]
     assert share.tolist() == [1.0, 0.0, 0.0]
-    assert reason[1] == "correction of 0.100 mm is smaller than its standard deviation of 0.104 mm"
-    twice = Limits(min_correction_stds=2.0)
-    assert apply_policy(correction, std, [""] * 3, twice, policy)[1].tolist() == [BELOW] * 3
-    assert "smaller than 2 times its" in apply_policy(correction, std, [""] * 3, twice, policy)[2][0]
+    assert reason[1] == "correction of 0.200 mm is smaller than 2 times its standard deviation of 0.104 mm"
+    once = Limits(min_correction_stds=1.0)
+    assert apply_policy(correction / 2, std, [""] * 3, once, policy)[1].tolist() == ["correct", BELOW, BELOW]
+    assert "smaller than its" in apply_policy(correction / 2, std, [""] * 3, once, policy)[2][1]
     never = Limits(min_correction_stds=0.0)
     assert apply_policy(correction, std, [""] * 3, never, policy)[1].tolist() == ["correct"] * 3
     record_property("cases", 9)
+
+
+@pytest.mark.promise("A correction at the limit moves its target away in 4 % of cases, if its deviation is right.")
+def test_the_smallest_correction_seldom_moves_a_target_away(rng, record_property):
+    std, n = 0.1, 200_000
+    predicted = np.array([0.0, 0.0, Limits().min_correction_stds * np.sqrt(3.0) * std])
+    error = predicted + std * rng.standard_normal((n, 3))
+    worse = np.linalg.norm(error - predicted, axis=1) > np.linalg.norm(error, axis=1)
+    assert worse.mean() == pytest.approx(norm.cdf(-np.sqrt(3.0)), abs=4 * np.sqrt(0.042 / n))
+    record_property("cases", 1)
 
 
 def test_a_pose_stays_nominal_only_if_its_turn_is_below_as_well():

@@ -119,7 +119,7 @@ class Correction(CellSection):
 
     tolerance_mm: Positive | None = None
     max_std_mm: Positive | None = None
-    min_correction_stds: NotNegative = 1.0
+    min_correction_stds: NotNegative = 2.0
     max_correction_mm: Positive = 5.0
     max_distance_mm: Positive | None = None
     max_distance_deg: Positive | None = None

@@ -22,7 +22,7 @@ Policy = Literal["refuse", "skip", "clip"]
 _LEVERAGE_MARGIN: Final = 1.5
 _SPACING_MARGIN: Final = 1.5
 BELOW: Final = "below uncertainty"
-"""The verdict of a target that stays nominal because its correction is smaller than its standard deviation."""
+"""The verdict of a target that stays nominal because its correction is too small for its standard deviation."""
 ARM_BRANCH: Final = 0b111
 """Bits 0 to 2 of KUKA's Status, which name the branch (conventions.md)."""
 
@@ -38,7 +38,8 @@ class Limits:
         campaign cannot raise it.
     min_correction_stds : float
         The smallest length of a correction as a multiple of the length of its standard deviation. Below it the target
-        stays nominal, because chance alone could give the correction.
+        stays nominal, because the correction could as well move it away: with a probability of Φ(−√3 k/2) at the limit
+        k, where the deviation is equal in all directions. This is 4 % for 2, and 19 % for 1.
     max_correction : float [mm]
         The largest length of a correction.
     max_distance : float [mm or rad], optional
@@ -55,7 +56,7 @@ class Limits:
     """
 
     max_std: float = 0.25
-    min_correction_stds: float = 1.0
+    min_correction_stds: float = 2.0
     max_correction: float = 5.0
     max_distance: float | None = None
     max_angle: float = float(np.deg2rad(20.0))
@@ -359,8 +360,8 @@ def apply_policy(
 
     Under ``refuse`` and ``skip``, a target with a reason keeps its nominal command and gets that verdict. Under
     ``clip``, a correction that is only too long is shortened to the limit; any other reason skips its target. A
-    correction without a reason that is smaller than its standard deviation is not used under any policy; if orientation
-    is corrected as well, both parts must be smaller.
+    correction without a reason that is below `Limits.min_correction_stds` is not used under any policy; if orientation is
+    corrected as well, both parts must be below.
 
     Parameters
     ----------
