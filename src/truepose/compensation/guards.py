@@ -360,8 +360,8 @@ def apply_policy(
 
     Under ``refuse`` and ``skip``, a target with a reason keeps its nominal command and gets that verdict. Under
     ``clip``, a correction that is only too long is shortened to the limit; any other reason skips its target. A
-    correction without a reason that is below `Limits.min_correction_stds` is not used under any policy; if orientation is
-    corrected as well, both parts must be below.
+    correction without a reason that is below `Limits.min_correction_stds` is not used under any policy; if orientation
+    is corrected as well, both parts must be below.
 
     Parameters
     ----------
