@@ -134,7 +134,7 @@ def _kernel_jobs(quick: bool) -> Iterator[Job]:
     """Yield jobs of single kernels beside their plain versions."""
     from truepose.numerics.kernels import MATERN32, cross_correlation, pack
     from truepose.numerics.small_systems import eliminate, pair_distances
-    from truepose.similarity.covariance import correlation
+    from truepose.similarity.structure import correlation
 
     n, m = (500, 500) if quick else (2_000, 2_000)
     x, e, targets = _problem(n, m)

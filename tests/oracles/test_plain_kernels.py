@@ -11,7 +11,7 @@ from truepose.numerics.small_systems import eliminate, pair_distances
 from truepose.predictors import OrdinaryKriging
 from truepose.predictors.kriging.system import System
 from truepose.similarity import VariogramModel, experimental_variogram
-from truepose.similarity.covariance import correlation
+from truepose.similarity.structure import correlation
 
 
 @pytest.mark.parametrize("n", [1, 15, 16, 17, 100, 255, 256, 257, 600])

@@ -13,8 +13,8 @@ from scipy.spatial.distance import pdist
 from skgstat import estimators as peers
 
 from truepose.errors import DataError
+from truepose.numerics.pairs import smallest_gap
 from truepose.similarity import Direction, experimental_variogram, variogram_cloud
-from truepose.similarity.robust import _smallest_gap
 
 EDGES = np.array([0.0, 0.1, 0.25, 0.4, 0.8])
 
@@ -84,7 +84,7 @@ def test_smallest_gap_is_an_order_statistic(values, where):
     z = np.sort(np.array(values, dtype=float))
     gaps = np.sort((z[None] - z[:, None])[np.triu_indices(len(z), 1)])
     k = max(1, round(where * len(gaps)))
-    assert _smallest_gap(z, k) == gaps[k - 1]
+    assert smallest_gap(z, k) == gaps[k - 1]
 
 
 def test_genton_is_its_definition(rng):

@@ -13,7 +13,7 @@ from scipy.special import gamma, kv
 from truepose.errors import DataError, KrigingError
 from truepose.numerics.kernels import pack
 from truepose.similarity import FAMILIES, VariogramModel
-from truepose.similarity.covariance import correlation, slope_over_distance, weighted_gradient, weighted_sum
+from truepose.similarity.structure import correlation, slope_over_distance, weighted_gradient, weighted_sum
 
 
 def matern(r, nu):

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from truepose._html import html_table
-from truepose._io.frames import by_axis, data_frame
+from truepose._io.tables import by_axis, data_frame, html_table
 from truepose._typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

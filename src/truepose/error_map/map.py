@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truepose._html import facts_table
 from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
+from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle

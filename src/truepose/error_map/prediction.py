@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truepose._io.frames import by_axis, data_frame
+from truepose._io.tables import by_axis, data_frame
 from truepose._typing import FloatArray
 from truepose.error_map.data import MapData
 from truepose.errors import DataError

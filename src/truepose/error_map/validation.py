@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truepose._html import html_table
-from truepose._io.frames import by_axis, data_frame
+from truepose._io.tables import by_axis, data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.prediction import PredictingMap

@@ -4,7 +4,7 @@ All compiled code that contains a formula is in this one file, because numba's c
 file changes. Distances are without unit: r = h/a, so the coordinates given to the kernels are already divided by the
 range a (and turned into the axes of the anisotropy). Squared distances q = r² come in: the root is taken in the loop of
 the formula, where the processor does it beside the exponential. To add a family: its formula and its slope here, an
-entry in both switches, and an entry in `truepose.similarity.families.FAMILIES`.
+entry in both switches, and an entry in `truepose.similarity.structure.FAMILIES`.
 """
 
 from __future__ import annotations

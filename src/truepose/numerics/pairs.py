@@ -101,6 +101,26 @@ def largest_distance(x: FloatArray) -> float:
     return math.sqrt(_largest_square(pack(x), len(x)).max())
 
 
+@compiled()
+def smallest_gap(z: FloatArray, k: int) -> float:
+    """Return the k-th smallest (from 1) of z_j − z_i, i < j, of sorted z: bisection, counting with two fingers."""
+    low, high = -1.0, z[-1] - z[0]  # fewer than k gaps are <= low; k or more are <= high
+    while True:
+        middle = 0.0 if low < 0.0 else (low + high) / 2
+        if not (low < middle < high):
+            return float(high)
+        count, i, largest = 0, 0, 0.0
+        for j in range(z.size):
+            while z[j] - z[i] > middle:
+                i += 1
+            count += j - i
+            largest = max(largest, z[j] - z[i])
+        if count >= k:
+            high = largest  # the largest gap that is <= middle
+        else:
+            low = middle
+
+
 @compiled(fastmath=REORDER)
 def _leave_out_other_directions(
     x: FloatArray,

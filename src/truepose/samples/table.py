@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truepose._html import facts_table
-from truepose._io.frames import data_frame
 from truepose._io.strict import LARGEST
+from truepose._io.tables import data_frame, facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.samples.frames import quantities, text_table, tidy_columns

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
         experimental_variogram,
         variogram_cloud,
     )
-    from truepose.similarity.families import FAMILIES
     from truepose.similarity.fit import VariogramFit, fit_variogram
     from truepose.similarity.gstools_models import as_variogram
     from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
     from truepose.similarity.model import VariogramModel
+    from truepose.similarity.structure import FAMILIES
     from truepose.similarity.theory import model_based_variogram
     from truepose.similarity.trend import Trend, remove_drift
 
@@ -28,7 +28,7 @@ _HOME = {
     "Direction": "experimental",
     "Envelope": "envelope",
     "ExperimentalVariogram": "experimental",
-    "FAMILIES": "families",
+    "FAMILIES": "structure",
     "LikelihoodFit": "likelihood",
     "Sampled": "envelope",
     "Trend": "trend",

@@ -20,6 +20,7 @@ from truepose.similarity.experimental import (
     ExperimentalVariogram,
     check_points,
     direction_cone,
+    estimate,
     experimental_variogram,
 )
 from truepose.similarity.model import VariogramModel
@@ -129,8 +130,6 @@ def permutation_envelope(
     >>> bool(envelope.structured[0]), envelope.p_value
     (True, 0.005)
     """
-    from truepose.similarity.robust import estimate
-
     if not 0 < level < 1:
         raise DataError(f"level is {level}; expected a share between 0 and 1")
     if permutations < round(2 / (1 - level)) - 1:
@@ -144,7 +143,7 @@ def permutation_envelope(
     n, c = errors.shape
     order = np.random.default_rng(rng).permuted(np.tile(np.arange(n), (permutations, 1)), axis=1)
     shuffled = errors[order.T].reshape(n, permutations * c)
-    pairs, _, gamma = estimate(estimator, points, shuffled, variogram.edges, *cone)
+    pairs, _, gamma = estimate(estimator, points, shuffled, variogram.edges, cone)
     semivariance = gamma[1:].reshape(-1, permutations, c)
     tails = [(1 - level) / 2, (1 + level) / 2]
     lower, upper = np.quantile(semivariance, tails, axis=1)

@@ -1,7 +1,22 @@
-"""The experimental semivariogram, theory (4): half the mean squared difference of errors a distance h apart."""
+"""The experimental semivariogram, theory (4): half the mean squared difference of errors a distance h apart.
+
+The estimator Matheron is theory (4). The others resist gross errors; with N differences z of a bin:
+
+========= ============================================================== ======================================
+cressie   (1/N Σ |z|^½)⁴ / (0.457 + 0.494/N + 0.045/N²) / 2              N. Cressie & D. Hawkins, Math. Geology 12
+                                                                         (1980)
+dowd      2.198 median(|z|)² / 2                                         P. A. Dowd, in: Geostatistics for Natural
+                                                                         Resources Characterization (1984)
+genton    (2.2191 {|z_i − z_j|; i < j}_(k))² / 2, k = C(⌊N/2⌋ + 1, 2)    M. G. Genton, Math. Geology 30 (1998)
+========= ============================================================== ======================================
+
+Genton's z have signs: here each pair is taken in the order in which its first coordinate that differs rises, so that
+the order of the samples does not matter. Dowd and Genton need all differences at once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
@@ -9,8 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truepose._html import html_table
-from truepose._io.frames import data_frame
+from truepose._io.tables import data_frame, html_table
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 
@@ -19,6 +33,11 @@ if TYPE_CHECKING:
 
 WEAK_PAIRS: Final = 30
 """A bin with fewer pairs than this is reported as weak (Journel & Huijbregts 1978)."""
+ESTIMATORS: Final = ("matheron", "cressie", "dowd", "genton")
+MOST_POINTS: Final = 5000
+"""Points whose pairs are held in memory: some 12 million."""
+Cone = tuple[FloatArray, float, float]
+"""The unit vector of a direction (empty for all directions), its tolerance [rad], and its bandwidth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +208,7 @@ def experimental_variogram(
         The largest distance, in the unit of x; half the largest distance between two points when not given.
     estimator : {"matheron", "cressie", "dowd", "genton"}
         Matheron is theory (4). The others resist gross errors: Cressie and Hawkins by fourth powers of mean square
-        roots, Dowd by the median, Genton by the quartile of the differences' differences; see `robust`.
+        roots, Dowd by the median, Genton by the quartile of the differences' differences.
     direction : Direction or (d,) array_like, optional
         The direction, if only pairs along it are counted.
     weights : (d,) array_like, optional
@@ -212,15 +231,13 @@ def experimental_variogram(
     >>> ev
     ExperimentalVariogram(2 bins, 1 components, 3 pairs, 2 weak bins, matheron; γ = 1 mm² at lag 1, 2 mm² at lag 2)
     """
-    from truepose.similarity.robust import estimate
-
     points, errors = check_points(x, e, weights)
     edges = bin_edges(points, bins, max_lag)
     cone = direction_cone(direction, weights, points.shape[1])
     c = errors.shape[1]
     duos = list(combinations(range(c), 2)) if cross else []
     sides = [errors[:, a] + sign * errors[:, b] for a, b in duos for sign in (1, -1)]
-    pairs, distance, gamma = estimate(estimator, points, np.column_stack([errors, *sides]), edges, *cone)
+    pairs, distance, gamma = estimate(estimator, points, np.column_stack([errors, *sides]), edges, cone)
     with np.errstate(invalid="ignore"):
         lag = distance[1:] / pairs[1:]
     semivariance = gamma[:, :c]
@@ -275,12 +292,10 @@ def variogram_cloud(
     >>> variogram_cloud([[0.0], [1.0], [3.0]], [0.0, 2.0, 1.0], max_lag=2.0).semivariance.ravel()
     array([2. , 0.5])
     """
-    from truepose.similarity.robust import cloud
-
     points, errors = check_points(x, e, weights)
-    found = cloud(points, *direction_cone(direction, weights, points.shape[1]), np.inf if max_lag is None else max_lag)
-    semivariance = (errors[found.second] - errors[found.first]) ** 2 / 2
-    return VariogramCloud(found.first, found.second, found.distance, semivariance)
+    cone = direction_cone(direction, weights, points.shape[1])
+    first, second, distance = _cloud(points, cone, np.inf if max_lag is None else max_lag)
+    return VariogramCloud(first, second, distance, (errors[second] - errors[first]) ** 2 / 2)
 
 
 def _cross(direct: FloatArray, sides: FloatArray, duos: list[tuple[int, int]]) -> FloatArray:
@@ -348,10 +363,8 @@ def bin_edges(points: FloatArray, bins: int | ArrayLike, max_lag: float | None) 
     return np.linspace(0, max_lag, int(count) + 1)
 
 
-def direction_cone(
-    direction: Direction | ArrayLike | None, weights: ArrayLike | None, d: int
-) -> tuple[FloatArray, float, float]:
-    """Return unit vector (empty for all directions), tolerance and bandwidth in weighted coordinates."""
+def direction_cone(direction: Direction | ArrayLike | None, weights: ArrayLike | None, d: int) -> Cone:
+    """Return the cone of a direction in weighted coordinates."""
     if direction is None:
         return np.empty(0), 0.0, 0.0
     cone = direction if isinstance(direction, Direction) else Direction(direction)
@@ -367,3 +380,87 @@ def direction_cone(
             "expected a tolerance above 0 and up to pi/2, and a bandwidth above 0"
         )
     return axis / length, cone.tolerance, cone.bandwidth
+
+
+# --- estimators -------------------------------------------------------------------------------------------------------
+
+
+def estimate(
+    estimator: str,
+    x: FloatArray,
+    e: FloatArray,
+    edges: FloatArray,
+    cone: Cone,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return by bin, entry 0 at or below edges[0], the pairs, the sum of distances, and the semivariance (k + 1, c)."""
+    if estimator not in ESTIMATORS:
+        raise DataError(f"variogram estimator {estimator!r} is not known; use one of {', '.join(ESTIMATORS)}")
+    if estimator in ("matheron", "cressie"):
+        from truepose.numerics.pairs import pair_sums
+
+        pairs, distance, sums = pair_sums(x, e, edges, *cone, roots=estimator == "cressie")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean, n = sums / pairs[:, None], pairs[:, None]
+            return pairs, distance, mean / 2 if estimator == "matheron" else mean**4 / (0.914 + 0.988 / n + 0.09 / n**2)
+    of_differences = _dowd if estimator == "dowd" else _genton
+    return _from_cloud(of_differences, x, e, edges, cone)
+
+
+def _cloud(x: FloatArray, cone: Cone, longest: float) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the points and the distance of all pairs within a cone, up to a distance.
+
+    The points of a pair are ordered so that the first coordinate that differs rises.
+    """
+    n, (axis, tolerance, bandwidth) = len(x), cone
+    if n > MOST_POINTS:
+        raise DataError(
+            f"{n} points have too many pairs to be held at once (at most {MOST_POINTS} points); "
+            "use the estimators matheron or cressie, or a part of the points"
+        )
+    i, j = np.triu_indices(n, 1)
+    step = x[j] - x[i]
+    distance = np.sqrt(np.einsum("nd,nd->n", step, step))
+    keep = distance <= longest
+    if axis.size:
+        along2 = (step @ axis) ** 2
+        square = distance**2
+        inside = (along2 >= np.cos(tolerance) ** 2 * square) & (square - along2 <= bandwidth**2)
+        keep &= inside | (distance == 0)
+    turned = np.take_along_axis(step, (step != 0).argmax(axis=1)[:, None], axis=1)[:, 0] < 0
+    i, j = np.where(turned, j, i)[keep], np.where(turned, i, j)[keep]
+    return i, j, distance[keep]
+
+
+def _from_cloud(
+    of_differences: Callable[[FloatArray], float],
+    x: FloatArray,
+    e: FloatArray,
+    edges: FloatArray,
+    cone: Cone,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    first, second, h = _cloud(x, cone, float(edges[-1]))
+    bins = np.searchsorted(edges, h, side="left")
+    order = np.argsort(bins, kind="stable")
+    count = np.bincount(bins, minlength=len(edges))
+    limits = np.concatenate([[0], np.cumsum(count)])
+    distance = np.bincount(bins, h, minlength=len(edges))
+    gamma = np.full((len(edges), e.shape[1]), np.nan)
+    for c in range(e.shape[1]):
+        z = (e[second, c] - e[first, c])[order]
+        for b in np.flatnonzero(count):
+            gamma[b, c] = of_differences(z[limits[b] : limits[b + 1]])
+    return count.astype(np.int64), distance.astype(np.float64), gamma
+
+
+def _dowd(z: FloatArray) -> float:
+    return float(2.198 * np.median(np.abs(z)) ** 2 / 2)
+
+
+def _genton(z: FloatArray) -> float:
+    from truepose.numerics.pairs import smallest_gap
+
+    n = len(z)
+    if n < 2:
+        return np.nan
+    half = n // 2 + 1
+    return float((2.2191 * smallest_gap(np.sort(z), half * (half - 1) // 2)) ** 2 / 2)

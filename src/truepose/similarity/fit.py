@@ -12,11 +12,11 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
-from truepose.similarity.families import FAMILIES
 from truepose.similarity.fit_record import FitRecord, warn_of_remarks
 from truepose.similarity.least_squares import ITERATIONS, WEIGHTS, Bins, Fitted, fit_one, fit_several, standard_errors
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.parametrisation import Parametrisation
+from truepose.similarity.structure import FAMILIES
 
 USUAL: Final = ("spherical", "exponential", "gaussian", "matern32", "matern52")
 """Families that "best" tries: monotonic, with nugget, sill and range."""

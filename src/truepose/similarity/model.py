@@ -5,26 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truepose._html import facts_table
+from truepose._io.tables import facts_table
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
-from truepose.similarity.families import FAMILIES, Family, check_shape, family_named
 from truepose.similarity.fit_record import FitRecord
-from truepose.similarity.structure import SingleStructure
+from truepose.similarity.structure import SingleStructure, check_shape, cross_correlation, family_named
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-
-__all__ = ["FAMILIES", "Family", "VariogramModel"]
-
-
-UNROTATED: Final = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -255,7 +248,6 @@ class VariogramModel(SingleStructure):
     def covariance_between(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the covariance of the field without its nugget [mm²], (m, n), of points x (m, d) and y (n, d)."""
         from truepose.numerics.kernels import pack
-        from truepose.similarity.covariance import cross_correlation
 
         self._require_sill()
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)

@@ -15,9 +15,8 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
-from truepose.similarity.families import FAMILIES, check_shape, family_named
 from truepose.similarity.model import VariogramModel
-from truepose.similarity.structure import TURNS
+from truepose.similarity.structure import FAMILIES, TURNS, check_shape, family_named
 
 RANGES: Final = ("one", "each", "rotated")
 SHAPES: Final = (0.1, 20.0)

@@ -16,15 +16,16 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray
 from truepose.errors import KrigingError
 from truepose.similarity.model import VariogramModel
+from truepose.similarity.structure import correlation, cross_correlation, weighted_gradient, weighted_sum
 
 MOST_NODES: Final = 4096
+"""Largest number of nodes in a box."""
 NODES: Final = 6
 """Nodes along each edge of a box; even, since a node at a sample in the centre would see the cusp of ρ alone."""
 FEWER_NODES: Final = 4
 """The same in many dimensions, where the mean over a box is smoother."""
 MOST_DIFFERENCES: Final = 65536
 """The number of differences at which the correlation within a box is computed, at most."""
-"""Largest number of nodes in a box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +89,6 @@ class Correlation:
 
     def of_distances(self, scaled: Sequence[FloatArray]) -> FloatArray:
         """Return rho at distances in the scaled coordinates of each structure, arrays of any shape."""
-        from truepose.similarity.covariance import correlation
-
         total = None
         for s, r in zip(self.structures, scaled, strict=True):
             rho = correlation(s.code, r, s.shape)
@@ -119,8 +118,6 @@ class Sums:
 
     def cross(self, x: FloatArray) -> FloatArray:
         """Return rho between targets x (m, d) and the points, (m, n), C order."""
-        from truepose.similarity.covariance import cross_correlation
-
         total = None
         for s, samples in self._structures():
             rho = cross_correlation(s.code, s.scaled(x), samples, self.n, s.shape)
@@ -131,8 +128,6 @@ class Sums:
 
     def weighted(self, x: FloatArray, weights: FloatArray) -> FloatArray:
         """Return Σ_j rho(x_i, x_j) w_jc, (m, k), of weights (n, k) packed."""
-        from truepose.similarity.covariance import weighted_sum
-
         total = np.zeros((len(x), weights.shape[1]))
         for s, samples in self._structures():
             total += s.share * weighted_sum(s.code, s.scaled(x), samples, weights, s.shape)
@@ -140,8 +135,6 @@ class Sums:
 
     def gradient(self, x: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the derivative of `weighted` by the coordinates, (m, k, d)."""
-        from truepose.similarity.covariance import weighted_gradient
-
         total = np.zeros((len(x), weights.shape[1], x.shape[1]))
         for s, samples in self._structures():
             total += s.share * weighted_gradient(s.code, s.scaled(x), samples, weights, s.shape) @ s.axes.T

@@ -17,6 +17,7 @@ from truepose.numerics.threads import threads
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.kriging.base import Kriging, VariogramLike
 from truepose.similarity.model import VariogramModel
+from truepose.similarity.structure import slope_over_distance
 from truepose.similarity.trend import DriftLike
 
 CHUNK: Final = 2**21
@@ -213,8 +214,6 @@ class NeighbourKriging(Kriging):
 
     def _slope(self, X: FloatArray, near: IntArray, group: Group) -> FloatArray:
         """Return ∂f0 beta + ∂k0 K⁻¹ (e − F beta) of each target, (m, c, d)."""
-        from truepose.similarity.covariance import slope_over_distance
-
         m, k = near.shape
         p = self._columns.shape[1]
         matrix: FloatArray = np.zeros((m, k, k))

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truepose._html import html_table
+from truepose._io.tables import html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
