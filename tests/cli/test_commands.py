@@ -384,7 +384,9 @@ def test_demo_shows_the_improvement(demo):
     assert done["before"]["max_mm"] == pytest.approx(1.3, abs=0.35)
     assert done["remeasured"]["reduction_max_percent"] > 75.36
     assert done["after"]["mean_mm"] > 0.8 * done["noise_floor_mm"]
-    assert Path(done["report"]).exists()
+    page = Path(done["report"]).read_text(encoding="utf-8")
+    assert page.count('class="missing"') == 1  # the check of the arm: a virtual cell has no controller
+    assert "panel.src: PASS. Re-measured targets: 24" in page
     assert Path(done["program"]).exists()
 
 

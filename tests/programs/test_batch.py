@@ -118,7 +118,7 @@ def test_a_second_run_names_and_removes_what_it_does_not_write(
     (out / "R1/edited.src").write_text("; by hand")
     (out / "R1/mine.src").write_text("; not by truepose")
     again = correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable())
-    with pytest.warns(UserWarning) as warned:
+    with pytest.warns(UserWarning, match="earlier run") as warned:
         again.write(out, force=True)
     (told,) = (str(one.message) for one in warned)  # one warning names all of them, at the line of the caller
     assert warned[0].filename == __file__

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.files import write_atomic
 from truepose._typing import FloatArray
-from truepose.cell import load_cell
+from truepose.cell import Cell, load_cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.fit import fit_cell
 from truepose.geometry import apply_transform, euler, make_transform
-from truepose.programs import FrameTable, correct_program, read_program
+from truepose.programs import FrameTable, correct_program, read_program, verify_program
 from truepose.report import write_report
 from truepose.report.findings import structure_verdict
 from truepose.report.locale import load_locale
@@ -36,6 +37,8 @@ N_HELD_OUT: Final = 100
 _PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; varying orientations need the arm's model
 _TOOL, _BASE = 3, 1
 _PANEL_ROWS, _PANEL_COLUMNS = 4, 6
+_TOLERANCE_MM: Final = 0.3
+_TEMPERATURE_C: Final = 20.0
 
 
 def run_demo(
@@ -57,7 +60,7 @@ def run_demo(
     virtual = VirtualCell(preset, seed=seed)
     progress("Planning and measuring")
     cell_path = directory / "cell.toml"
-    write_atomic(cell_path, virtual.cell.to_toml() + '\n[frames]\nconfig_dat = "program/$config.dat"\n')
+    write_atomic(cell_path, _stated(virtual).to_toml() + '\n[frames]\nconfig_dat = "program/$config.dat"\n')
     cell = load_cell(cell_path)
     samples = _measure(virtual, directory, "fit", N_SAMPLES, seed)
     held_out = _measure(virtual, directory, "held_out", N_HELD_OUT, seed + 1_000_003)
@@ -76,12 +79,13 @@ def run_demo(
     corrected.write(directory / "corrected", force=True)
     corrected_path = directory / "corrected" / source.name
     progress("Measuring the corrected program's targets")
-    remeasured = _remeasure(virtual, error_map, source, corrected_path)
+    remeasured, (before, after) = _remeasure(virtual, error_map, directory, source, corrected_path)
+    verified = verify_program(error_map, corrected_path, after, cell=cell, before=before)
 
     progress("Writing the report")
     report = directory / "report.html"
     sidecar = directory / "corrected" / f"{source.stem}.corrections.json"
-    write_report(error_map, report, held_out, sidecars=[sidecar], study=study)
+    write_report(error_map, report, held_out, sidecars=[sidecar], verifications=[verified], study=study)
     return {
         "preset": preset,
         "seed": seed,
@@ -99,6 +103,37 @@ def run_demo(
         "report": report,
         "program": corrected_path,
     }
+
+
+def _stated(virtual: VirtualCell) -> Cell:
+    """Return the cell with the noise of its tracker and the facts of the report, as its user states them."""
+    noise, today = virtual.preset.tracker, datetime.now(UTC).date()
+    next_year = today.replace(year=today.year + 1, day=min(today.day, 28))
+    tracker = {
+        "range_um": 1e3 * noise.range_std,
+        "range_um_per_m": 1e6 * noise.range_std_per_mm,
+        "angle_um": 1e3 * noise.cross_std,
+        "angle_um_per_m": 1e6 * noise.cross_std_per_mm,
+    }
+    facts: dict[str, Any] = {
+        "company": "Demonstration of truepose",
+        "site": "virtual cell",
+        "operator": "truepose demo",
+        "job": f"seed {virtual.seed}",
+        "part": f"panel with {_PANEL_ROWS * _PANEL_COLUMNS} holes",
+        "measured": today,
+        "robot_serial": "virtual",
+        "tracker": "virtual laser tracker",
+        "tracker_serial": "virtual",
+        "tracker_calibration_due": next_year,
+        "reflector": "virtual, 1.5 in",
+        "reflector_calibration_due": next_year,
+        "temperature_C": _TEMPERATURE_C,
+        "tolerance_mm": _TOLERANCE_MM,
+    }
+    known = virtual.cell.model_dump(mode="json", exclude_unset=True)
+    known["tracker"] |= {name: round(value, 6) for name, value in tracker.items()}
+    return Cell.model_validate({**known, "report": facts})
 
 
 def _measure(virtual: VirtualCell, directory: Path, name: str, n: int, seed: int) -> Samples:
@@ -150,13 +185,26 @@ def _config_dat(tf_flange_tool: FloatArray, tf_base_panel: FloatArray) -> str:
     return f"DEFDAT $CONFIG PUBLIC\n{tool}\n{base}\nENDDAT\n"
 
 
-def _remeasure(virtual: VirtualCell, error_map: ErrorMap, original: Path, corrected: Path) -> dict[str, Any]:
-    """Run both programs on the virtual robot and measure the distances to the original targets."""
+def _remeasure(
+    virtual: VirtualCell, error_map: ErrorMap, directory: Path, original: Path, corrected: Path
+) -> tuple[dict[str, Any], list[Path]]:
+    """Run both programs on the virtual robot and measure their targets.
+
+    Returns
+    -------
+    accuracy : dict
+        The distances to the original targets, before and after.
+    readings : list of Path
+        The readings of the original and of the corrected program.
+    """
     frames = FrameTable.from_config_dat(original.parent / "$config.dat")
-    targets = read_program(original, frames).positions_base()
-
-    def miss(path: Path) -> FloatArray:
-        measured = virtual.measure(virtual.reach(read_program(path, frames).positions_base()))
-        return apply_transform(error_map.registration.tf_base_tracker, measured.p_meas) - targets
-
-    return accuracy(miss(original), miss(corrected)).to_dict()
+    nominal = read_program(original, frames)
+    targets = nominal.positions_base()
+    names = np.array([target.name for target in nominal.targets])
+    paths, missed = [], []
+    for name, program in (("original", original), ("corrected", corrected)):
+        measured = virtual.measure(virtual.reach(read_program(program, frames).positions_base()))
+        paths.append(directory / f"panel_{name}_readings.txt")
+        write_readings(paths[-1], replace(measured, name=names), "spatial-analyzer")
+        missed.append(apply_transform(error_map.registration.tf_base_tracker, measured.p_meas) - targets)
+    return accuracy(*missed).to_dict(), paths
