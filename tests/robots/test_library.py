@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from tests.robots.arms import FIRST
 
+import truepose.robots
 from truepose.errors import FileError, RobotError
 from truepose.geometry import euler
 from truepose.robots import Robot, list_robots, load_robot, max_reach, nearest_branch, parse_robot, to_toml
 from truepose.robots.inverse.axes import Axes
 
 LIBRARY = list_robots()
+FOLDER = Path(truepose.robots.__file__).parent / "library"
 
 UP, DOWN, X, Y = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]])
 ALONG = ([UP, Y, Y, UP, Y, UP], [X, Y])  # arm upright at zero
@@ -54,6 +56,17 @@ def test_the_reach_is_that_of_the_data_sheet(name: str) -> None:
         assert max_reach(robot, "wrist") <= sheet.reach_mm <= max_reach(robot, "flange")
     else:
         assert max_reach(robot, sheet.reach_at) == pytest.approx(sheet.reach_mm, abs=tolerance)
+
+
+def test_61_arms_state_their_repeatability_and_its_source() -> None:
+    stated = []
+    for name in LIBRARY:
+        sheet = load_robot(name).data_sheet
+        if sheet is not None and sheet.repeatability_mm is not None:
+            assert 0.005 <= sheet.repeatability_mm <= 0.3, name
+            assert "repeatability: " in (FOLDER / f"{name}.toml").read_text("utf-8"), name
+            stated.append(name)
+    assert len(stated) == 61
 
 
 @pytest.mark.parametrize("name", LIBRARY)
@@ -102,6 +115,8 @@ def test_each_robot_is_complete(name: str) -> None:
         ("abb-irb120", [0, 0, 0, 0, 0, 0], [302 + 72, 0, 290 + 270 + 70], [1, 0, 0]),
         ("abb-irb6640-185-280", [90, 0, 0, 0, 0, 0], [0, 320 + 1392 + 200, 780 + 1075 + 200], [0, 1, 0]),
         ("fanuc-m20ia", [0, 0, 0, 0, 0, 0], [150 + 835 + 100, 0, 525 + 790 + 250], [1, 0, 0]),
+        ("denso-vs-060", [0, 0, 0, 0, 0, 0], [-10, 0, 181.5 + 163.5 + 305 + 164.5 + 135.5 + 70], [0, 0, 1]),
+        ("denso-vs-087", [0, 0, 0, 0, 0, 0], [30 - 20, 0, 2 * 197.5 + 445 + 287 + 143 + 80], [0, 0, 1]),
         ("staubli-tx2-90", [0, 0, 0, 0, 0, 0], [50, 50, 478 + 425 + 425 + 100], [0, 0, 1]),
         ("universal-robots-ur5", [0, 0, 0, 0, 0, 0], [-425 - 392.25, -109.15 - 82.3, 89.159 - 94.65], [0, -1, 0]),
     ],
