@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from truepose.samples import write_samples
@@ -43,3 +44,26 @@ def cell_files(tmp_path_factory, run) -> CellFiles:
     done = run("fit", files.cell, files.samples, "--predictor", "ordinary-kriging", "--out", files.map)
     assert done.code == 0, done.err
     return files
+
+
+@pytest.fixture
+def near_samples(cell_files, tmp_path):
+    """A program whose targets the map may correct: two samples' own places."""
+    from truepose.geometry import euler
+
+    samples = cell_files.virtual.measure(cell_files.virtual.design(80, seed=1))
+    poses = cell_files.virtual.robot.forward(samples.q, tool=cell_files.virtual.tf_flange_tool)[:2]
+    from scipy.spatial.transform import Rotation
+
+    abc = euler("kuka", Rotation.from_matrix(poses[:, :3, :3]))
+    rows = np.column_stack([poses[:, :3, 3], abc])
+    lines = ["LIN {" + ",".join(f"{k} {v:.3f}" for k, v in zip("XYZABC", row, strict=True)) + "}" for row in rows]
+    (tmp_path / "config.dat").write_text(
+        "TOOL_DATA[1]={"
+        + ",".join(f"{k} {v:.4f}" for k, v in zip("XYZ", cell_files.virtual.tf_flange_tool[:3, 3], strict=True))
+        + ",A 0,B 0,C 0}\n"
+    )
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.src").write_text("DEF a()\n" + "\n".join(lines) + "\nEND\n")
+    return [tmp_path / folder / "a.src" for folder in ("one", "two")]

@@ -1,6 +1,5 @@
 """Commands about programs: check without a map, and what keeps a user from losing a file."""
 
-import numpy as np
 import pytest
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
@@ -55,29 +54,6 @@ def test_check_says_what_it_cannot_read(run, tmp_path):
     assert "is not a robot program in a known language" in run("check", tmp_path / "a.txt").failed()
     (tmp_path / "loop.src").symlink_to(tmp_path / "loop.src")
     assert "loop.src" in run("check", tmp_path / "loop.src").failed()
-
-
-@pytest.fixture
-def near_samples(cell_files, tmp_path):
-    """A program whose targets the map may correct: two samples' own places."""
-    from truepose.geometry import euler
-
-    samples = cell_files.virtual.measure(cell_files.virtual.design(80, seed=1))
-    poses = cell_files.virtual.robot.forward(samples.q, tool=cell_files.virtual.tf_flange_tool)[:2]
-    from scipy.spatial.transform import Rotation
-
-    abc = euler("kuka", Rotation.from_matrix(poses[:, :3, :3]))
-    rows = np.column_stack([poses[:, :3, 3], abc])
-    lines = ["LIN {" + ",".join(f"{k} {v:.3f}" for k, v in zip("XYZABC", row, strict=True)) + "}" for row in rows]
-    (tmp_path / "config.dat").write_text(
-        "TOOL_DATA[1]={"
-        + ",".join(f"{k} {v:.4f}" for k, v in zip("XYZ", cell_files.virtual.tf_flange_tool[:3, 3], strict=True))
-        + ",A 0,B 0,C 0}\n"
-    )
-    for folder in ("one", "two"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "a.src").write_text("DEF a()\n" + "\n".join(lines) + "\nEND\n")
-    return [tmp_path / folder / "a.src" for folder in ("one", "two")]
 
 
 def test_correct_in_place_keeps_the_original(run, cell_files, near_samples):
@@ -139,12 +115,30 @@ def test_keep_going_corrects_the_others_and_names_the_refused(run, cell_files, n
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
         "a.corrections.csv", "a.corrections.json", "a.src"
     ]  # fmt: skip
-    assert "1 program corrected, 2 files refused" in done.out
-    assert "2 files are refused: " in done.err
+    assert "1 program corrected, 2 refused" in done.out
+    assert "2 programs are refused: " in done.err
     assert f"{bad}:2: LIN:2" in done.err
     assert f"{broken}:2: X 1.2.3 is not a number" in done.err
     listed = run("correct", cell_files.map, good, bad, *options, "--keep-going", "--dry-run", "--json")
     assert (listed.code, [one["file"] for one in listed.json["refused"]]) == (1, [str(bad)])
+
+
+def test_programs_of_folders_are_counted_one_by_one(run, tmp_path):
+    for name in ("a", "b", "c"):
+        folder = tmp_path / name
+        folder.mkdir()
+        for k in range(2):
+            point = "DECL E6POS XP1={X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
+            (folder / f"{name}{k}.src").write_text(
+                f"DEF {name}{k}()\nBAS(#TOOL,0)\n$BASE=$NULLFRAME\nLIN XP1\nLIN {POSE}\nEND\n"
+            )
+            (folder / f"{name}{k}.dat").write_text(f"DEFDAT {name}{k}\n{point}\nENDDAT\n")
+    (tmp_path / "b" / "b0.dat").write_text("DEFDAT b0\nDECL E6POS XP1={X 1.2.3}\nENDDAT\n")
+    done = run("check", *(tmp_path / name for name in ("a", "b", "c")))
+    assert done.code == 1
+    assert done.out.count(".src: 2 to correct, 0 to skip, 0 refused") == 4
+    assert "5 programs: 10 to correct, 0 to skip, 0 refused" in done.out
+    assert "b0.dat:2: X 1.2.3 is not a number" in done.err
 
 
 def test_check_takes_a_folder(run, tmp_path):
@@ -212,5 +206,5 @@ def test_watch_corrects_a_folder_once(run, cell_files, near_samples, tmp_path):
     (tmp_path / "one" / "b.src").write_text("DEF b()\nLIN {X 1.2.3}\nEND\n")
     again = run("watch", cell_files.map, tmp_path / "one", tmp_path / "out", *options)
     assert again.code == 1
-    assert "1 of 1 programs are refused" in again.err
+    assert "1 of 2 programs are refused" in again.err
     assert "--json needs --once" in run("watch", cell_files.map, tmp_path, tmp_path / "o", "--json").failed()

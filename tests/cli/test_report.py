@@ -25,3 +25,14 @@ def test_report_refuses(run, cell_files, tmp_path):
     bad = run("report", cell_files.map, "--program", cell_files.cell, "--out", out).failed()
     assert "is not the record of a corrected program" in bad
     assert not out.exists()
+
+
+def test_report_takes_the_records_of_a_folder(run, cell_files, near_samples, tmp_path):
+    options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--out", tmp_path / "out")
+    assert run("correct", cell_files.map, *near_samples[:1], *options).code == 0
+    out = tmp_path / "r.html"
+    assert run("report", cell_files.map, "--program", tmp_path / "out", "--out", out).code == 0
+    assert "a.src" in out.read_text()
+    (tmp_path / "empty").mkdir()
+    refused = run("report", cell_files.map, "--program", tmp_path / "empty", "--out", tmp_path / "s.html").failed()
+    assert "empty: holds no record of a corrected program (*.corrections.json)" in refused

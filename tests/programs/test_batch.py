@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs import FrameTable, correct_programs
+from truepose.programs import FrameTable, correct_programs, read_program
+from truepose.programs.reading import read_programs
 
 HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 GOOD = HEAD + "LIN {{X {0},Y 2,Z 3,A 0,B 0,C 0}}\nLIN {{X {0},Y 9,Z 3,A 0,B 0,C 0}}\n"
@@ -44,8 +45,8 @@ def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_
     batch = correct_programs(folders, make_map([0.37, 0, 0]), frames=FrameTable(), keep_going=True)
     assert [one.path for one in batch.refused] == [folders[2] / "R1/broken.src", folders[1] / "R1/bad.src"]
     assert "no $TOOL is set" in batch.refused[1].reason
-    assert str(batch.coverage) == "8 of 9 motion targets corrected, 1 stays nominal"
-    assert repr(batch) == "<CorrectedBatch: 2 programs, 2 refused; 8 of 9 motion targets corrected, 1 stays nominal>"
+    assert [target.verdict for target in batch.corrected[1].targets].count("refuse") == 1
+    assert repr(batch) == "<CorrectedBatch: 6 programs, 2 refused; 12 of 13 motion targets corrected, 1 stays nominal>"
     out = tmp_path / "out"
     written = {str(path.relative_to(out)) for path in batch.corrected[1].write(out)}
     assert written == {
@@ -54,6 +55,58 @@ def test_the_good_modules_are_corrected(folders: list[Path], make_map: Any, tmp_
     record = json.loads((out / "two" / "two.corrections.json").read_text())
     assert list(record["refused"]) == [str(folders[1] / "R1/bad.src")]
     assert json.loads(json.dumps(batch.to_dict()))["refused"][1]["file"].endswith("bad.src")
+
+
+def test_a_module_that_cannot_be_read_is_left_out(folders: list[Path], make_map: Any, tmp_path: Path) -> None:
+    batch = correct_programs(folders[2:], make_map([0.37, 0, 0]), frames=FrameTable(), keep_going=True)
+    assert [one.path for one in batch.refused] == [folders[2] / "R1/broken.src"]
+    batch.write(tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").rglob("*.src")} == {"a.src", "b.src"}
+    with pytest.raises(FileError, match=r"broken\.src:2"):
+        read_program(folders[2])
+
+
+@pytest.mark.parametrize(
+    ("statement", "word"),
+    [
+        ("b()", "B"),
+        ("help_all()", "HELP_ALL"),
+        ("LIN SHARED", "SHARED"),
+        ("BASE_DATA[1]={X 1}", "BASE_DATA"),
+        ("$ROBROOT={X 1}", r"\$ROBROOT"),
+        ("INTERRUPT DECL 3 WHEN $IN[1] DO stop()", "INTERRUPT"),
+        ("ret=RSI_ON(#RELATIVE)", "RSI_ON"),
+    ],
+)
+def test_a_broken_module_that_acts_on_others_refuses_the_project(
+    folders: list[Path], statement: str, word: str
+) -> None:
+    r1 = folders[2] / "R1"
+    (r1 / "a.dat").write_text("DEFDAT A PUBLIC\nDECL GLOBAL E6POS SHARED={X 1,Y 2,Z 3,A 0,B 0,C 0}\nENDDAT\n")
+    (r1 / "a.src").write_text((r1 / "a.src").read_text() + "GLOBAL DEF help_all()\nEND\n")
+    (r1 / "broken.src").write_text(module("broken", f"LIN {{X 1.2.3}}\n{statement}\n"))
+    found = read_programs(folders[2:], FrameTable())
+    assert not found.programs
+    assert re.search(
+        rf"broken\.src:2: .*no other module is read, because this one names {word}", str(found.unreadable[0])
+    )
+
+
+def test_a_refused_project_counts_its_modules(folders: list[Path], make_map: Any) -> None:
+    batch = correct_programs(
+        folders[:1], make_map([0.37, 0, 0], guarded={0: "far", 2: "far"}), frames=FrameTable(), keep_going=True
+    )
+    assert (batch.n_corrected, batch.n_refused) == (0, 2)
+
+
+def test_reasons_of_a_refused_program_are_grouped(folders: list[Path], make_map: Any) -> None:
+    lines = "".join(f"LIN {{X {x},Y 7,Z 7,A 0,B 0,C 0}}\n" for x in range(20))
+    (folders[1] / "R1" / "bad.src").write_text(module("bad", lines))
+    with pytest.raises(
+        RefusedError, match=r"bad\.src:2: LIN:2: no \$TOOL is set .* \(19 more alike\); leave"
+    ) as caught:
+        correct_programs(folders[1:2], make_map([0.37, 0, 0]), frames=FrameTable())
+    assert str(caught.value).count("no $TOOL is set") == 1
 
 
 def test_a_guard_refuses_a_module(folders: list[Path], make_map: Any) -> None:

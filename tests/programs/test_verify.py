@@ -155,6 +155,37 @@ def test_a_changed_program_and_a_missing_record_are_refused(proof, tmp_path):
         tp.verify_program(proof.error_map, alone, readings, tolerance_mm=1.0)
 
 
+def test_one_program_of_a_corrected_folder_is_verified(proof, tmp_path):
+    """The record of a project lists all its programs and lies above them; points of one name are in each."""
+    project, half = tmp_path / "cell", N // 2
+    for name, some in (("one", range(half)), ("two", range(half, N))):
+        (project / name).mkdir(parents=True)
+        lines = proof.original.read_text().splitlines()[1:]
+        values = [lines[k].split(",")[1:] for k in some]
+        points = [
+            f"DECL E6POS XP{i}={{{','.join(f'{key} {v}' for key, v in zip('XYZABC', row, strict=True))}}}\n"
+            for i, row in enumerate(values, 1)
+        ]
+        moves = "".join(f"LIN XP{i}\n" for i in range(1, half + 1))
+        (project / name / f"{name}.dat").write_text(f"DEFDAT {name}\n{''.join(points)}ENDDAT\n")
+        (project / name / f"{name}.src").write_text(f"DEF {name}()\n{moves}END\n")
+    frames = replace(tp.FrameTable(), tools={1: proof.error_map.tf_flange_tool}, tool=1, base=0)
+    tp.correct_program(project, proof.error_map, frames=frames, on_guard="skip", accept_weak_map=True).write(
+        tmp_path / "out"
+    )
+    corrected = tmp_path / "out" / "two" / "two.src"
+    error = np.linspace(0.01, 0.08, N)[:, None] * [1.0, 0.0, 0.0]
+    names = np.array([f"P{i}" for i in range(1, half + 1)])
+    p = proof.readings(error).p[half:]
+    readings = Readings(p, np.arange(2, half + 2), "readings.txt", p_std=np.full((half, 3), NOISE), name=names)
+    found = tp.verify_program(proof.error_map, corrected, readings, tolerance_mm=TOLERANCE, frames=frames)
+    assert [target.name for target in found.targets] == [f"XP{i}" for i in range(1, half + 1)]
+    np.testing.assert_allclose([target.error_mm for target in found.targets], error[half:, 0], atol=1e-6)
+    assert (found.unmeasured, Path(found.record).name) == ((), "cell.corrections.json")
+    with pytest.raises(tp.errors.RefusedError, match=r"was corrected already, see cell\.corrections\.json"):
+        tp.correct_program(corrected, proof.error_map, frames=frames, on_guard="skip", accept_weak_map=True)
+
+
 def test_tolerance_and_uncertainty_must_be_known(proof):
     readings = proof.readings(np.zeros((N, 3)))
     bare = proof.error_map.cell.model_copy(update={"correction": Correction()})

@@ -8,7 +8,7 @@ from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_type_hints
 
 import typer
 
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from truepose.cell import Cell
     from truepose.compensation import Policy
     from truepose.errors import FileError
-    from truepose.programs import CorrectedBatch, FrameTable, ReadOptions, RefusedProgram
+    from truepose.programs import CorrectedBatch, FrameTable, ReadOptions
+
+
+_WRITTEN: Final = 12  # files that are listed one by one
 
 
 class OnGuard(StrEnum):
@@ -179,7 +182,7 @@ def check(
     else:
         for program in found.programs:
             show_checked(program)
-        say_total([program.counts() for program in found.programs])
+        say_total(found.programs)
     if found.unreadable:
         raise _unread(found.unreadable)
 
@@ -216,6 +219,7 @@ def correct(
 
     if in_place and out is not None:
         raise DataError("--out has no effect with --in-place; give one of them")
+    out = out or Path("corrected")
     overwrite(force)
     error_map = load_map(map_path)
     cell = reading.cell()
@@ -243,17 +247,17 @@ def correct(
     check_names(corrected, in_place=in_place)
     written: list[Path] = []
     if corrected and not dry_run:
-        written = batch.write_in_place(force=force) if in_place else batch.write(out or Path("corrected"), force=force)
+        written = batch.write_in_place(force=force) if in_place else batch.write(out, force=force)
         written += _workbooks(written) if xlsx else []
     if as_json:
         emit_json({"written": written, **batch.to_dict()})
     else:
-        _show_batch(batch, written, dry_run=dry_run)
+        _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
-        raise RefusedError(_refusals(batch.refused))
+        raise RefusedError(_refusals(batch))
 
 
-def _show_batch(batch: CorrectedBatch, written: Sequence[Path], *, dry_run: bool) -> None:
+def _show_batch(batch: CorrectedBatch, written: Sequence[Path], place: str, *, dry_run: bool) -> None:
     """Show each program in one line with its reasons, the files that were written, and the total."""
     from truepose.cli.verdicts import show_corrected
 
@@ -261,22 +265,23 @@ def _show_batch(batch: CorrectedBatch, written: Sequence[Path], *, dry_run: bool
         if dry_run:
             typer.echo(program.diff(), nl=False)
         show_corrected(program)
-    for file in written:
-        say(f"Wrote {file}")
-    if len(batch.corrected) + len(batch.refused) > 1:
-        count = len(batch.corrected)
-        say(f"{count} {'program' if count == 1 else 'programs'} corrected, {_files(batch.refused)} refused")
+    if len(written) > _WRITTEN:
+        say(f"Wrote {len(written)} files{place}")
+    else:
+        say(*(f"Wrote {file}" for file in written))
+    if batch.n_corrected + batch.n_refused > 1:
+        say(f"{_count(batch.n_corrected)} corrected, {batch.n_refused} refused")
     say(str(batch.coverage))
 
 
-def _refusals(refused: Sequence[RefusedProgram]) -> str:
+def _refusals(batch: CorrectedBatch) -> str:
     """Return the list of refused programs."""
-    listed = "; ".join(dict.fromkeys(one.reason for one in refused))  # the files of a module have one reason
-    return f"{_files(refused)} {'is' if len(refused) == 1 else 'are'} refused: {listed}"
+    listed = "; ".join(dict.fromkeys(one.reason for one in batch.refused))  # the files of a module have one reason
+    return f"{_count(batch.n_refused)} {'is' if batch.n_refused == 1 else 'are'} refused: {listed}"
 
 
-def _files(refused: Sequence[RefusedProgram]) -> str:
-    return f"{len(refused)} {'file' if len(refused) == 1 else 'files'}"
+def _count(n: int) -> str:
+    return f"{n} {'program' if n == 1 else 'programs'}"
 
 
 def _unread(errors: Sequence[FileError]) -> FileError:

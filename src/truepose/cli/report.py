@@ -18,7 +18,8 @@ def report(
         Path | None, typer.Option(help="Table of held-out samples, for the accuracy before and after.")
     ] = None,
     programs: Annotated[
-        list[Path] | None, typer.Option("--program", help="Record (JSON) of a corrected program; may be repeated.")
+        list[Path] | None,
+        typer.Option("--program", help="Record (JSON) of a corrected program, or a folder with records; repeatable."),
     ] = None,
     verifications: Annotated[
         list[Path] | None,
@@ -51,7 +52,7 @@ def report(
             out,
             held_out,
             cell=cell,
-            sidecars=programs or [],
+            sidecars=[record for path in programs or [] for record in _records(path)],
             verifications=verifications or [],
             locale=locale,
             interactive=interactive,
@@ -60,3 +61,16 @@ def report(
         emit_json({"report": out})
     else:
         say(f"Wrote {out}.")
+
+
+def _records(path: Path) -> list[Path]:
+    """Return a record, or all records in a folder and below it."""
+    from truepose.errors import FileError
+    from truepose.programs.record import SUFFIX
+
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.rglob(f"*{SUFFIX}"))
+    if not found:
+        raise FileError(path, f"holds no record of a corrected program (*{SUFFIX})")
+    return found

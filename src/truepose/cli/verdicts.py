@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from truepose.cli.output import say
@@ -25,7 +24,7 @@ def show_checked(program: Program) -> None:
 
     codes = program.targets.verdicts()
     say(f"[bold]{escape(str(program.path))}[/]: {_verdicts(program.counts())}")
-    modules = _modules(program)
+    modules = program.modules
     for module, rows in modules.items() if len(modules) > 1 else ():
         counts = [int(np.count_nonzero(codes[rows] == k)) for k in range(3)]
         say(f"  {escape(str(module))}: {_verdicts(dict(zip(('correct', 'skip', 'refuse'), counts, strict=True)))}")
@@ -44,7 +43,7 @@ def show_corrected(program: CorrectedProgram) -> None:
         f"{summary['refused']} refused; largest correction "
         f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
     )
-    modules, corrected = _modules(program.program), program.targets.corrected
+    modules, corrected = program.program.modules, program.targets.corrected
     for module, rows in modules.items() if len(modules) > 1 else ():
         note = "; refused, not written" if module in program.refused else ""
         say(f"  {escape(str(module))}: {int(np.count_nonzero(corrected[rows]))} of {len(rows)} corrected{note}")
@@ -55,23 +54,17 @@ def show_corrected(program: CorrectedProgram) -> None:
     _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
 
 
-def say_total(counts: Sequence[Mapping[Any, int]]) -> None:
-    """Show the sum of the counts of several programs."""
-    if len(counts) > 1:
+def say_total(programs: Sequence[Program]) -> None:
+    """Show the sum of the counts of several programs; each module of a project is one."""
+    count = sum(max(1, len(program.modules)) for program in programs)
+    if count > 1:
+        counts = [program.counts() for program in programs]
         sums = {verdict: sum(one[verdict] for one in counts) for verdict in ("correct", "skip", "refuse")}
-        say(f"{len(counts)} programs: {_verdicts(sums)}")
+        say(f"{count} programs: {_verdicts(sums)}")
 
 
 def _verdicts(counts: Mapping[Any, int]) -> str:
     return f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
-
-
-def _modules(program: Program) -> dict[Path, list[int]]:
-    """Return the rows of the targets of each file with targets."""
-    found: dict[Path, list[int]] = {}
-    for first, columns in program.targets.chunks():
-        found.setdefault(columns.path, []).extend(range(first, first + len(columns)))
-    return found
 
 
 def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:

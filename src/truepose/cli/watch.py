@@ -78,4 +78,4 @@ def watch(
             say(str(event))
     if refused := [event for event in events if event.refused]:
         listed = "; ".join(event.refused for event in refused)
-        raise RefusedError(f"{len(refused)} of {len(events)} programs are refused: {listed}")
+        raise RefusedError(f"{len(refused)} of {folder.n_programs} programs are refused: {listed}")

@@ -29,10 +29,13 @@ class RefusedProgram:
         The program, or the file of the module.
     reason : str
         The reason.
+    count : int
+        The number of programs: those of a project that is refused as a whole, otherwise one.
     """
 
     path: Path
     reason: str
+    count: int = 1
 
     def to_dict(self) -> dict[str, Any]:
         """Return the path and the reason, for JSON."""
@@ -55,7 +58,17 @@ class CorrectedBatch:
     refused: tuple[RefusedProgram, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<CorrectedBatch: {len(self.corrected)} programs, {len(self.refused)} refused; {self.coverage}>"
+        return f"<CorrectedBatch: {self.n_corrected} programs, {self.n_refused} refused; {self.coverage}>"
+
+    @property
+    def n_corrected(self) -> int:
+        """The number of corrected programs; each module of a project with targets is one."""
+        return sum(max(1, sum(file not in one.refused for file in one.program.modules)) for one in self.corrected)
+
+    @property
+    def n_refused(self) -> int:
+        """The number of refused programs; the files of a module are one program."""
+        return sum({one.path.with_suffix(""): one.count for one in self.refused}.values())
 
     @property
     def coverage(self) -> CorrectedShare:
@@ -160,7 +173,7 @@ def correct_read(
         except TrueposeError as error:
             if not keep_going:
                 raise
-            refused.append(RefusedProgram(program.path, str(error)))
+            refused.append(RefusedProgram(program.path, str(error), max(1, len(program.modules))))
         else:
             corrected.append(one)
             refused += [RefusedProgram(path, reason) for path, reason in one.refused.items()]

@@ -31,6 +31,7 @@ from truepose.programs.core.orientations import turned
 from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digit_step
 from truepose.programs.core.paths import Paths
 from truepose.programs.core.program import Program, ReadOptions
+from truepose.programs.core.reasons import without_numbers
 from truepose.programs.core.source import printable
 from truepose.programs.core.target import Verdict
 from truepose.programs.corrected import CorrectedProgram
@@ -49,7 +50,7 @@ from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
 
 Progress = Callable[[int, int], Any]
-_SHOWN: Final = 3  # refused targets that a message names
+_SHOWN: Final = 3  # reasons that a message names
 _ROUNDED: Final = 1e-9  # [mm; deg] by doubles, beside the half digit
 
 
@@ -347,6 +348,13 @@ def _refuse(program: Program, reasons: dict[int, str]) -> None:
 
 
 def _listed(program: Program, reasons: dict[int, str]) -> str:
-    shown = [f"{program.targets[i].where}: {program.targets[i].name}: {reasons[i]}" for i in list(reasons)[:_SHOWN]]
-    more = f" (and {len(reasons) - _SHOWN} more)" if len(reasons) > _SHOWN else ""
+    """Return the first reasons, each once with its first target and the number of the others."""
+    groups: dict[str, list[int]] = {}
+    for i, reason in reasons.items():
+        groups.setdefault(without_numbers(reason), []).append(i)
+    shown = []
+    for rows in list(groups.values())[:_SHOWN]:
+        target, alike = program.targets[rows[0]], f" ({len(rows) - 1} more alike)" if len(rows) > 1 else ""
+        shown.append(f"{target.where}: {target.name}: {reasons[rows[0]]}{alike}")
+    more = f" (and {len(groups) - _SHOWN} more reasons)" if len(groups) > _SHOWN else ""
     return printable("; ".join(shown)) + more

@@ -151,11 +151,14 @@ def _load(path: Path) -> dict[str, Any]:
 def _rows(record: tuple[Path, dict[str, Any]], program: Program) -> Sequence[dict[str, Any]]:
     """Return the record's targets in the order of the program's; refuse a record that does not fit."""
     path, content = record
-    rows: Sequence[dict[str, Any]] = content["targets"]
+    hashes, names = {s.sha256 for s in program.sources}, {s.path.name for s in program.sources}
+    # the record of a project lists other modules, too
+    files = {e["file"] for e in content["files"] if e["sha256_after"] in hashes and _name(e["file"]) in names}
+    rows = [row for row in content["targets"] if isinstance(row, dict) and row.get("file") in files]
     same = len(rows) == len(program.targets)
     if same:
         same = all(
-            isinstance(row, dict) and row.get("line") == target.line and row.get("name") == target.name
+            row.get("line") == target.line and row.get("name") == target.name
             for row, target in zip(rows, program.targets, strict=True)
         )
     if not same:

@@ -162,7 +162,8 @@ def read_programs(
 
     All KRL modules of a folder are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
     TASK2 … of a controller's backup. RAPID modules that are named together are one task, too. Links in a folder are
-    ignored; its CSV files are read only if it holds nothing else, because most tables are no targets.
+    ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module that
+    cannot be read is left out of its project if it names nothing of the other modules.
 
     Parameters
     ----------
@@ -188,9 +189,12 @@ def read_programs(
 
     def take_all(read: Callable[[], list[Program]]) -> None:
         try:
-            programs.extend(read())
+            found = read()
         except FileError as error:
             unreadable.append(error)
+        else:
+            programs.extend(found)
+            unreadable.extend(error for program in found for error in program.unreadable)
 
     known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]

@@ -131,8 +131,14 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
 
 
 def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
-    """Yield the records beside the files of a program, each with the hashes before and after of its files."""
-    for folder in {program.folder, *(source.path.parent for source in program.sources)}:
+    """Yield the records beside the files of a program and above them, each with the hashes of its files.
+
+    The record of a project lies in its folder, above those of its modules.
+    """
+    beside = dict.fromkeys([program.folder, *(source.path.parent for source in program.sources)])
+    above = dict.fromkeys(parent for folder in beside for parent in folder.resolve().parents)
+    own = {folder.resolve() for folder in beside}
+    for folder in [*beside, *(parent for parent in above if parent not in own)]:
         for path in sorted(folder.glob(f"*{SUFFIX}")):
             yield path, hashes_of(path)
 

@@ -104,6 +104,11 @@ class FolderWatch:
         if self.in_dir.resolve().is_relative_to(self.out_dir.resolve()):
             raise FileError(self.out_dir, "holds the watched folder; write the results elsewhere")
 
+    @property
+    def n_programs(self) -> int:
+        """The number of programs that the last look found, those without a change included."""
+        return len(self._seen)
+
     def poll(self, now: float | None = None) -> Iterator[WatchEvent]:
         """Yield the results of the programs that are complete and new or changed; `now` [s] is a monotonic time."""
         now = time.monotonic() if now is None else now

@@ -7,6 +7,7 @@ it has two, the value depends on the way through the program, and nothing is gue
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
@@ -279,6 +280,11 @@ class Flow:
         if not self._blocks or self._blocks[-1].kind != opener:
             raise BlockError(f"{kind} without {opener}")
         return self._blocks[-1]
+
+    @property
+    def routines(self) -> Iterable[str]:
+        """Return the names of the routines."""
+        return self._routines
 
     @property
     def section(self) -> int:

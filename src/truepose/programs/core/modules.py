@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from truepose.programs.core.outcomes import Outcomes
+from truepose.programs.core.outcomes import DONE, Outcomes
 from truepose.programs.core.source import printable
 
 
@@ -32,6 +32,7 @@ class RefusedModules:
         targets = self.outcomes.program.targets
         for i, reason in refused.items():
             target = targets[i]
+            self.outcomes.code[i] = DONE.index("refuse")
             module = target.path.with_suffix("")
             if module not in self.reasons:
                 self.reasons[module] = printable(f"{target.where}: {target.name}: {reason}")

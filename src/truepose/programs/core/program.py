@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, Protocol
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
+from truepose.errors import FileError
 from truepose.programs.core.columns import ProgramTargets, TargetColumns
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Verdict
@@ -112,6 +113,8 @@ class Program:
         The name of the language's reader, such as "krl".
     place : Path
         The folder of its results within the output folder, if the user gave several folders.
+    unreadable : tuple of FileError
+        The errors of modules of a project that cannot be read and are left out.
     """
 
     path: Path
@@ -125,6 +128,7 @@ class Program:
     again: Callable[[], Program] | None = None
     language: str = ""
     place: Path = Path()
+    unreadable: tuple[FileError, ...] = ()
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts().items())
@@ -166,6 +170,15 @@ class Program:
             rows = np.flatnonzero(columns.verdict == "correct")
             if len(rows):
                 yield first + rows, columns.take(rows)
+
+    @property
+    def modules(self) -> dict[Path, list[int]]:
+        """The rows of each module with targets, by its first file; a .src and its .dat are one module."""
+        first = {source.path.with_suffix(""): source.path for source in reversed(self.sources)}
+        found: dict[Path, list[int]] = {}
+        for k, columns in self.targets.chunks():
+            found.setdefault(first[columns.path.with_suffix("")], []).extend(range(k, k + len(columns)))
+        return found
 
     def poses_base(self) -> FloatArray:
         """Return the poses of the correctable targets, base to tool, (n, 4, 4) [mm]."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
+from truepose.programs.core import shifts
 from truepose.programs.core.points import Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
@@ -18,6 +20,9 @@ from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, conce
 from truepose.programs.krl.runs import Run
 
 _HOME: Final = re.compile(r"X?HOME\d*", re.I)
+_WORD: Final = re.compile(rb"[A-Za-z_$][\w$]*")
+_FAR: Final = ("TOOL_DATA", "BASE_DATA", "$ROBROOT", "$WORLD", "INTERRUPT")
+"""Words whose statements have effects in other modules."""
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
@@ -35,7 +40,15 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 
 
 def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines."""
+    """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
+
+    A module that cannot be read is left out, if it names nothing of the others and none of the words that act on them.
+
+    Raises
+    ------
+    FileError
+        If two modules have one name, or a module cannot be read and the others depend on it.
+    """
     found: dict[str, dict[str, Path]] = {}
     for file in files:
         kind = found.setdefault(file.stem.upper(), {})
@@ -45,11 +58,30 @@ def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, optio
             raise FileError(file, f"{shown}; give the folder of one controller at a time")
         kind[ending] = file
     shared = Shared(options, project=True)
+    unreadable: list[FileError] = []
+    try:
+        modules = _read_modules(list(found.values()), shared)
+    except FileError:
+        broken = _broken(found, options)
+        kept = [kind for name, kind in found.items() if name not in broken]
+        if not broken or not kept:
+            raise
+        shared = Shared(options, project=True)
+        modules = _read_modules(kept, shared)
+        for name, why in broken.items():
+            if word := _reaches(found[name], modules, shared):
+                raise FileError(folder, f"{why}; no other module is read, because this one names {word}") from None
+        unreadable = list(broken.values())
+    return replace(_program(folder, modules, shared, frames), unreadable=tuple(unreadable))
 
-    def source(kind: dict[str, Path], ending: str) -> Source | None:
+
+def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[KrlModule]:
+    """Read the modules of a project, each from its files by their endings."""
+
+    def source(kind: Mapping[str, Path], ending: str) -> Source | None:
         return Source.read(kind[ending]) if ending in kind else None
 
-    modules = [KrlModule(source(kind, ".src"), source(kind, ".dat"), shared) for kind in found.values()]
+    modules = [KrlModule(source(kind, ".src"), source(kind, ".dat"), shared) for kind in kinds]
     for module in modules:
         module.read_dat()
     for module in modules:
@@ -57,7 +89,32 @@ def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, optio
     for module in modules:
         if module.src is not None:
             module.read_src()
-    return _program(folder, modules, shared, frames)
+    return modules
+
+
+def _broken(found: Mapping[str, Mapping[str, Path]], options: ReadOptions) -> dict[str, FileError]:
+    """Return the modules that cannot be read alone, each with its error."""
+    errors = {}
+    for name, kind in found.items():
+        try:
+            _read_modules([kind], Shared(options, project=True))
+        except FileError as error:
+            errors[name] = error
+    return errors
+
+
+def _reaches(kind: Mapping[str, Path], modules: Sequence[KrlModule], shared: Shared) -> str:
+    """Return the word by which a broken module may act on the modules of a project; empty if there is none."""
+    names = {module.name for module in modules} | set(shared.points) | set(shared.flow.routines)
+    for path in kind.values():
+        text = Source.read(path).data
+        for m in _WORD.finditer(text):
+            if (word := m[0].decode().upper()) in names or word in _FAR:
+                return word
+        for shift in shifts.KRL:
+            if begins := shift.begins.search(text):
+                return begins[0].decode("latin-1")
+    return ""
 
 
 def _partner(path: Path, suffix: str) -> Path | None:
