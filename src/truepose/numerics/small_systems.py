@@ -38,7 +38,7 @@ def pair_distances(u: FloatArray, targets: FloatArray, near: IntArray) -> FloatA
     """
     m, k = near.shape
     out = np.empty((-(-m // LANES), k * (k + 1) // 2, LANES))
-    _pair_distances(u, targets, near, out)
+    _pair_distances(u, targets, np.ascontiguousarray(near), out)  # one memory layout: compiled once
     return out
 
 
@@ -69,7 +69,7 @@ def eliminate(
     """
     s = 1 + right.shape[1]
     out = np.empty((len(near), s, s))
-    _eliminate(rho, near, signal, diagonal, at_target, right, out)
+    _eliminate(rho, np.ascontiguousarray(near), signal, diagonal, at_target, right, out)
     return out
 
 
