@@ -12,6 +12,7 @@ from truepose.errors import FileError, RobotError
 from truepose.robots import (
     DataSheet,
     Robot,
+    list_robots,
     load_robot,
     max_reach,
     parse_robot,
@@ -19,6 +20,7 @@ from truepose.robots import (
     robot_template,
     to_toml,
 )
+from truepose.robots.io.plausible import check_units
 
 UR5E = """# Universal Robots, DH parameters for calculations of kinematics and dynamics
 # convention = dh
@@ -52,6 +54,9 @@ def test_the_template_is_a_robot_and_names_every_key() -> None:
         ("alpha_rad", 'use "alpha_deg", in degrees'),
         ("d_m", 'use "d_mm", in mm'),
         ("type", 'use "convention"'),
+        ("joints", "state one list for each column in"),
+        ("lower_deg", r"it belongs in \[limits\]"),
+        ("maker", "it belongs above the tables"),
     ],
 )
 def test_the_key_of_another_notation_is_answered_with_the_right_one(name: str, match: str) -> None:
@@ -73,18 +78,68 @@ def test_a_table_of_dh_parameters(tmp_path: Path, rng: np.random.Generator) -> N
     ("old", "new", "match"),
     [
         ("# convention = dh", "#", 'state the convention in a line above the table: "# convention = dh"'),
-        ("convention = dh", "convention = khalil", 'unknown convention "khalil"; expected mdh or dh'),
+        ("convention = dh", "convention = khalil", 'unknown convention "khalil"; expected "mdh"'),
         ("offset_deg", "theta_deg", 'unknown key "theta_deg" in the header; use "offset_deg"'),
         ("a_m;", "a_ft;", 'unknown key "a_ft" in the header; did you mean'),
         ("d_m;", "a_mm;", 'has two columns for "a_mm"; remove one'),
         ("0.1625", "?", "d_m is '\\?', which is not a number"),
         (";lower_deg", ";beta_deg", "limits needs both lower_deg and upper_deg"),
+        ("offset_deg", "theta [rad]", r'unknown key "theta \[rad\]" in the header; use "offset_deg"'),
+        ("d_m;", "d;", 'unknown key "d" in the header; use "d_mm", with its unit'),
+        ("3;0;-0.3922;0;0;1;-360;360\n", "", r"dh\.csv:7: is the row of joint 4; expected joint 3: is a row missing"),
+        ("1;1.5707963267948966;0;0.1625;0;1;-360;360\n", "", r"dh\.csv:5: is the row of joint 2; expected joint 1"),
+        ("\n2;0;-0.425", "\n3;0;-0.425", r"dh\.csv:6: is the row of joint 3; expected joint 2"),
+        ("-360;360\n2", "360;-360\n2", "joint 1: the lower limit 360° is not below the upper -360°"),
+        ("1.5707963267948966", "pi/0", "alpha_rad is 'pi/0', which is not a number"),
     ],
 )
 def test_invalid_tables_are_refused(old: str, new: str, match: str) -> None:
     assert old in UR5E
     with pytest.raises(FileError, match=match):
         parse_robot_csv(UR5E.replace(old, new, 1), path="dh.csv")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("alpha_rad;a_m;d_m;offset_deg", "Alpha [rad];a (m);d [m];offset [°]"),
+        ("joint;", "i;"),
+        ("convention = dh", "Convention: DH"),
+        ("\n1;1.5707963267948966;", "\nbase;PI/2;"),
+        ("-1.5707963267948966", "-π/2"),
+        ("5;-1.5707963267948966", "5; - 0.5*pi"),
+    ],
+)
+def test_a_table_as_papers_print_it(old: str, new: str, rng: np.random.Generator) -> None:
+    assert old in UR5E
+    q = rng.uniform(-3, 3, (20, 6))
+    robot = parse_robot_csv(UR5E.replace(old, new), path="dh.csv")
+    np.testing.assert_allclose(robot.forward(q), parse_robot_csv(UR5E).forward(q), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("a.csv", UR5E.replace("alpha_rad", "alpha_deg"), "alpha of joint 1 is 1.5708 degrees; is it in radians"),
+        ("a.csv", UR5E.replace("a_m;d_m", "a_mm;d_mm"), "all links together are 1.3123 mm long; are they in metres"),
+        ("a.csv", UR5E.replace("0.425", "425"), "all links together are 425.887 m long; are they in another unit"),
+        ("a.csv", UR5E.replace("360", "6.2832"), "no joint moves farther than 6.2832 degrees; are the limits in rad"),
+        ("a.toml", to_toml(Robot("a", alpha=[0], a=[250], d=[0], offset=[np.deg2rad(-1.57)])), "offset of joint 1 is"),
+    ],
+)
+def test_units_that_contradict_their_numbers(name: str, text: str, match: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text, "utf-8")
+    with pytest.raises(FileError, match=match):
+        load_robot(tmp_path / name)
+
+
+def test_every_robot_of_the_library_has_plausible_units() -> None:
+    for name in list_robots():
+        check_units(load_robot(name), name)
+
+
+def test_an_arm_with_small_twists_is_not_in_radians() -> None:
+    check_units(Robot("planar", alpha=[0, 0], a=[300.0, 200.0], d=[0, 0], offset=[0, np.deg2rad(1.2)]), "planar.toml")
 
 
 def test_the_data_sheet_survives_the_text() -> None:

@@ -77,13 +77,13 @@ def _show(robot: Robot) -> None:
             f"{robot.d[i]:.3f}",
             f"{robot.sign[i]:+.0f}",
             f"{offset[i]:.3f}",
-            f"{limits[i, 0]:.1f} … {limits[i, 1]:.1f}",
+            f"{limits[i, 0]:.1f} … {limits[i, 1]:.1f}" if np.isfinite(limits[i]).any() else "none",
         )
         for i in range(robot.dof)
     ]
     columns = ["joint", "alpha [deg]", "a [mm]", "d [mm]", "sign", "offset [deg]", "limits [deg]"]
     plate = f"{robot.maker} {robot.model}".strip() or robot.name
-    say(table(f"{plate} ({robot.convention})", columns, rows), f"Source: {robot.source}")
+    say(table(f"{plate} ({robot.convention})", columns, rows), f"Source: {robot.source or 'not stated'}")
     if robot.data_sheet is not None:
         say(f"Data sheet: {robot.data_sheet}")
 

@@ -76,7 +76,7 @@ class Chain:
         if dof < 1:
             raise RobotError(f"{self.name}: no joints; expected at least one")
         if self.convention not in LINK_CONVENTIONS:
-            known = " or ".join(LINK_CONVENTIONS)
+            known = '"mdh" (Craig\'s modified D-H) or "dh" (standard D-H)'
             raise RobotError(f'{self.name}: unknown convention "{self.convention}"; expected {known}')
         for key in ("alpha", "a", "d", "offset", "beta", "sign"):
             array = getattr(self, key)
@@ -86,8 +86,14 @@ class Chain:
             raise RobotError(f"{self.name}: sign must be -1 or +1 for each joint; got {self.sign}")
         if self.convention == "dh" and self.beta.any():
             raise RobotError(f'{self.name}: beta needs the convention "mdh"; standard D-H has no beta')
-        if self.limits.shape != (dof, 2) or not (self.limits[:, 0] < self.limits[:, 1]).all():
-            raise RobotError(f"{self.name}: limits must be {dof} pairs, lower below upper; got {self.limits.tolist()}")
+        if self.limits.shape != (dof, 2):
+            raise RobotError(f"{self.name}: limits must have shape ({dof}, 2); got {self.limits.shape}")
+        if not (valid := self.limits[:, 0] < self.limits[:, 1]).all():
+            joint = int(np.argmin(valid))
+            low, high = np.rad2deg(self.limits[joint])
+            raise RobotError(
+                f"{self.name}: joint {joint + 1}: the lower limit {low:g}° is not below the upper {high:g}°"
+            )
         for key in ("tf_base_first", "tf_last_flange"):
             try:
                 check_transforms(key, getattr(self, key)[None])

@@ -10,6 +10,7 @@ from typing import Final
 from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose.errors import RobotError
 from truepose.robots.io.csv import parse_robot_csv
+from truepose.robots.io.plausible import check_units
 from truepose.robots.io.toml import parse_robot
 from truepose.robots.io.urdf import load_urdf
 from truepose.robots.robot import Robot
@@ -56,10 +57,11 @@ def load_robot(name_or_path: str | Path) -> Robot:
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
         return load_urdf(name)
-    if suffix == ".toml":
-        return parse_robot(read_text(name, LARGEST_CONFIG), path=name)
-    if suffix == ".csv":
-        return parse_robot_csv(read_text(name, LARGEST_CONFIG), path=name)
+    if suffix in (".toml", ".csv"):
+        parse = parse_robot if suffix == ".toml" else parse_robot_csv
+        robot = parse(read_text(name, LARGEST_CONFIG), path=name)
+        check_units(robot, name)
+        return robot
     if suffix in (".xacro", ".xml"):
         raise RobotError(f"{name}: only .urdf is read; expand xacro first (xacro {Path(name).name} > robot.urdf)")
     known = list_robots()

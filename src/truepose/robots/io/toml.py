@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._io.strict import LARGEST, parse_toml
+from truepose._io.units import split_unit
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry.angles import euler
@@ -30,7 +31,10 @@ KEYS: Final = {
     "flange": _POSE,
 }
 _OPTIONAL: Final = ("beta_deg", "sign", "lower_deg", "upper_deg")
-_THETA: Final = 'use "offset_deg", the angle theta [deg] when the controller shows 0 (theta = sign q + offset)'
+_THETA: Final = (
+    'use "offset_deg", the angle theta [deg] when the controller shows 0 (theta = sign q + offset); '
+    'a table may have "offset_rad"'
+)
 _OTHER_NAMES: Final = {
     "theta": _THETA,
     "theta_deg": _THETA,
@@ -43,7 +47,10 @@ _OTHER_NAMES: Final = {
     "offset_rad": 'use "offset_deg", in degrees',
     "a_m": 'use "a_mm", in mm',
     "d_m": 'use "d_mm", in mm',
-    "type": 'use "convention": "mdh" (Craig\'s modified D-H) or "dh" (standard D-H)',
+    "type": 'use "convention": "mdh" (Craig\'s modified D-H) or "dh" (standard D-H); all joints are revolute',
+    "joints": "state one list for each column in [kinematics]; `truepose robots --template` shows how",
+    **{key: f'use "{key}_mm", with its unit' for key in ("a", "d")},
+    **{key: f'use "{key}_deg", with its unit' for key in ("offset", "beta", "lower", "upper")},
 }
 
 
@@ -142,10 +149,13 @@ def to_toml(robot: Chain) -> str:
 
 def unknown_key(path: str | Path, key: str, known: Sequence[str], where: str = "") -> FileError:
     """Return the error of an unknown key; it names the key to use."""
+    home = next((section for section, keys in KEYS.items() if key in keys), None)
+    plain = "_".join(part for part in split_unit(key) if part)
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
-    hint = f'did you mean "{near[0]}"?'
-    if "alpha_deg" in known:
-        hint = _OTHER_NAMES.get(key.lower(), hint)
+    if home is not None:
+        hint = f"it belongs in [{home}]" if home else "it belongs above the tables"
+    else:
+        hint = _OTHER_NAMES.get(plain, f'did you mean "{near[0]}"?')
     return FileError(path, f'unknown key "{key}"{f" in {where}" if where else ""}; {hint}')
 
 
@@ -157,14 +167,13 @@ def _check_keys(path: str | Path, section: str, table: Mapping[str, Any]) -> Non
 
 def _columns(path: str | Path, table: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Return the lists of numbers, one for each joint, by key."""
-    dof: int | None = None
     columns: dict[str, FloatArray] = {}
     for section, keys in (("kinematics", KEYS["kinematics"][1:]), ("limits", KEYS["limits"])):
         for key in keys:
             value = table.get(section, {}).get(key)
             if value is not None or key not in _OPTIONAL:
-                columns[key] = _numbers(path, f"{section}.{key}", value, dof)
-                dof = len(columns[key])
+                dof = len(columns["alpha_deg"]) if columns else None
+                columns[key] = _numbers(path, f"{section}.{key}", value, dof, "as in alpha_deg")
     return columns
 
 
@@ -175,14 +184,14 @@ def _data_sheet(path: str | Path, table: Mapping[str, Any]) -> DataSheet:
     return DataSheet(**table)
 
 
-def _numbers(path: str | Path, key: str, value: object, count: int | None) -> FloatArray:
+def _numbers(path: str | Path, key: str, value: object, count: int | None, why: str = "") -> FloatArray:
     if value is None:
         raise FileError(path, f"{key} is missing")
     values = value if isinstance(value, list) else []
     plain = all(type(x) in (int, float) and not LARGEST < abs(x) < float("inf") for x in values)
     if values and count in (None, len(values)) and plain:
         return np.array(value, dtype=np.float64)
-    wanted = "a list of numbers, one for each joint" if count is None else f"a list of {count} numbers"
+    wanted = "a list of numbers, one for each joint" if count is None else f"a list of {count} numbers {why}".rstrip()
     raise FileError(path, f"{key} must be {wanted}; got {value!r}")
 
 
