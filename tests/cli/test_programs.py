@@ -141,6 +141,30 @@ def test_programs_of_folders_are_counted_one_by_one(run, tmp_path):
     assert "b0.dat:2: X 1.2.3 is not a number" in done.err
 
 
+def test_limits_and_warnings_of_many_programs_are_shown_once(run, cell_files, near_samples, tmp_path):
+    options = (
+        "--config-dat",
+        tmp_path / "config.dat",
+        "--tool",
+        "1",
+        "--base",
+        "0",
+        "--out",
+        tmp_path / "out",
+        "--dry-run",
+    )
+    one, other = near_samples
+    other = other.rename(other.with_name("b.src"))
+    alone = run("correct", cell_files.map, one, *options).out
+    both = run("correct", cell_files.map, one, other, *options).out
+    assert alone.count("Limits in force: ") == both.count("Limits in force: ") == 1
+    assert "max_bend_mm as in each record (default: " in both
+    assert "max_bend_mm 0." in alone
+    warnings = [line for line in alone.splitlines() if "check-point" in line]
+    assert warnings
+    assert [line for line in both.splitlines() if "check-point" in line] == warnings
+
+
 def test_check_takes_a_folder(run, tmp_path):
     folder = tmp_path / "project"
     folder.mkdir()

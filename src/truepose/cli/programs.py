@@ -259,12 +259,13 @@ def correct(
 
 def _show_batch(batch: CorrectedBatch, written: Sequence[Path], place: str, *, dry_run: bool) -> None:
     """Show each program in one line with its reasons, the files that were written, and the total."""
-    from truepose.cli.verdicts import show_corrected
+    from truepose.cli.verdicts import show_corrected, show_limits
 
     for program in batch.corrected:
         if dry_run:
             typer.echo(program.diff(), nl=False)
         show_corrected(program)
+    show_limits(batch.corrected)
     if len(written) > _WRITTEN:
         say(f"Wrote {len(written)} files{place}")
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from truepose.cli.output import say
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 _TARGETS: Final = 3  # targets of a group that are named
 _GROUPS: Final = 20
 _WARNINGS: Final = 40
+_OF_ONE: Final = "max_bend_mm"
+"""The limit whose default is found for each program."""
 
 
 def show_checked(program: Program) -> None:
@@ -32,7 +35,7 @@ def show_checked(program: Program) -> None:
 
 
 def show_corrected(program: CorrectedProgram) -> None:
-    """Show the counts of a corrected program, its limits and warnings, and why targets are left nominal."""
+    """Show the counts of a corrected program, and why targets are left nominal."""
     import numpy as np
     from rich.markup import escape
 
@@ -47,11 +50,25 @@ def show_corrected(program: CorrectedProgram) -> None:
     for module, rows in modules.items() if len(modules) > 1 else ():
         note = "; refused, not written" if module in program.refused else ""
         say(f"  {escape(str(module))}: {int(np.count_nonzero(corrected[rows]))} of {len(rows)} corrected{note}")
-    say(
-        f"  Limits in force: {escape(program.limits.sentence())}",
-        *(f"  {escape(warning)}" for warning in program.warnings[:_WARNINGS]),
-    )
     _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
+
+
+def show_limits(programs: Sequence[CorrectedProgram]) -> None:
+    """Show the limits in force and the warnings of corrected programs, equal ones once."""
+    from rich.markup import escape
+
+    limits: dict[str, list[CorrectedProgram]] = {}
+    for program in programs:
+        stated = program.limits
+        if len(programs) > 1 and stated.origin[_OF_ONE].startswith("default"):
+            stated = replace(stated, values={**stated.values, _OF_ONE: "as in each record"})
+        limits.setdefault(stated.sentence(), []).append(program)
+    for sentence, some in limits.items():
+        where = f" for {some[0].program.path}" if len(limits) > 1 else ""
+        others = f" and {len(some) - 1} more" if where and len(some) > 1 else ""
+        say(escape(f"Limits in force{where}{others}: {sentence}"))
+    for warning in list(dict.fromkeys(text for program in programs for text in program.warnings))[:_WARNINGS]:
+        say(escape(warning))
 
 
 def say_total(programs: Sequence[Program]) -> None:

@@ -47,7 +47,7 @@ def read_tasks(
     FileError
         If a module is broken, or two modules declare one name.
     """
-    found = [_read_task([Source.read(path) for path in paths], options, whole=whole) for _, paths in tasks]
+    found = [_read_task(path, paths, options, whole=whole) for path, paths in tasks]
     changed = {key: place for task, _ in reversed(found) for key, place in task.changed.items()}
     programs = []
     for (path, _), (task, sources) in zip(tasks, found, strict=True):
@@ -58,7 +58,20 @@ def read_tasks(
     return programs
 
 
-def _read_task(sources: Sequence[Source], options: ReadOptions, *, whole: bool) -> tuple[RapidTask, tuple[Source, ...]]:
+def _read_task(
+    path: Path, paths: Sequence[Path], options: ReadOptions, *, whole: bool
+) -> tuple[RapidTask, tuple[Source, ...]]:
+    try:
+        return _read_modules([Source.read(file) for file in paths], options, whole=whole)
+    except FileError as error:
+        if len(paths) == 1:
+            raise
+        raise FileError(path, f"{error}; all {len(paths)} modules of the task are refused") from None
+
+
+def _read_modules(
+    sources: Sequence[Source], options: ReadOptions, *, whole: bool
+) -> tuple[RapidTask, tuple[Source, ...]]:
     files = frozenset(source.path.name.lower() for source in sources)
     task = RapidTask(options, whole, named=len(sources) > 1, files=files)
     modules = [RapidModule(source, task) for source in sources]
