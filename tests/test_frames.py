@@ -50,8 +50,29 @@ def test_a_frame_of_ones_own() -> None:
         tp.Samples.from_frame(frame.drop(columns="z_meas_m"))
     with pytest.raises(FileError, match=r"frame.*2.*x_meas_m is nan; measure again or remove the row"):
         tp.Samples.from_frame(frame.assign(x_meas_m=[1.0, np.nan]))
-    with pytest.raises(FileError, match="needs columns x_meas_mm"):
+    with pytest.raises(FileError, match=r"^frame: needs columns x_meas_mm …; it has q1_rad; rename yours"):
         tp.Samples.from_frame(frame[["q1_rad"]])
+
+
+@pytest.mark.parametrize(
+    ("names", "ours"),
+    [
+        ("id theta1_rad", "name q1_rad"),
+        ("Point ID,θ1 [rad]", "name,q1_rad"),
+        ("Nr,Joint 1 (rad)", "name,q1_rad"),
+        ("name,id,A1_rad", "name,other,q1_rad"),
+    ],
+)
+def test_columns_under_the_names_of_papers(names: str, ours: str) -> None:
+    def read(header: str) -> tp.Samples:
+        columns = [*(header.split(",") if "," in header else header.split()), "x_meas_mm", "y_meas_mm", "z_meas_mm"]
+        row = ["P7", *["12"] * (len(columns) - 5), 0.5, 1.0, 2.0, 3.0]
+        return tp.Samples.from_frame(pd.DataFrame([row], columns=columns))
+
+    theirs, plain = read(names), read(ours)
+    assert theirs.name.tolist() == plain.name.tolist() == ["P7"]
+    np.testing.assert_array_equal(theirs.q, plain.q)
+    np.testing.assert_array_equal(theirs.q, [[0.5]])
 
 
 def test_experimental_variogram_comes_back(rng: np.random.Generator) -> None:

@@ -52,13 +52,13 @@ class FileError(TrueposeError):
     message : str
         The problem and its remedy.
     line : int, optional
-        The line of the file, from 1.
+        The line of the file, from 1; 0 for the header of a table in memory, which is not shown.
     """
 
     def __init__(self, path: str | Path, message: str, *, line: int | None = None) -> None:
         self.path = Path(path)
-        self.line = line
-        where = f"{path}:{line}" if line is not None else f"{path}"
+        self.line = line or None
+        where = f"{path}:{line}" if line else f"{path}"
         super().__init__(f"{where}: {message}")
 
 

@@ -76,6 +76,8 @@ def test_help_is_light():
 
 def test_version(run):
     assert run("--version").out.startswith("truepose ")
+    done = subprocess.run([sys.executable, "-m", "truepose", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == run("--version").out
 
 
 def test_wrong_usage_exits_2(run):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_import_names_a_wrong_tool(run, files, tmp_path, campaign):
     said = " ".join((done.out + done.err).split())
     assert "the tool in the cell file is probably wrong by 15" in said
     assert "the readings fit the tool (11" in said
-    assert 'correct [tool], or set fit = "position" under it' in said
+    assert 'correct [tool]; with fit = "position" these values are where its fit starts' in said
     good = run("import", files / "good.toml", files / f"{campaign}.txt", "--plan", plan, "--out", out, "--force")
     assert good.code == 0, good.err
     assert "probably wrong" not in good.out
@@ -71,6 +72,17 @@ def test_fitted_tool_is_shown_beside_the_stated_one(run, files, tmp_path):
     assert done.code == 0, done.err
     assert "Fitted tool, flange to measured point: x 113." in done.out
     assert "mm from the tool in the cell file, which is the starting value" in done.out
+
+
+def test_import_names_a_tool_that_was_never_entered(run, files, tmp_path):
+    text = re.sub(r"(?m)^(\[tool\]\n)(?:.+\n)*", '\\1x_mm = 0.0\nfit = "position"\n', (files / "bad.toml").read_text())
+    cell = tmp_path / "empty.toml"
+    cell.write_text(text)
+    done = run("import", cell, files / "much.txt", "--plan", files / "much-plan.csv", "--out", tmp_path / "out.csv")
+    said = " ".join(done.err.split())
+    assert done.code == 1
+    assert "the tool in the cell file is probably wrong by" in said
+    assert "the readings fit the tool (11" in said
 
 
 def test_estimate_tells_errors_of_an_arm_from_a_wrong_tool(rng):

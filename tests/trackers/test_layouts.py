@@ -242,6 +242,16 @@ def test_columns_that_cannot_be(text: str, message: str) -> None:
         Columns.parse(text)
 
 
+def test_named_columns_find_their_header(tmp_path: Path) -> None:
+    path = write(tmp_path, "Shift 2", "t;n;a;b;C", "1;P1;1,5;2,5;-3")
+    readings = read_readings(path, Columns.parse("name=N, x=a, y=b, z=c, unit=m"))
+    np.testing.assert_allclose(readings.p, [[1500, 2500, -3000]])
+    assert readings.name is not None
+    assert readings.name.tolist() == ["P1"]
+    with pytest.raises(FileError, match=r"readings\.txt:1: has no column 'd'; there are a, b, c"):
+        read_readings(write(tmp_path, "a,b,c", "1,2,3"), Columns.parse("x=a, y=b, z=d"))
+
+
 def test_columns_that_are_not_there(tmp_path: Path) -> None:
     path = write(tmp_path, "1 2 3 4")
     with pytest.raises(FileError, match=r"readings\.txt:1: has no column 9; there are 4"):

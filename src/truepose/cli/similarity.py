@@ -114,7 +114,7 @@ def _show(study: SimilarityStudy) -> None:
 
     english = load_locale("en")
     for part in study.parts:
-        rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows()]
+        rows = [(f"{lag:.4g}", n, *gamma, total) for lag, n, gamma, total in part.rows() if n]
         say(
             table(
                 title(part, english),

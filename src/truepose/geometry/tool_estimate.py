@@ -65,7 +65,7 @@ class ToolEstimate:
         residuals = f"median residual {self.residual_mm:.3g} mm instead of {worse}"
         return (
             f"the tool in the cell file is probably wrong by {self.distance_mm:.1f} mm: {self.words} ({residuals}); "
-            'correct [tool], or set fit = "position" under it'
+            'correct [tool]; with fit = "position" these values are where its fit starts'
         )
 
     def to_dict(self) -> dict[str, Any]:

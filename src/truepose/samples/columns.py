@@ -30,7 +30,20 @@ _DEFAULT_UNIT: Final = {"length": "mm", "angle": "deg", "time": "s", "temperatur
 _MOST_JOINTS: Final = 16
 _NEAR: Final = 0.8
 _TITLES: Final = 20  # lines in which a header is searched
-_JOINT_COLUMN: Final = re.compile(r"(?P<prefix>j|q|a|joint|axis|achse|gelenk)[ _]?(?P<number>[0-9]{1,3})")
+_JOINT_COLUMN: Final = re.compile(r"(?P<prefix>j|q|a|theta|θ|joint|axis|achse|gelenk)[ _]?(?P<number>[0-9]{1,3})")
+POINT_NAMES: Final = (
+    "name",
+    "point",
+    "point name",
+    "element name",
+    "id",
+    "point id",
+    "nr",
+    "no",
+    "punkt",
+    "punktname",
+)
+"""Columns that hold the names of points, in lower case; the first of these that a table has counts."""
 _QUATERNION: Final = ("q0", "q1", "q2", "q3")
 _OURS: Final = {
     *(f"{axis}_pred{std}_mm" for axis in "xyz" for std in ("", "_std")),
@@ -112,8 +125,8 @@ def gather(table: TextTable, wanted: Collection[str], *, finite: bool = True) ->
 def _known_names(table: TextTable) -> list[str]:
     """Return the names of columns as those of the tidy table.
 
-    A table's ``point`` is its ``name``; ``x_cmd [mm]`` is ``x_cmd_mm``; joints may be ``A1 [°]`` or ``Achse1_deg``; a
-    quaternion ``q0 … q3`` without unit is no joint.
+    A table's ``point`` or ``id`` is its ``name``; ``x_cmd [mm]`` is ``x_cmd_mm``; joints may be ``A1 [°]``,
+    ``theta1_rad`` or ``Achse1_deg``; a quaternion ``q0 … q3`` without unit is no joint.
     """
     lower = [name.lower() for name in table.header]
     joints = {} if any(map(_is_joint, lower)) else {column: k for k, column in enumerate(joint_columns(table), start=1)}
@@ -128,7 +141,7 @@ def _is_joint(name: str) -> bool:
 
 def _known_name(name: str, header: list[str], joint: int | None) -> str:
     lower, (stem, unit) = name.lower(), split_unit(name)
-    if lower == "point" and "name" not in header:
+    if lower == next((word for word in POINT_NAMES if word in header), None):
         return "name"
     if lower in _QUATERNION and "q0" in header:
         return ""
@@ -188,7 +201,8 @@ def require(table: TextTable, arrays: Collection[str], *stems: str) -> None:
     if not {QUANTITIES[stem].array for stem in stems} & set(arrays):
         needed = " or ".join(f"{full_name(stem)} …" for stem in stems)
         has = ", ".join(table.header[:8]) + (" …" if len(table.header) > 8 else "")
-        raise FileError(table.path, f"needs columns {needed}; it has {has}", line=table.header_line)
+        remedy = "rename yours, with their unit, or read them with `truepose import --columns`"
+        raise FileError(table.path, f"needs columns {needed}; it has {has}; {remedy}", line=table.header_line)
 
 
 def _recognise(name: str, table: TextTable) -> tuple[Quantity, float] | None:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose._io.delimited import TextTable, parse
+from truepose._io.delimited import TextTable, find_delimiter, first_row, is_number, parse
 from truepose._io.files import LARGEST_CONFIG, read_text, write_atomic
 from truepose._io.strict import is_whole, parse_toml, to_float
 from truepose._io.units import RAD_PER, millimetres_per
@@ -22,6 +22,7 @@ from truepose.trackers.times import column_seconds
 
 Column = int | str
 _DELIMITERS: Final = (";", ",", "\t", " ")
+_TITLES: Final = 20  # lines in which the named columns are searched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,8 @@ class Columns:
     delimiter : str
         The delimiter ``";"``, ``","``, a tab or a blank (any number of blanks); found automatically if empty.
     skip : int
-        The number of lines before the data, including the header.
+        The number of lines before the data, including the header; by default the header is the first line with all
+        names, if there are names.
 
     Examples
     --------
@@ -153,7 +155,9 @@ def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
     FileError
         If a column is missing, or a field is not a number or a date; with the line.
     """
-    table = parse(text, path, skip=columns.skip, delimiter=columns.delimiter, lenient=True)
+    table = parse(
+        text, path, skip=columns.skip or _header_line(text, columns), delimiter=columns.delimiter, lenient=True
+    )
     place = [_place(table, column) for column in (columns.x, columns.y, columns.z)]
     numbers = _blank_as_nan(table, place).numbers(place)
     factor = millimetres_per(columns.unit, path, table.header_line)
@@ -183,15 +187,34 @@ def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
     )
 
 
+def _header_line(text: str, columns: Columns) -> int:
+    """Return the number of the first line that has all names of columns.
+
+    If no line has, it is 1, for a message with the names that are there; 0 if that line holds numbers, or no column is
+    named.
+    """
+    stated = (columns.x, columns.y, columns.z, columns.name, columns.time, *columns.rotation, *columns.std)
+    names = {_plain(column) for column in stated if isinstance(column, str)}
+    for number, line in enumerate(text.splitlines()[:_TITLES] if names else [], start=1):
+        fields = line.split(columns.delimiter or find_delimiter(line))
+        if names <= {_plain(field.strip().strip('"')) for field in fields}:
+            return number
+    first = first_row(text)
+    return int(bool(names) and not all(map(is_number, first.split(find_delimiter(first)))))
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.lower().split())
+
+
 def _place(table: TextTable, column: Column) -> int:
     if isinstance(column, int):
         if not 1 <= column <= len(table.header):
             message = f"has no column {column}; there are {len(table.header)}"
             raise FileError(table.path, message, line=table.header_line)
         return column - 1
-    wanted = " ".join(column.lower().split())
     for k, name in enumerate(table.header):
-        if " ".join(name.lower().split()) == wanted:
+        if _plain(name) == _plain(column):
             return k
     message = f"has no column {column!r}; there are {', '.join(table.header)}"
     raise FileError(table.path, message, line=table.header_line)

@@ -77,7 +77,7 @@ def import_readings(
         else:
             check_against(plan, robot)
     permissions = {"reorder": reorder, "missing": missing, "two_stations": two_stations}
-    if cell is None or plan.q is None or cell.tool.fit != "none":
+    if cell is None or plan.q is None:
         return match(readings, plan, **permissions)
     with tool_suspected(partial(_pairs, readings, plan, cell), cell.tf_flange_tool[:3, 3], readings.source):
         return match(readings, plan, **permissions)

@@ -18,6 +18,7 @@ from truepose._io.delimited import find_delimiter
 from truepose._io.units import is_length, split_unit
 from truepose.errors import FileError
 from truepose.samples import Samples
+from truepose.samples.columns import POINT_NAMES
 from truepose.trackers.columns import Columns, read_columns
 from truepose.trackers.layout import Layout, row_names
 from truepose.trackers.readings import Readings, first_line
@@ -28,9 +29,7 @@ STEMS: Final = {
         for axis in "xyz"
         for name in (axis, f"m{axis} coord", f"{axis} coord", f"actual {axis}", f"{axis} actual", f"meas {axis}")
     },
-    **dict.fromkeys(
-        ("name", "element name", "point", "point name", "id", "point id", "nr", "no", "punkt", "punktname"), "name"
-    ),
+    **dict.fromkeys(POINT_NAMES, "name"),
     **dict.fromkeys(("time", "date", "date/time", "datetime", "timestamp", "time stamp"), "time"),
     **dict.fromkeys(("u(95)", "u95"), "u95"),
     **{f"q{k}": f"q{k}" for k in range(4)},
