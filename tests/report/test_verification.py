@@ -46,13 +46,13 @@ def test_section_has_the_decision_a_picture_and_the_table(locale):
     say = load_locale(locale)
     made = section([verification()], HASH, say)
     first, *_ = made.blocks
-    assert say("verification.fail") in first.text
+    assert say("conformity.fail") in first.text
     assert first.warns
     assert say.number(0.31, ".3f") in first.text
     table = next(block for block in made.blocks if isinstance(block, Table))
-    assert [row[-1] for row in table.rows[-2:]] == [say("verification.undecided"), say("verification.fail")]
+    assert [row[-1] for row in table.rows[-2:]] == [say("conformity.undecided"), say("conformity.fail")]
     assert sum(isinstance(block, Picture) for block in made.blocks) == 1
-    assert "ISO 14253-1" in made.blocks[-1].text
+    assert say("conformity.title") in made.blocks[-1].text
 
 
 def test_what_weakens_the_proof_is_a_warning():

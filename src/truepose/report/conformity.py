@@ -94,12 +94,13 @@ def _uncertainty(evidence: Evidence, rp: float | None, say: Locale) -> Table:
         "scatter": None if rp is None else rp / RP_PER_STD,
         "prediction": predicted,
     }
+    sources = {"reading": f"reading_{evidence.reading_source}"}
     rows = [
         [
             say(f"conformity.{key}"),
             MISSING if u is None else say.number(u, ".4f"),
             MISSING if u is None else say.number(COVERAGE_FACTOR * u, ".4f"),
-            say("report.missing") if u is None else say(f"conformity.{key}_source"),
+            say("report.missing") if u is None else say(f"conformity.{sources.get(key, key)}_source"),
         ]
         for key, u in values.items()
     ]

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, Final
 
-_TIED: Final = re.compile(r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)")
+_TIED: Final = re.compile(
+    r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)|(?<=\bk) (?==)|(?<=\bk =) (?=2)"
+)
 
 
 @dataclass(frozen=True)

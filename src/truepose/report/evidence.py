@@ -19,6 +19,7 @@ from truepose._version import __version__
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.registration import reading_noise
+from truepose.error_map.rivals import Better, better_predictor
 from truepose.error_map.validation import motion_noise
 from truepose.errors import DataError
 from truepose.programs import ProgramVerification
@@ -59,6 +60,8 @@ class Evidence:
         The accuracy figures (`truepose.verification.HeldOut.to_dict`); with held-out poses also ``seen``.
     study : SimilarityStudy
         The similarity study of the samples.
+    better : Better or None
+        Another predictor that would do far better than that of the map.
     planes : list of Plane
         The predictions on planes through the work region.
     records : list of Record
@@ -79,10 +82,17 @@ class Evidence:
     reading_std: FloatArray | None
     accuracy: dict[str, Any]
     study: SimilarityStudy
+    better: Better | None
     planes: list[Plane]
     records: list[Record]
     verifications: list[ProgramVerification]
     date: datetime
+
+    @property
+    def reading_source(self) -> str:
+        """The source of `reading_std`: the ``table`` of samples, or the ``cell`` file."""
+        evaluated = self.error_map.samples if self.held_out is None else self.held_out
+        return "cell" if evaluated.p_std is None else "table"
 
     @property
     def versions(self) -> str:
@@ -116,11 +126,12 @@ def gather(
         after, std = error_map.leave_one_out()
         groups = usual_groups(p, q=error_map.samples.q, robot=error_map.robot, time=error_map.samples.time)
         figures = held_out_figures(before, after, groups=groups, rng=SEED).to_dict()
+        better = better_predictor(error_map)
     else:
-        p, before = error_map.commanded_positions(held_out), error_map.errors(held_out)
-        predicted, std = error_map.predict_errors(held_out)
-        after = before - predicted
-        figures = error_map.validate(held_out, rivals=False).to_dict()
+        found = error_map.validate(held_out)
+        p, before, after = found.residuals.p_cmd, found.residuals.before, found.residuals.after
+        std = error_map.predict_errors(held_out)[1]
+        figures, better = found.to_dict(), found.better
     evaluated = error_map.samples if held_out is None else held_out
     noise = motion_noise(error_map, evaluated, cell)
     if noise is not None and "noise_floor" not in figures:
@@ -136,6 +147,7 @@ def gather(
         reading_std=_reading_std(error_map, cell, evaluated),
         accuracy=figures,
         study=study or similarity_study(error_map, rng=SEED),
+        better=better,
         planes=planes(error_map),
         records=records,
         verifications=verified,

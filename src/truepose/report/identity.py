@@ -12,6 +12,7 @@ from truepose.report.evidence import Evidence
 from truepose.report.locale import Locale
 
 _FORMS: Final = {".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".svg": "svg"}
+_SAME_C: Final = 0.1
 _LARGEST_LOGO: Final = 1_000_000
 _TEXTS: Final = ("company", "site", "operator", "job", "part", "measured", "robot_serial", "tracker", "tracker_serial")
 _REST: Final = ("tracker_calibration_due", "reflector", "reflector_calibration_due")
@@ -68,4 +69,6 @@ def _temperature(evidence: Evidence, say: Locale) -> str | None:
         return say("job.temperature_text", value=stated)
     if read is None:
         return None
+    if read.max() - read.min() < _SAME_C:
+        return say("job.temperature_samples", value=float(read.mean()))
     return say("job.temperature_range", low=float(read.min()), high=float(read.max()))

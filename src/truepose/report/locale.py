@@ -100,4 +100,6 @@ class _Number(float):
         text = super().__format__(form)
         if "e" in text:  # as 7.97e+03, for 7970
             text = f"{Decimal(text):f}"
+        if not text.strip("+-0.%"):  # no minus before a zero
+            text = text.replace("-", "+" if form.startswith("+") else "")
         return text.replace(".", self._decimal).replace("-", "−")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from importlib import resources
@@ -25,6 +26,9 @@ from truepose.report.sections import document
 from truepose.report.study import SimilarityStudy
 from truepose.samples import Samples
 
+_JOINTS: Final = re.compile(r"(?<=[_/\\])(?=\w)|(?<=\.)(?=[A-Za-z])")
+_LONG: Final = 24
+"""The length from which a name in a table may be broken."""
 _ENDINGS: Final = (".html", ".htm", ".pdf")
 
 
@@ -108,6 +112,7 @@ def to_html(made: Document) -> str:
         lstrip_blocks=True,
     )
     environment.filters["themed"] = _themed
+    environment.filters["breakable"] = _breakable
     interactive = any(isinstance(block, View) for section in made.sections for block in section.blocks)
     script = _resource("view.js") if interactive else ""
     allowed = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") if script else ""
@@ -169,6 +174,13 @@ def _themed(svg: str) -> str:
     for colour, name in COLOURS.items():
         svg = svg.replace(colour, f"var(--{name})")
     return svg
+
+
+def _breakable(text: str) -> Any:
+    """Return escaped text in which a long name may be broken after its underscores, dots and slashes."""
+    from markupsafe import Markup, escape
+
+    return Markup("<wbr>").join(escape(part) for part in _JOINTS.split(text)) if len(text) > _LONG else text
 
 
 def _typst(path: str | Path) -> Any:

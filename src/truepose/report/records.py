@@ -22,7 +22,11 @@ from truepose.report.locale import MISSING, Locale
 _SHOWN: Final = 60
 """The number of targets of all programs that are listed one by one; the attached table contains all."""
 _FEWEST: Final = 2
-"""The number of targets of each program that are listed at least."""
+"""The number of targets of each of the first programs that are listed at least."""
+_NAMED: Final = 6
+"""The number of programs that a sentence names."""
+HASHES: Final = "hashes.csv"
+"""The name of the attached table of SHA-256."""
 TABLE: Final = "targets.csv"
 """The name of the attached table."""
 _REASONS: Final = 12
@@ -115,6 +119,11 @@ class Record(_Part):
         return _file_name(self.program)
 
     @property
+    def provenance(self) -> list[tuple[str, str]]:
+        """The name and the SHA-256 of the record, and of each changed file after the correction."""
+        return [(self.file, self.sha256), *self.hashes]
+
+    @property
     def hashes(self) -> list[tuple[str, str]]:
         """The name and the SHA-256 after the correction of each changed file."""
         return [(_file_name(f.file), f.sha256_after) for f in self.files if f.sha256_after != f.sha256_before]
@@ -159,15 +168,13 @@ def section(records: Sequence[Record], map_hash: str, say: Locale) -> Section:
     ]
     if len(records) > 1:
         rows.append(_total(records, say))
-    blocks: list[Block] = [
-        Text(warning, warns=True) for record in records for warning in _warnings(record, map_hash, say)
-    ]
+    blocks: list[Block] = _warnings(records, map_hash, say)
     blocks += [Table(columns, rows), *_reasons(records, say), *_limits(records, say), *_targets(records, say)]
     return Section(title, blocks)
 
 
 def attachment(records: Sequence[Record], say: Locale) -> list[Attachment]:
-    """Return the complete table of all targets as CSV, to attach; none without records."""
+    """Return the tables of all targets and of all SHA-256 as CSV, to attach; none without records."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     places = [f"{axis}_{kind}_mm" for kind in ("before", "correction") for axis in "xyz"]
@@ -177,7 +184,13 @@ def attachment(records: Sequence[Record], say: Locale) -> list[Attachment]:
             numbers = ["" if v is None else f"{v:.6f}" for v in (*t.before_mm, *t.correction_mm, t.std_mm)]
             words = [escaped(word) for word in (record.program, t.file)]
             writer.writerow([*words, t.line, escaped(t.name), *numbers, t.verdict, escaped(t.reason)])
-    return [Attachment(TABLE, say("programs.attached"), buffer.getvalue())] if records else []
+    if not records:
+        return []
+    hashed = "".join(f"{escaped(name)},{digest}\n" for record in records for name, digest in record.provenance)
+    return [
+        Attachment(TABLE, say("programs.attached"), buffer.getvalue()),
+        Attachment(HASHES, say("provenance.attached"), f"file,sha256\n{hashed}"),
+    ]
 
 
 def _total(records: Sequence[Record], say: Locale) -> list[str]:
@@ -213,14 +226,27 @@ def _reasons(records: Sequence[Record], say: Locale) -> list[Block]:
     return [Text(say("programs.why")), Table(columns, rows, left=2)]
 
 
-def _warnings(record: Record, map_hash: str, say: Locale) -> list[str]:
-    found = []
-    if record.map_sha256 != map_hash:
-        found.append(say("programs.other_map", program=record.name, hash=(record.map_sha256 or MISSING)[:12]))
-    if record.summary.refused:
-        n, policy = record.summary.refused, record.on_guard
-        found.append(say("programs.refused", program=record.name, n=n, policy=policy))
-    return found
+def _warnings(records: Sequence[Record], map_hash: str, say: Locale) -> list[Block]:
+    """Return warnings of programs that were corrected with another map, and of refused targets: one for each kind."""
+    others: dict[str, list[Record]] = {}
+    refused: dict[str, list[Record]] = {}
+    for record in records:
+        if record.map_sha256 != map_hash:
+            others.setdefault((record.map_sha256 or MISSING)[:12], []).append(record)
+        if record.summary.refused:
+            refused.setdefault(record.on_guard, []).append(record)
+    found = [say("programs.other_map", program=_names(some, say), hash=other) for other, some in others.items()]
+    for policy, some in refused.items():
+        n = sum(record.summary.refused for record in some)
+        found.append(say("programs.refused", program=_names(some, say), n=n, policy=policy))
+    return [Text(warning, warns=True) for warning in found]
+
+
+def _names(some: Sequence[Record], say: Locale) -> str:
+    """Return the names of programs; of many, the first and the number of the others."""
+    names = [record.name for record in some[:_NAMED]]
+    more = [say("cell.more", n=len(some) - _NAMED)] if len(some) > _NAMED else []
+    return say("finding.list").join([*names, *more])
 
 
 def _limits(records: Sequence[Record], say: Locale) -> list[Block]:
@@ -236,16 +262,14 @@ def _limits(records: Sequence[Record], say: Locale) -> list[Block]:
             [key, limit.value if isinstance(limit.value, str) else say.number(limit.value, ".4g"), limit.origin]
             for key, limit in some[0].limits.items()
         ]
-        names = say("finding.list").join(record.name for record in some[:_REASONS])
-        more = say("finding.list") + say("cell.more", n=len(some) - _REASONS) if len(some) > _REASONS else ""
-        blocks += [Text(say("programs.limits", program=names + more)), Table(columns, rows, left=3)]
+        blocks += [Text(say("programs.limits", program=_names(some, say))), Table(columns, rows, left=3)]
     return blocks
 
 
 def _targets(records: Sequence[Record], say: Locale) -> list[Block]:
     """Return the table of the first corrected targets of each program."""
     each = max(_SHOWN // len(records), _FEWEST)
-    shown = [target for record in records for target in [t for t in record.targets if t.touched][:each]]
+    shown = [target for record in records for target in [t for t in record.targets if t.touched][:each]][:_SHOWN]
     if not shown:
         return []
     words = [say(f"programs.column_{key}") for key in ("target", "where")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,7 @@ from truepose.report.plots import figures
 _FIGURES: Final = ("mean", "rms", "std", "p95", "max")
 _STATES: Final = ("before", "after")
 _LISTED: Final = 12
-"""The number of excluded samples listed one by one."""
+"""The number of excluded samples, and of records, listed one by one."""
 _FEW: Final = 8
 """The largest number of values of a parameter that is printed."""
 _HASH: Final = 12
@@ -75,9 +76,9 @@ def _poses(evidence: Evidence, say: Locale) -> Attachment:
 
 
 def _missing(sections: Sequence[Section], say: Locale) -> list[Text]:
-    """Return a warning that names the missing facts of all sections."""
+    """Return a warning that names the missing facts of all sections; `_lead` says that the arm was not checked."""
     listed = [block for section in sections for block in section.blocks if isinstance(block, Facts)]
-    names = [block.rows[k][0] for block in listed for k in block.missing]
+    names = [name for block in listed for k in block.missing if (name := block.rows[k][0]) != say("cell.arm")]
     return [Text(say("report.missing_facts", names=say("finding.list").join(names)), warns=True)] if names else []
 
 
@@ -191,6 +192,8 @@ def _arm(evidence: Evidence, say: Locale) -> str | None:
 
 
 def _tracker(evidence: Evidence, say: Locale) -> str | None:
+    if evidence.reading_source == "table" and evidence.reading_std is not None:
+        return say("cell.tracker_table", std=float(evidence.reading_std.max()))
     tracker = evidence.cell.tracker
     if tracker.reading_std(np.zeros((1, 3))) is None:
         tracker = evidence.error_map.cell.tracker
@@ -322,11 +325,11 @@ def _similarity(evidence: Evidence, say: Locale) -> Section:
 
 def _model(evidence: Evidence, say: Locale) -> Section:
     error_map = evidence.error_map
-    plain, tables = _parameters(error_map.predictor.to_dict(), say)
+    plain, tables = _parameters(error_map.predictor.to_dict(), error_map.space, say)
     rows: dict[str, str | None] = {"predictor": error_map.predictor_name}
     if plain:
         rows["parameters"] = "; ".join(plain)
-    blocks: list[Block] = [identity.facts("model", rows, say), *tables]
+    blocks: list[Block] = [identity.facts("model", rows, say), *_better(evidence, say), *tables]
     if not error_map.ranking:
         return Section(say("model.title"), [*blocks, Text(say("model.named"))])
     splits = list(error_map.ranking[0].get("splits", {}))
@@ -337,6 +340,16 @@ def _model(evidence: Evidence, say: Locale) -> Section:
     noted = len(columns) - 1 in shown
     table = Table(heads, [[row[k] for k in shown] for row in ranked], last_left=int(noted))
     return Section(say("model.title"), [*blocks, Text(say("model.chosen")), table, *_expected(evidence, say)])
+
+
+def _better(evidence: Evidence, say: Locale) -> list[Block]:
+    """Return a warning that another predictor would do far better, if one does."""
+    found = evidence.better
+    if found is None:
+        return []
+    key = "model.better_left_out" if evidence.held_out is None else "model.better_held_out"
+    values = {"theirs": found.rival_mean_mm, "own": found.mean_mm}
+    return [Text(say(key, rival=found.rival, predictor=found.predictor, **values), warns=True)]
 
 
 def _ranked(row: Mapping[str, Any], splits: list[str], say: Locale) -> list[str]:
@@ -366,19 +379,26 @@ def _interval(ends: Any, say: Locale) -> str:
     return MISSING if ends is None else say("model.interval", low=float(ends[0]), high=float(ends[1]))
 
 
-def _parameters(parameters: Mapping[str, Any], say: Locale) -> tuple[list[str], list[Table]]:
+def _parameters(parameters: Mapping[str, Any], space: str, say: Locale) -> tuple[list[str], list[Block]]:
     """Return short parameters as text and lists of records as tables; longer values are left out."""
-    plain, tables = [], []
+    plain: list[str] = []
+    tables: list[Block] = []
+    units = {"nugget": "mm²", "sill": "mm²", "range": "mm" if space == "cartesian" else "rad"}
     for name, value in parameters.items():
         if (
             isinstance(value, list)
             and value
             and all(isinstance(v, dict) and v.keys() == value[0].keys() for v in value)
         ):
-            columns = [name, *value[0]]
-            tables.append(
-                Table(columns, [[str(k), *(_value(v, say) for v in row.values())] for k, row in enumerate(value, 1)])
-            )
+            columns = [name, *(f"{key} [{units[key]}]" if key in units else key for key in value[0])]
+            names = "xyz" if name == "variogram" and len(value) == 3 else range(1, len(value) + 1)
+            rows = [
+                [str(k), *(_value(v, say) for v in row.values())] for k, row in zip(names, value, strict=True)
+            ]
+            words = takewhile(lambda v: isinstance(v, str), value[0].values())
+            if name == "variogram":
+                tables.append(Text(say("model.variograms", section=say("similarity_section.title"))))
+            tables.append(Table(columns, rows, left=1 + len(list(words))))
         elif (text := _value(value, say)) != MISSING:
             plain.append(f"{name} = {text}")
     return plain, tables
@@ -403,10 +423,12 @@ def _provenance(evidence: Evidence, say: Locale) -> Section:
     ]
     if evidence.held_out is not None:
         rows.append((say("provenance.held_out"), evidence.held_out_sha256 or say("provenance.missing")))
-    for record in evidence.records:
+    for record in evidence.records[:_LISTED]:
         rows.append((say("provenance.record", name=record.file), record.sha256))
         rows += [(say("provenance.program", name=name), after) for name, after in record.hashes]
-    return Section(say("provenance.title"), [Facts(rows)])
+    n = len(evidence.records)
+    more = [Text(say("provenance.more", shown=_LISTED, n=n, table=records.HASHES))] if n > _LISTED else []
+    return Section(say("provenance.title"), [Facts(rows), *more])
 
 
 def _signatures(evidence: Evidence, say: Locale) -> Section:

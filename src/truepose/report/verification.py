@@ -50,7 +50,8 @@ def section(found: Sequence[ProgramVerification], map_hash: str, say: Locale) ->
     blocks: list[Block] = []
     for one in found:
         blocks += _program(one, map_hash, say)
-    return Section(say("verification.title"), [*blocks, Text(say("verification.rule"))])
+    rule = Text(say("verification.rule", section=say("conformity.title")))
+    return Section(say("verification.title"), [*blocks, rule])
 
 
 def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block]:
@@ -61,7 +62,7 @@ def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block
             say(
                 "verification.result",
                 program=name,
-                decision=say(f"verification.{one.decision}"),
+                decision=say(f"conformity.{one.decision}"),
                 n=len(one.targets),
                 passed=count["pass"],
                 undecided=count["undecided"],
@@ -106,7 +107,7 @@ def _table(one: ProgramVerification, say: Locale) -> list[Block]:
             say.number(target.before_mm, ".3f"),
             say.number(target.error_mm, ".3f"),
             say.number(target.uncertainty_mm, ".3f"),
-            say(f"verification.{target.decision}"),
+            say(f"conformity.{target.decision}"),
         ]
         for target in shown
     ]

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
@@ -30,6 +31,8 @@ INK: Final = LIGHT["ink"]
 BEFORE: Final = LIGHT["before"]
 AFTER: Final = LIGHT["after"]
 
+_SINGLE: Final = (5.2, 2.6)
+"""The size of a picture of one plot [in], which also is read on a telephone."""
 _CROSS: Final = "#303030"  # on a filled map, light or dark
 _NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # the same bytes each time
 
@@ -95,7 +98,7 @@ def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
     lengths = [np.linalg.norm(e, axis=1) for e in (before, after)]
     edges = np.linspace(0.0, max(float(length.max()) for length in lengths) or 1.0, 31)
     with mpl.rc_context(style()):
-        figure = Figure(figsize=(6.4, 2.9), layout="constrained")
+        figure = Figure(figsize=_SINGLE, layout="constrained")
         axes = figure.add_subplot()
         for length, colour, state in zip(lengths, (BEFORE, AFTER), ("before", "after"), strict=True):
             axes.hist(length, bins=edges.tolist(), color=colour, alpha=0.65, label=say(f"report.{state}"))
@@ -116,6 +119,7 @@ def variogram(part: StudyPart, say: Locale) -> str:
             words=say.words("similarity"),
             **kinematic_curves(part),
         )
+        figure.set_size_inches(_SINGLE[0], 3.4)
         return to_svg(figure, say)
 
 
@@ -137,8 +141,8 @@ def maps(planes: Sequence[Plane], p: FloatArray, say: Locale) -> str:
         figure = Figure(figsize=(WIDTH, 2 * height + 1.2), layout="constrained")
         grid = figure.subplots(2, len(planes), squeeze=False, width_ratios=widths)
         rows = (
-            ("error", "YlOrBr", [plane.error for plane in planes]),
-            ("std", "PuBu", [plane.std for plane in planes]),
+            ("error", _pale("YlOrBr"), [plane.error for plane in planes]),
+            ("std", _pale("PuBu"), [plane.std for plane in planes]),
         )
         for row, (quantity, colours, values) in zip(grid, rows, strict=True):
             top = max((float(np.nanmax(v)) for v in values if np.isfinite(v).any()), default=1.0)
@@ -167,6 +171,11 @@ def style() -> dict[Any, Any]:
         "axes.spines.right": False,
         **inked(),
     }
+
+
+def _pale(name: str) -> ListedColormap:
+    """Return a sequential colour map without its darkest part, on which the crosses would not be seen."""
+    return ListedColormap(mpl.colormaps[name](np.linspace(0.0, 0.72, 256)))
 
 
 def _ticks(say: Locale) -> ScalarFormatter:

@@ -101,6 +101,8 @@ def draw_variogram(
     words: Words = english,
 ) -> None:
     """Draw the content of `plot_variogram` on given axes."""
+    from matplotlib.patches import Rectangle
+
     gamma = ev.vector if component is None else ev.semivariance[:, component]
     band = None if envelope is None else _draw_band(axes, ev, envelope, component, words)
     if model is not None:
@@ -111,6 +113,8 @@ def draw_variogram(
         style: dict[str, Any] = {"s": 22, "facecolors": "none", "edgecolors": THEORY, "lw": 1.1, "zorder": 3}
         axes.scatter(residual.lag, residual.vector, label=words("residual"), **style)
     end, top = _extent(ev, gamma, [v.vector for v in (theory, residual) if v is not None], band, model)
+    for drawn in (*axes.collections, *axes.lines):  # nothing behind the legend, which stands above the curves
+        drawn.set_clip_path(Rectangle((0, 0), end, top, transform=axes.transData))
     _draw_points(axes, ev, gamma, end, top, words)
     axes.set(xlabel=words("distance", unit=unit), ylabel=words("semivariance"), xlim=(0, end), ylim=(0, _LEGEND * top))
     axes.spines[["top", "right"]].set_visible(False)

@@ -71,7 +71,7 @@ for (const root of document.querySelectorAll(".view")) {
       scene.p.forEach((p, i) => arrow(places[i], project(p.map((v, k) => v + times * e[i][k])), colour(state)));
     }
     places.forEach((p, i) => dot(p, i === near ? 5 : 1.8, colour(i === near ? "ink" : "soft")));
-    root.querySelector(".times").textContent = `× ${Math.round(times)}`;
+    root.querySelector(".times").textContent = `× ${Number(times.toPrecision(2))}`;
     const e = (state) => number(Math.hypot(...scene[state][near]));
     told.textContent =
       near < 0
