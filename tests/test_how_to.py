@@ -178,3 +178,20 @@ def test_a_rapid_task_is_corrected_only_whole() -> None:
     alone, whole = tp.read_program(task / "Points.mod"), tp.read_program(task)
     assert alone.counts() == {"correct": 0, "skip": 3, "refuse": 1}
     assert whole.counts() == {"correct": 2, "skip": 2, "refuse": 0}
+
+
+def test_the_thirty_programs_of_the_integrators_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thirty programs, of which one cannot be read and one uses an unknown tool, until they are mended."""
+    from truepose.programs.reading import read_programs
+
+    monkeypatch.chdir(tmp_path)
+    frames = tp.FrameTable(tools={3: np.eye(4)}, bases={1: np.eye(4)})
+    for arguments, unreadable, refused, n in (([], 1, 20, 1364), (["--mended"], 0, 0, 1384)):
+        monkeypatch.setattr(sys, "argv", ["make_programs.py", *arguments])
+        runpy.run_path(str(FILES / "plant" / "make_programs.py"))
+        assert len(list(Path("programs").rglob("*.src"))) == 30
+        found = read_programs([Path("programs")], frames)
+        (project,) = found.programs
+        assert len(found.unreadable) == unreadable
+        assert project.counts() == {"correct": n - refused, "skip": 0, "refuse": refused}
+        assert len(project.modules) == 30 - unreadable

@@ -137,7 +137,7 @@ def test_programs_of_folders_are_counted_one_by_one(run, tmp_path):
     done = run("check", *(tmp_path / name for name in ("a", "b", "c")))
     assert done.code == 1
     assert done.out.count(".src: 2 to correct, 0 to skip, 0 refused") == 4
-    assert "5 programs: 10 to correct, 0 to skip, 0 refused" in done.out
+    assert "5 programs: 10 to correct, 0 to skip, 0 refused; 1 more cannot be read" in done.out
     assert "b0.dat:2: X 1.2.3 is not a number" in done.err
 
 
@@ -227,6 +227,10 @@ def test_watch_corrects_a_folder_once(run, cell_files, near_samples, tmp_path):
     assert done.code == 0, done.err
     assert [one["coverage"] for one in done.json["programs"]] == [{"corrected": 2, "targets": 2}]
     assert (tmp_path / "out" / "a.corrections.json").is_file()
+    same = run("watch", cell_files.map, tmp_path / "one", tmp_path / "out", *options)
+    assert (same.code, same.out.strip()) == (
+        0, f"Nothing to correct in {tmp_path / 'one'}: 1 programs, none of them new or changed"
+    )  # fmt: skip
     (tmp_path / "one" / "b.src").write_text("DEF b()\nLIN {X 1.2.3}\nEND\n")
     again = run("watch", cell_files.map, tmp_path / "one", tmp_path / "out", *options)
     assert again.code == 1

@@ -182,7 +182,7 @@ def check(
     else:
         for program in found.programs:
             show_checked(program)
-        say_total(found.programs)
+        say_total(found.programs, len(found.unreadable))
     if found.unreadable:
         raise _unread(found.unreadable)
 

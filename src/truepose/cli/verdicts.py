@@ -71,13 +71,14 @@ def show_limits(programs: Sequence[CorrectedProgram]) -> None:
         say(escape(warning))
 
 
-def say_total(programs: Sequence[Program]) -> None:
-    """Show the sum of the counts of several programs; each module of a project is one."""
+def say_total(programs: Sequence[Program], unreadable: int) -> None:
+    """Show the sum of the counts of several programs, each module of a project as one, and how many were not read."""
     count = sum(max(1, len(program.modules)) for program in programs)
     if count > 1:
         counts = [program.counts() for program in programs]
         sums = {verdict: sum(one[verdict] for one in counts) for verdict in ("correct", "skip", "refuse")}
-        say(f"{count} programs: {_verdicts(sums)}")
+        more = f"; {unreadable} more cannot be read" if unreadable else ""
+        say(f"{count} programs: {_verdicts(sums)}{more}")
 
 
 def _verdicts(counts: Mapping[Any, int]) -> str:

@@ -76,6 +76,8 @@ def watch(
     else:
         for event in events:
             say(str(event))
+        if not events:
+            say(f"Nothing to correct in {in_dir}: {folder.n_programs} programs, none of them new or changed")
     if refused := [event for event in events if event.refused]:
         listed = "; ".join(event.refused for event in refused)
         raise RefusedError(f"{len(refused)} of {folder.n_programs} programs are refused: {listed}")
