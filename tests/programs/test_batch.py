@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from openpyxl import load_workbook
 
 from truepose.errors import FileError, RefusedError
 from truepose.programs import FrameTable, correct_programs, read_program
@@ -187,3 +189,27 @@ def test_without_force_leftovers_are_named(folders: list[Path], make_map: Any, t
     with pytest.warns(UserWarning, match=r"a\.src.*: are files of an earlier run and no part of this one"):
         correct_programs([other], make_map([0.37, 0, 0]), frames=FrameTable()).write(out)
     assert {path.name for path in out.rglob("*.src")} == {"a.src", "b.src"}
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_workbooks_are_written_with_the_rest_or_not_at_all(
+    folders: list[Path], make_map: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_place: bool
+) -> None:
+    batch = correct_programs(folders[:1], make_map([0.37, 0, 0]), frames=FrameTable())
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def write() -> list[Path]:
+        return batch.write_in_place(workbook=True) if in_place else batch.write(tmp_path / "out", workbook=True)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("truepose.programs.corrected.to_workbook", fill_disk)
+        with pytest.raises(FileError, match="No space left"):
+            write()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    (book,) = (path for path in write() if path.suffix == ".xlsx")
+    assert book.name == "one.corrections.xlsx"
+    assert load_workbook(book).active.max_row == len(book.with_suffix(".csv").read_text().splitlines())
+
+
+def fill_disk(_: object) -> bytes:
+    raise OSError(errno.ENOSPC, "No space left on device")

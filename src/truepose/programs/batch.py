@@ -83,19 +83,19 @@ class CorrectedBatch:
             "refused": [one.to_dict() for one in self.refused],
         }
 
-    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
+    def write(self, out_dir: str | Path, *, force: bool = False, workbook: bool = False) -> list[Path]:
         """Write the corrected programs, all or none; see `CorrectedProgram.write`.
 
         A warning names files in the folder that an earlier run wrote and this one does not. With `force` they are
         removed, unless they were changed since.
         """
-        written = write(self.corrected, Path(out_dir), force=force)
+        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook)
         clear_leftovers(Path(out_dir), written, force=force)
         return written
 
-    def write_in_place(self, *, force: bool = False) -> list[Path]:
+    def write_in_place(self, *, force: bool = False, workbook: bool = False) -> list[Path]:
         """Write over the corrected programs, all or none; see `CorrectedProgram.write_in_place`."""
-        return write_in_place(self.corrected, force=force)
+        return write_in_place(self.corrected, force=force, workbook=workbook)
 
 
 def correct_programs(
@@ -162,7 +162,7 @@ def correct_programs(
 
 
 def correct_read(
-    programs: Sequence[Program], error_map: Corrector, cell: Cell | None, *, keep_going: bool, **settings: Any
+    programs: Iterable[Program], error_map: Corrector, cell: Cell | None, *, keep_going: bool, **settings: Any
 ) -> tuple[list[CorrectedProgram], list[RefusedProgram]]:
     """Return programs that were read corrected, and those that are refused."""
     corrected: list[CorrectedProgram] = []

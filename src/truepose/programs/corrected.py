@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from truepose._io import files
+from truepose._io.workbook import to_workbook
 from truepose.compensation import LimitsInForce, Policy
 from truepose.errors import FileError
 from truepose.programs import history
@@ -139,7 +142,7 @@ class CorrectedProgram:
         files = self.files
         return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
 
-    def write(self, out_dir: str | Path, *, force: bool = False) -> list[Path]:
+    def write(self, out_dir: str | Path, *, force: bool = False, workbook: bool = False) -> list[Path]:
         """Write every file of the program and its record (JSON and CSV) to a folder, all or none; return their paths.
 
         Parameters
@@ -148,28 +151,32 @@ class CorrectedProgram:
             The folder.
         force : bool
             Whether to overwrite the results of an earlier run. The program itself is never overwritten.
+        workbook : bool
+            Whether to write the record as a workbook (.xlsx), too.
 
         Raises
         ------
         FileError
             If a file exists already, is the program itself, or cannot be written; the folder is then unchanged.
         """
-        return write([self], Path(out_dir), force=force)
+        return write([self], Path(out_dir), force=force, workbook=workbook)
 
-    def write_in_place(self, *, force: bool = False) -> list[Path]:
+    def write_in_place(self, *, force: bool = False, workbook: bool = False) -> list[Path]:
         """Write over the program; keep each changed file beside it, with ``.original`` added to its name.
 
         Parameters
         ----------
         force : bool
             Whether to overwrite the record of an earlier run. A kept original is never overwritten.
+        workbook : bool
+            Whether to write the record as a workbook (.xlsx), too.
 
         Raises
         ------
         FileError
             If a kept original or a record exists already, or a file cannot be written; the program is then unchanged.
         """
-        return write_in_place([self], force=force)
+        return write_in_place([self], force=force, workbook=workbook)
 
 
 def names(program: Program) -> list[Path]:
@@ -181,7 +188,23 @@ def names(program: Program) -> list[Path]:
     return [*sources, *records]
 
 
-def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False) -> list[Path]:
+def _records(program: Program, folder: Path, workbook: bool) -> list[Path]:
+    """Return the files of a program's record in a folder: JSON, CSV and, if wanted, the workbook."""
+    json_path, csv_path = (folder / name for name in names(program)[-2:])
+    return [json_path, csv_path, *([csv_path.with_suffix(".xlsx")] if workbook else [])]
+
+
+def _write_records(commit: files.Commit, one: CorrectedProgram, paths: Sequence[Path]) -> None:
+    """Write the files of a program's record as parts of a commit."""
+    json_path, csv_path, *workbooks = paths
+    with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
+        one.write_records(json_file, csv_file)
+    for path in workbooks:
+        with commit.open(path) as file:
+            file.write(to_workbook(csv.reader(io.StringIO(one.to_csv()))))
+
+
+def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False) -> list[Path]:
     """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
     changed = [s for one in corrected for s in one.program.sources if one.hashes[s.path] != s.sha256]
     for source in changed:
@@ -194,7 +217,7 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
     for backup in backups:
         if backup.exists() or backup.is_symlink():
             raise FileError(backup, "exists already and would be lost; move it away")
-    records = [[one.program.folder / name for name in names(one.program)[-2:]] for one in corrected]
+    records = [_records(one.program, one.program.folder, workbook) for one in corrected]
     files.check_outputs(*chain.from_iterable(records), force=force, inputs=[source.path for source in changed])
     history.remember(corrected)
     # copies and records first: a program that is corrected is never without them
@@ -202,9 +225,8 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
         for backup, source in zip(backups, changed, strict=True):
             with commit.open(backup, like=source.path) as file:
                 file.write(source.data)
-        for one, (json_path, csv_path) in zip(corrected, records, strict=True):
-            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
-                one.write_records(json_file, csv_file)
+        for one, paths in zip(corrected, records, strict=True):
+            _write_records(commit, one, paths)
         for one in corrected:
             for source in (s for s in one.program.sources if one.hashes[s.path] != s.sha256):
                 with commit.open(source.path, expected=source.sha256) as file:
@@ -216,28 +238,27 @@ def _original(path: Path) -> Path:
     return path.with_name(path.name + ".original")
 
 
-def write(corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False) -> list[Path]:
+def write(
+    corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False, workbook: bool = False
+) -> list[Path]:
     """Write the files of programs and their records, all or none; see `CorrectedProgram.write`."""
     kept = [[source for source in one.program.sources if source.path not in one.refused] for one in corrected]
-    paths = [
-        [
-            out_dir / one.program.place / name
-            for name in [*(source.path.relative_to(one.program.folder) for source in some), *names(one.program)[-2:]]
-        ]
-        for one, some in zip(corrected, kept, strict=True)
+    folders = [out_dir / one.program.place for one in corrected]
+    programs = [
+        [folder / source.path.relative_to(one.program.folder) for source in some]
+        for one, some, folder in zip(corrected, kept, folders, strict=True)
     ]
+    records = [_records(one.program, folder, workbook) for one, folder in zip(corrected, folders, strict=True)]
+    written = [path for pair in zip(programs, records, strict=True) for path in chain(*pair)]
     sources = [source.path for one in corrected for source in one.program.sources]
-    files.check_outputs(*chain.from_iterable(paths), force=force, inputs=sources)
+    files.check_outputs(*written, force=force, inputs=sources)
     history.remember(corrected)
     with files.Commit() as commit:
-        for one, some, goals in zip(corrected, kept, paths, strict=True):
-            *programs, json_path, csv_path = goals
-            for source, goal in zip(some, programs, strict=True):
+        for one, some, goals, record in zip(corrected, kept, programs, records, strict=True):
+            for source, goal in zip(some, goals, strict=True):
                 with commit.open(goal, like=source.path) as file:
                     file.writelines(one.content(source))
-            with commit.open(json_path) as json_file, commit.open(csv_path) as csv_file:
-                one.write_records(json_file, csv_file)
-    written = list(chain.from_iterable(paths))
+            _write_records(commit, one, record)
     remember_written(out_dir, written)
     return written
 
