@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import truepose as tp
 from truepose.error_map.target_joints import BranchTracker
-from truepose.errors import DataError, IdentifiabilityError, RobotError
+from truepose.errors import DataError, IdentifiabilityError, KrigingError, RobotError
 from truepose.geometry import make_transform
+from truepose.predictors import PositionalErrors
 from truepose.robots import nearest_branch, status_turn
 from truepose.samples import Poses, Samples
 
@@ -437,3 +440,34 @@ def test_gross_readings_widen_no_intervals(virtual, samples):
         noise[name] = fitted.predictor.hyper_.noise
     assert [row["row"] for row in fitted.excluded] == [10, 60]
     assert noise["spoiled"] == pytest.approx(noise["clean"], rel=0.2)
+
+
+def test_errors_of_kriging_name_points_and_lines(virtual):
+    """By row, the operator would measure the wrong point again."""
+    measured = virtual.measure(np.repeat(virtual.design(20, seed=1), [2, *[1] * 19], axis=0), seed=1)
+    order = np.array([1, 2, 3, 4, 0, *range(5, 21)])  # both readings of the first pose apart from each other
+    named = replace(
+        measured[order],
+        p_std=None,
+        name=np.array([f"P{k}" for k in range(1, 22)]),
+        line=np.arange(2, 23),
+        source="s.csv",
+    )
+    with pytest.raises(
+        KrigingError, match=r"^s\.csv: points P1 \(line 2\), P5 \(line 6\) are one point, but their errors"
+    ):
+        tp.fit_cell(virtual.cell, named, "ordinary-kriging:exact=yes")
+    with pytest.raises(KrigingError, match=r"rows 0, 4 are one point"):
+        tp.fit_cell(virtual.cell, replace(named, name=None, line=None, row=None), "ordinary-kriging:exact=yes")
+
+
+def test_rows_of_an_error_are_those_of_all_samples():
+    """A fit of some of the samples counts its own rows."""
+    error = KrigingError("{rows} are one point; average them", [0, 2])
+    assert str(error) == "rows 0, 2 are one point; average them"
+    assert str(error.of_rows([4, 7, 9])) == "rows 4, 9 are one point; average them"
+    errors = PositionalErrors(
+        {"cartesian": np.array([[9.0] * 3, *np.eye(3), [0.0, 1.0, 0.0]])}, np.arange(15.0).reshape(5, 3)
+    )
+    with pytest.raises(KrigingError, match="rows 2, 4 are one point"):
+        errors.fit("ordinary-kriging:exact=yes", np.arange(1, 5))

@@ -6,6 +6,7 @@ Every error that a user can cause is a `TrueposeError`. The command line prints 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -75,7 +76,28 @@ class IdentifiabilityError(TrueposeError):
 
 
 class KrigingError(TrueposeError):
-    """An error of a variogram or Kriging system that cannot be fitted or solved."""
+    """An error of a variogram or Kriging system that cannot be fitted or solved.
+
+    Parameters
+    ----------
+    message : str
+        The problem and its remedy; ``{rows}`` in it stands for the samples that it is about.
+    rows : sequence of int
+        The rows of these samples in the arrays of the fit, from 0.
+    """
+
+    def __init__(self, message: str, rows: Sequence[int] = ()) -> None:
+        self.rows = tuple(map(int, rows))
+        self._message = message
+        super().__init__(message.replace("{rows}", f"rows {', '.join(map(str, self.rows))}"))
+
+    def of_rows(self, rows: Sequence[int]) -> KrigingError:
+        """Return the error with the rows of a larger array: `rows` holds the place there of each row of this one."""
+        return KrigingError(self._message, [rows[row] for row in self.rows])
+
+    def with_names(self, source: str, name: Callable[[Sequence[int]], str]) -> KrigingError:
+        """Return the error with the names of its samples instead of their rows, after the file that holds them."""
+        return KrigingError(f"{source}: {self._message.replace('{rows}', name(self.rows))}")
 
 
 class RefusedError(TrueposeError):

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import parent_process
 from pathlib import Path
@@ -209,6 +210,16 @@ def test_an_interrupt_ends_the_workers(errors):
         rank_predictors(["registration"], errors, workers=2, progress=interrupt)
     assert len(started - others) == 2
     assert not set(multiprocessing.active_children()) - others
+
+
+def test_a_keyboard_interrupt_does_not_reach_the_workers():
+    """They would print tracebacks beside the one line of the command that was interrupted."""
+    from truepose.predictors.selection.cross_validation import _context
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    with ProcessPoolExecutor(1, _context()) as pool:
+        assert signal.SIGINT in pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
 @pytest.mark.promise("A worker process ends when the program that started it is killed")

@@ -287,10 +287,10 @@ def test_near_points_that_contradict_each_other(rng):
     smooth = VariogramModel("matern52", sill=1.0, range=0.5)
     x, e = rng.random((20, 3)), rng.standard_normal((20, 3))
     twice, again = np.vstack([x, x[4:5] + 1e-6]), np.vstack([e, e[4:5] + 0.1])
-    with pytest.raises(KrigingError, match=r"rows 4 and 20 are 1\.73e-06 apart, but .* differ by 0\.1, .*noise_std"):
+    with pytest.raises(KrigingError, match=r"rows 4, 20 are 1\.73e-06 apart, but .* differ by 0\.1, .*noise_std"):
         OrdinaryKriging(smooth, exact=True).fit(twice, again)
     OrdinaryKriging(smooth, exact=True).fit(twice, again, noise_std=0.05)
-    with pytest.warns(IllConditionedWarning, match=r"rows 4 and 20 of the points, are 1\.73e-06 apart"):
+    with pytest.warns(IllConditionedWarning, match=r"rows 4, 20 of the points, are 1\.73e-06 apart"):
         OrdinaryKriging(smooth, exact=True).fit(twice, np.vstack([e, e[4:5]]))
 
 

@@ -248,13 +248,15 @@ def test_chunks_are_bounded_and_agree(rng):
 def test_singular_matrix_names_condition_points_and_remedy(rng):
     x = np.vstack([rng.random((40, 2)), [[0.3, 0.3], [0.3, 0.3 + 1e-9]]])
     smooth = VariogramModel("gaussian", sill=1.0, range=3.0)
-    with pytest.raises(KrigingError, match=r"condition number \d\.\de\+.*rows 40 and 41.* apart\); give .* a nugget"):
+    with pytest.raises(KrigingError, match=r"condition number \d\.\de\+.*rows 40, 41,.* apart\); give .* a nugget"):
         OrdinaryKriging(smooth).fit(x, x)
 
 
 def test_poor_condition_is_told_with_its_remedy(rng):
     x, smooth = rng.random((25, 2)), VariogramModel("gaussian", sill=1.0, range=1.0)
-    with pytest.warns(IllConditionedWarning, match=r"condition number \d\.\de\+1[123].*digits.*rows \d+ and.*a nugget"):
+    with pytest.warns(
+        IllConditionedWarning, match=r"condition number \d\.\de\+1[123].*digits.*rows \d+, \d+ .*a nugget"
+    ):
         model = OrdinaryKriging(smooth).fit(x, x)
     assert 1e11 < model.condition_ < 1e14
     with warnings.catch_warnings():

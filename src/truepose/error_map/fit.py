@@ -12,7 +12,7 @@ from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import check_campaign
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import wrong_tool_named
-from truepose.error_map.selection import CellSamples
+from truepose.error_map.selection import CellSamples, points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.predictors import Choice, rank_predictors
@@ -82,14 +82,15 @@ def fit_cell(
     if not accept_campaign:
         with wrong_tool_named(cell, measured.robot, samples):
             campaign.refuse(samples.source)
-    if predictor == "auto":
-        choice = rank_predictors(
-            candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
-        )
-    else:
-        progress(f"Fitting {predictor}")
-        errors = measured.errors(registration, tf_flange_tool)
-        choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
+    with points_named(samples):
+        if predictor == "auto":
+            choice = rank_predictors(
+                candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+            )
+        else:
+            progress(f"Fitting {predictor}")
+            errors = measured.errors(registration, tf_flange_tool)
+            choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,

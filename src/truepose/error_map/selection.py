@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
-from truepose.errors import DataError, IdentifiabilityError
+from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
 from truepose.predictors import ArmContext, Choice, PositionalErrors, rank_predictors
 from truepose.robots import Robot
@@ -98,6 +101,17 @@ class BareSamples:
         )
 
 
+@contextmanager
+def points_named(samples: Samples) -> Iterator[None]:
+    """Within the block, name samples in errors of Kriging by point and line instead of by row."""
+    try:
+        yield
+    except KrigingError as error:
+        if not error.rows:
+            raise
+        raise error.with_names(samples.source, lambda rows: samples.rows(np.asarray(rows))) from None
+
+
 def choose(
     candidates: str | Sequence[str],
     samples: Samples,
@@ -142,9 +156,10 @@ def choose(
     'idw'
     """
     registrable = BareSamples(samples) if cell is None else CellSamples(cell, cell.load_robot(), samples)
-    return rank_predictors(
-        candidates, registrable, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
-    )
+    with points_named(samples):
+        return rank_predictors(
+            candidates, registrable, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+        )
 
 
 def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.error_map.map import ErrorMap
+from truepose.error_map.selection import points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
 from truepose.predictors.abilities import JointlyPredicting, Updatable
@@ -203,7 +204,8 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     old = joined.predictor.noise_std_
     noise = None if old is None or new is None else np.concatenate([old, new])
     x = joined.coordinates(joined.samples)
-    return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
+    with points_named(joined.samples):
+        return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
 
 
 def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:

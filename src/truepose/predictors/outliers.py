@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.errors import KrigingError
 from truepose.predictors.base import Predictor
 
 _GROSS: Final = 10.0  # predicted standard deviations; a rough model of good readings reaches 8
@@ -41,7 +42,10 @@ def fit_without_gross(
     gross = np.zeros(len(e))
     while True:
         kept = np.flatnonzero(gross == 0)
-        model.fit(x[kept], e[kept], None if noise_std is None else noise_std[kept])
+        try:
+            model.fit(x[kept], e[kept], None if noise_std is None else noise_std[kept])
+        except KrigingError as error:
+            raise error.of_rows(kept.tolist()) from None
         residual, std = model.leave_one_out()
         surprise = np.linalg.norm(residual / np.maximum(std, np.finfo(float).tiny), axis=1)
         middle = np.median(surprise)

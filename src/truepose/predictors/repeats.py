@@ -56,6 +56,11 @@ class Points:
         """Whether any point was measured more than once."""
         return len(self.x) < len(self.inverse)
 
+    @property
+    def first(self) -> IntArray:
+        """The first sample at each point, (u,)."""
+        return np.unique(self.inverse, return_index=True)[1]
+
     def scatter(self, e: FloatArray) -> FloatArray:
         """Return the pooled variance of the repeats about their means, (k,); 0 where nothing is repeated."""
         freedom = len(e) - len(self.x)
@@ -83,9 +88,9 @@ class Points:
         if bad.size:
             rows = np.flatnonzero(self.inverse == bad[0])
             raise KrigingError(
-                f"rows {', '.join(map(str, rows[:5]))} are one point, but their errors differ by "
-                f"{spread[bad[0]].max():.3g}, and exact Kriging cannot pass through both; "
-                "use exact=False, give noise_std, or average them"
+                f"{{rows}} are one point, but their errors differ by {spread[bad[0]].max():.3g}, and exact Kriging "
+                "cannot pass through both; use exact=False, give noise_std, or average them",
+                rows[:5].tolist(),
             )
 
     def _sum(self, values: FloatArray) -> FloatArray:

@@ -120,7 +120,10 @@ class Kriging(Predictor):
         signal = rise * np.array([m.partial_sill for m in models])
         self._total = signal + nugget
         self._correlation = Correlation.of(model, x.shape[1])
-        self._solve(x, signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
+        try:
+            self._solve(x, signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
+        except KrigingError as error:
+            raise error.of_rows(points.first.tolist()) from None
 
     def _alike(self, signal: FloatArray, micro: FloatArray) -> tuple[list[list[int]], FloatArray]:
         """Return the components with the same unit covariance matrix, and the unit variance of the noise, (u, k)."""
@@ -291,8 +294,9 @@ def _refuse_near_contradictions(
             worst = int(np.argmax(ratio))
             rows = sorted(int(np.flatnonzero(points.inverse == point)[0]) for point in (i[worst], j[worst]))
             raise KrigingError(
-                f"rows {rows[0]} and {rows[1]} are {distance[i[worst]]:.3g} apart, but their errors differ by "
+                f"{{rows}} are {distance[i[worst]]:.3g} apart, but their errors differ by "
                 f"{difference[worst]:.3g}, {ratio[worst]:.3g} standard deviations of the "
                 "variogram, and exact Kriging would swing between them; use exact=False with a nugget, give "
-                "noise_std, or drop one"
+                "noise_std, or drop one",
+                rows,
             )

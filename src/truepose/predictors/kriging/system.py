@@ -86,9 +86,11 @@ class System:
         if reciprocal < WORST:
             raise _singular(reciprocal, x)
         if reciprocal < POOR:
+            nearest, rows = _nearest(x)
+            nearest = nearest.replace("{rows}", f"rows {', '.join(map(str, rows))} of the points")
             warnings.warn(
                 f"the covariance matrix of {len(x)} points has the condition number {1 / reciprocal:.1e}, so that of "
-                f"16 digits about {16 + math.log10(reciprocal):.0f} are left ({_nearest(x)}); {REMEDY}",
+                f"16 digits about {16 + math.log10(reciprocal):.0f} are left ({nearest}); {REMEDY}",
                 IllConditionedWarning,
                 stacklevel=2,
             )
@@ -226,17 +228,19 @@ def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:
 
 def _singular(reciprocal: float, x: FloatArray) -> KrigingError:
     size = f"condition number {1 / reciprocal:.1e}" if reciprocal > 0 else "infinite condition number"
+    nearest, rows = _nearest(x)
     return KrigingError(
-        f"the covariance matrix of {len(x)} points is singular to 64 bits ({size}; {_nearest(x)}); {REMEDY}"
+        f"the covariance matrix of {len(x)} points is singular to 64 bits ({size}; {nearest}); {REMEDY}", rows
     )
 
 
-def _nearest(x: FloatArray) -> str:
+def _nearest(x: FloatArray) -> tuple[str, list[int]]:
+    """Return how near the nearest two points are, with ``{rows}`` for their rows, and these rows."""
     if len(x) == 1:
-        return "they are one point"
+        return "there is one point only", []
     distance, index = (np.asarray(found)[:, 1] for found in KDTree(x).query(x, k=2))
     i = int(np.argmin(distance))
-    return f"the nearest two, rows {i} and {index[i]} of the points, are {distance[i]:.3g} apart"
+    return f"the nearest two, {{rows}}, are {distance[i]:.3g} apart", [i, int(index[i])]
 
 
 def draw(covariance: FloatArray, size: int, rng: np.random.Generator | int) -> FloatArray:

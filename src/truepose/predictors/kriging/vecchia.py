@@ -146,7 +146,10 @@ class VecchiaKriging(NeighbourKriging):
         first = order[:k]
         matrix = self._correlation.matrix(self._coordinates(self._points.x[first])) * group.signal
         matrix[np.diag_indices(k)] = group.prior + group.noise[first]
-        system = System.factorise(matrix, np.empty((k, 0)), self._points.x[first])
+        try:
+            system = System.factorise(matrix, np.empty((k, 0)), self._points.x[first])
+        except KrigingError as error:
+            raise error.of_rows(first.tolist()) from None
         log_determinant = system.log_determinant
         triangle = _triangle(system.whiten(group.right[first]))
         for rows, near in predecessors(self._scaled[0][order], k, max(64, CHUNK // (k * (k + 1) // 2))):

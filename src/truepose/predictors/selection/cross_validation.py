@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.context
+import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -14,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
-from truepose.errors import DataError, TrueposeError
+from truepose.errors import DataError, KrigingError, TrueposeError
 from truepose.numerics.threads import become_worker, blas_threads, cores
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
@@ -65,7 +66,11 @@ class PositionalErrors:
         if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
-        return model, fit_without_gross(model, self.coordinates[predictor_spec(name).space][rows], self.e[rows], noise)
+        x, e = self.coordinates[predictor_spec(name).space][rows], self.e[rows]
+        try:
+            return model, fit_without_gross(model, x, e, noise)
+        except KrigingError as error:
+            raise error.of_rows(np.arange(len(self))[rows].tolist()) from None
 
     def supports(self, name: str) -> bool:
         """Return whether a predictor can be fitted: its coordinates are known, and the arm if it needs one."""
@@ -235,8 +240,17 @@ def _context() -> multiprocessing.context.BaseContext:
     """Return the way to start processes: a server that has imported the code once, where the system supports it."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
+    from multiprocessing import forkserver, resource_tracker  # not on Windows
+
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
+    resource_tracker.ensure_running()  # first, because it unblocks signals
+    # processes inherit what is blocked: Ctrl-C ends this process only, and this process ends the others
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
     return context
 
 
@@ -245,6 +259,7 @@ _job: Job | None = None  # of a worker process
 
 def _start(job: Job) -> None:
     global _job
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked: Windows
     become_worker()
     _job = job
 
