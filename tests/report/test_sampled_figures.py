@@ -48,10 +48,10 @@ def test_no_sill_is_said(part: StudyPart, language: str):
 @pytest.mark.promise("structure, variance and noise in the report are one set of figures of the sampled distances")
 def test_one_set_of_figures(part: StudyPart, record_property: Any):
     record_property("cases", 3)
-    structure = float(re.search(r"and ([\d.]+) % of the variance within", told(part, "structure"))[1])  # type: ignore[index]
+    structure = float(re.search(r"([\d.]+) % is similarity", told(part, "structure"))[1])  # type: ignore[index]
     total, noise, share = (
         float(re.search(pattern, told(part, "noise"))[1])  # type: ignore[index]
-        for pattern in (r"total ([\d.]+) mm, noise", r"noise ([\d.]+) mm;", r"noise is ([\d.]+) %")
+        for pattern in (r"([\d.]+) mm in total", r"([\d.]+) mm by noise", r"^([\d.]+) % of")
     )
     assert structure + share == pytest.approx(100.0, abs=0.5)
     assert 100 * (noise / total) ** 2 == pytest.approx(share, rel=0.15)
@@ -63,7 +63,8 @@ def test_one_set_of_figures(part: StudyPart, record_property: Any):
 def test_figures_by_hand_are_those_of_the_curve(part: StudyPart):
     own = replace(part, model=replace(part.model, nugget=0.03, sill=0.27, range=150.0))
     assert own.sampled.noise_share == pytest.approx(0.1, rel=0.01)
-    assert "90 % of the variance within" in told(own, "structure")
-    assert "noise 0.1 mm; noise is 10 %" in told(own, "noise")
+    assert "90 % is similarity" in told(own, "structure")
+    assert told(own, "noise").startswith("10 % of the variance")
+    assert "0.1 mm by noise" in told(own, "noise")
     assert "Set by hand" in told(own, "curve")
     assert np.isfinite(own.sampled.variance)

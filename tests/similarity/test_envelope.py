@@ -70,7 +70,9 @@ def test_noise_is_not_structure():
 @pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
 def test_verdict_on_noise(rng):
     band = permutation_envelope(rng.random((100, 3)), rng.standard_normal((100, 3)))
-    assert verdict(fit_variogram(band.variogram), band).startswith("The similarity is not distinguishable from chance")
+    assert verdict(fit_variogram(band.variogram), band).startswith(
+        "No, the similarity cannot be distinguished from chance"
+    )
 
 
 def test_same_seed_same_band(structured):

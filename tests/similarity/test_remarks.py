@@ -106,7 +106,7 @@ def test_sampled_figures_extrapolate_nothing():
     assert not found.sill
     text = verdict(fitted, envelope)
     assert "there is no sill within the samples" in text
-    assert f"{found.structure_percent:.6g} % of the variance within {found.lag:.4g} mm is structure" in text
+    assert f"at distances up to {found.lag:.4g} mm, {found.structure_percent:.6g} % is similarity" in text
 
 
 @pytest.mark.parametrize("nugget", [0.0, 0.000018, 0.005, 0.013, 0.4])

@@ -7,20 +7,22 @@ from typing import Final, Protocol
 ENGLISH: Final = {
     "axis": "{family}, axis {number}",
     "band": "shuffled, {percent:g} %",
-    "chance": "The similarity is not distinguishable from chance (p = {p:.2g}): {count}.",
-    "count": "{below} of {lags} lags lie below the {percent:g} % band of shuffled data",
+    "chance": "No, the similarity cannot be distinguished from chance (p = {p:.2g}): {count}.",
+    "count": (
+        "the semivariance of {below} of {lags} distance classes is below the {percent:g} % band of shuffled errors"
+    ),
     "distance": "distance h [{unit}]",
-    "extent": "similarity fades out at {range:.4g} {unit} (95 % of the sill)",
+    "extent": "the similarity ends at {range:.4g} {unit} (95 % of the sill)",
     "few": "fewer than 30 pairs",
     "outside": "the same, outside the axes",
     "points": "measured (area: pairs)",
-    "reach": "out to {lag:.4g} {unit}",
+    "reach": "all of them up to {lag:.4g} {unit}",
     "residual": "left by a fit of kinematics",
     "semivariance": "semivariance γ(h) [mm²]",
-    "short": "at some short lags",
+    "short": "but not that of the shortest distances",
     "similar": (
-        "Yes, near points have similar errors (p = {p:.2g}): {count} ({reach}), {extent}, and {structure:.6g} % of "
-        "the variance within {lag:.4g} {unit} is structure, the rest noise (nugget)."
+        "Yes, near points have similar errors (p = {p:.2g}): {count}, {reach}; {extent}. Of the variance at "
+        "distances up to {lag:.4g} {unit}, {structure:.6g} % is similarity; the rest is noise (nugget)."
     ),
     "theory": "implied by kinematics",
     "trend": "there is no sill within the samples (a trend)",
