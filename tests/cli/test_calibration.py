@@ -62,10 +62,14 @@ def test_fit_and_predict(run, files, name, tmp_path):
 
 def test_table(run, files):
     cell, samples, out = files
-    shown = run("fit", cell, samples, "--predictor", "calibration", "--out", out).out
+    fit = ("fit", cell, samples, "--predictor", "calibration", "--out", out)
+    short = run(*fit).out
+    assert "All parameters: --parameters." in short
+    assert "theta2" not in short
+    shown = run(*fit, "--force", "--parameters").out
     assert "Identified parameters (hayati, method lm)" in shown
     assert "theta2" in shown
-    assert "Rank 27 of 39 parameters" in shown
+    assert "Identified 27 of 39 parameters" in shown
     assert "12 combinations are set by manufacturing tolerances only" in shown
 
 

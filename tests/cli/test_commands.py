@@ -207,7 +207,7 @@ def test_similarity(run, cell_files, tmp_path):
     shown = " ".join(run("similarity", cell_files.cell, cell_files.samples).out.split())
     for words in (
         "Yes, near points",
-        "How much is noise? Standard deviation",
+        "The standard deviation of one component",
         "Does it depend on the direction?",
         "kinematic",
     ):

@@ -236,3 +236,27 @@ def test_any_layout_of_import_is_read(proof, tmp_path):
 def test_conformity_refuses_a_tolerance_that_is_none(tolerance):
     with pytest.raises(tp.TrueposeError, match="expected a positive tolerance"):
         conformity([0.1], [0.01], tolerance)
+
+
+def test_the_options_of_measurement_files_are_those_of_import(run, proof, tmp_path):
+    readings = proof.readings(along_x(*np.linspace(0.0, 0.14, N)))
+    inches = tmp_path / "inches.txt"
+    inches.write_text("".join(f"p{k} {x:.7f} {y:.7f} {z:.7f}\n" for k, (x, y, z) in enumerate(readings.p / 25.4)))
+    verify = ("verify", proof.map_path, proof.corrected, inches, "--tolerance", TOLERANCE, "--uncertainty", NOISE)
+    saved = tmp_path / "columns.toml"
+    columns = ("--columns", "name=1, x=2, y=3, z=4, unit=in", "--save-columns", saved)
+    found = run(*verify, *columns, "--json").json
+    assert [t["error_mm"] for t in found["targets"]] == pytest.approx(np.linspace(0.0, 0.14, N), abs=1e-5)
+    assert run(*verify, "--columns", saved, "--json").json["targets"] == found["targets"]
+    bare = tmp_path / "bare.csv"
+    bare.write_text("".join(f"p{k},{x:.7f},{y:.7f},{z:.7f}\n" for k, (x, y, z) in enumerate(readings.p / 25.4)))
+    wrong = run(*verify[:3], bare, *verify[4:])
+    assert "are its lengths in mm (if not, pass --unit)" in wrong.failed()
+    assert run(*verify[:3], bare, *verify[4:], "--unit", "in", "--json").json["targets"] == found["targets"]
+    twice = tmp_path / "twice.csv"  # two reflectors per target, the second of which is that of the map
+    twice.write_text(
+        "".join(f"{x + 50:.7f},{y:.7f},{z:.7f}\n{x:.7f},{y:.7f},{z:.7f}\n" for x, y, z in readings.p / 25.4)
+    )
+    kept = run(*verify[:3], twice, *verify[4:], "--unit", "in", "--reflectors", 2, "--keep", 2, "--json").json
+    assert [t["error_mm"] for t in kept["targets"]] == [t["error_mm"] for t in found["targets"]]
+    assert "--keep has no effect without --reflectors; give both" in run(*verify, "--keep", 2).failed()

@@ -25,11 +25,11 @@ def demo(
     from truepose.studies.demo import run_demo
 
     overwrite(force, directory / "cell.toml")
-    if as_json:
-        emit_json(run_demo(directory, preset=preset, seed=seed, progress=lambda _: None))
-        return
-    with working() as progress:
+    with working(quiet=as_json) as progress:
         result = run_demo(directory, preset=preset, seed=seed, progress=progress)
+    if as_json:
+        emit_json(result)
+        return
     say(
         f"Virtual {result['robot']}: {result['n_samples']} poses for the fit of {result['predictor']}, "
         f"{result['before']['n']} held-out poses; errors after {result['registration']}.",
@@ -37,6 +37,7 @@ def demo(
         accuracy_table("Held-out poses before and after", result),
         f"Lower limit by noise, for any predictor: mean {result['noise_floor_mm']:.3f} mm.",
         accuracy_table("Program targets, measured again after the correction", result["remeasured"]),
+        result["verification"],
         f"Program:  {result['program']}",
         f"Report:   {result['report']}",
     )
@@ -56,7 +57,7 @@ def study(
     from truepose.studies.paper import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
 
     overwrite(force, *(directory / name for name in STUDY_FILES))
-    with working() as progress:
+    with working(quiet=as_json) as progress:
         results = run_study(preset, range(seeds), per_axis=per_axis, progress=progress)
     write_study(directory, results)
     if as_json:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import emit_json, overwrite, say, table
+from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.cli.summaries import calibration_of, show_calibration
 
 if TYPE_CHECKING:
@@ -33,8 +33,12 @@ def explain(
     from truepose.report.plots.knowledge import PICTURES, save_plots
 
     overwrite(force, *([] if out is None else [out / name for name in PICTURES]))
-    found = knowledge(load_map(map_path), suggestions=suggestions)
-    pictures = [] if out is None else save_plots(found, out)
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map = load_map(map_path)
+        progress("Predicting in the work region")
+        found = knowledge(error_map, suggestions=suggestions)
+        progress("Drawing the pictures")
+        pictures = [] if out is None else save_plots(found, out)
     if as_json:
         emit_json({"map": map_path, **found.to_dict(), "pictures": pictures})
         return

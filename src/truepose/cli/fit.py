@@ -35,6 +35,7 @@ def fit(
     ] = "points,blocks",
     workers: Annotated[int, typer.Option(help="Number of processes for auto; 0: one per processor.", min=0)] = 0,
     accept_campaign: AcceptCampaign = False,
+    parameters: Annotated[bool, typer.Option("--parameters", help="Show also the identified parameters.")] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -46,7 +47,7 @@ def fit(
     from truepose.samples import read_samples
 
     overwrite(force, out)
-    with working() as progress:
+    with working(quiet=as_json) as progress:
         error_map = fit_cell(
             load_cell(cell_path),
             read_samples(samples_path),
@@ -64,7 +65,7 @@ def fit(
     if as_json:
         emit_json(data)
         return
-    _show(error_map)
+    _show(error_map, parameters=parameters)
     title = f"{error_map.predictor_name}: each sample predicted from the others"
     say(accuracy_table(title, {"before": data["registered"], "after": data["leave_one_out"]}), f"Wrote {out}.")
     show_better(better)
@@ -97,7 +98,7 @@ def _figures(error_map: ErrorMap) -> dict[str, Any]:
     }
 
 
-def _show(error_map: ErrorMap) -> None:
+def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     from rich.markup import escape
 
     from truepose.error_map.registration import tool_estimate
@@ -115,5 +116,5 @@ def _show(error_map: ErrorMap) -> None:
     if error_map.ranking:
         show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:
-        show_calibration(calibration)
+        show_calibration(calibration, parameters=parameters)
     show_worth(error_map.worth)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from truepose.cli.options import Force, Json
-from truepose.cli.output import emit_json, overwrite, say, table
+from truepose.cli.output import emit_json, overwrite, say, table, working
 
 if TYPE_CHECKING:
     from truepose.verification import Iso9283
@@ -47,8 +47,10 @@ def iso9283(
         overwrite(force, poses)
         _write_poses(path, poses, edge, as_json)
         return
-    samples = read_samples(path)
-    found = evaluate(samples, cell=None if cell_path is None else load_cell(cell_path), registered=registered)
+    with working(quiet=as_json) as progress:
+        samples = read_samples(path)
+        progress("Evaluating")
+        found = evaluate(samples, cell=None if cell_path is None else load_cell(cell_path), registered=registered)
     stated = {
         "source": str(path),
         "readings": len(samples),
@@ -70,7 +72,8 @@ def _write_poses(cell_path: Path, out: Path, edge: float | None, as_json: bool) 
     from truepose.studies.performance import iso9283_poses
 
     cell = load_cell(cell_path)
-    made = iso9283_poses(cell, edge_mm=edge)
+    with working("Choosing poses", quiet=as_json):
+        made = iso9283_poses(cell, edge_mm=edge)
     written = write_measurement(out, cell, made)
     if as_json:
         emit_json({"poses": out, "n": len(made), "what": made.source, "files": written})

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table
+from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
 from truepose.cli.summaries import show_better, show_campaign, show_worth
 
 _STATES = ("before", "after")
@@ -31,8 +31,11 @@ def predict(
     from truepose.samples import append_columns, read_poses
 
     overwrite(force, out)
-    error_map = load_map(map_path)
-    p, std = error_map.predict_measured(read_poses(poses_path))
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map = load_map(map_path)
+        poses = read_poses(poses_path)
+        progress(f"Predicting {len(poses)} poses")
+        p, std = error_map.predict_measured(poses)
     total = np.linalg.norm(std, axis=1)
     columns = {f"{axis}_pred_mm": p[:, k] for k, axis in enumerate("xyz")}
     columns |= {"std_mm": total, **{f"{axis}_pred_std_mm": std[:, k] for k, axis in enumerate("xyz")}}
@@ -53,9 +56,11 @@ def validate(
     from truepose.error_map import load_map, recheck
     from truepose.samples import read_samples
 
-    error_map = load_map(map_path)
-    samples = read_samples(test_path)
-    validation, found = error_map.validate(samples), recheck(error_map, samples)
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map = load_map(map_path)
+        samples = read_samples(test_path)
+        progress("Validating, and comparing with another predictor")
+        validation, found = error_map.validate(samples), recheck(error_map, samples)
     data = validation.to_dict()
     if as_json:
         more = {"holding": found.holding.to_dict(), "campaign": error_map.campaign}

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -40,6 +44,36 @@ Candidates = Annotated[
         "universal-kriging, ordinary-kriging-joint, calibration, kinematic-kriging).",
     ),
 ]
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace each parameter of a command whose default is a dataclass by one option per field of it."""
+    kind, hints = Parameter.KEYWORD_ONLY, get_type_hints(command, include_extras=True)
+    groups: dict[str, tuple[type[Any], list[str]]] = {}
+    shown: list[Parameter] = []
+    for name, parameter in signature(command).parameters.items():
+        if not is_dataclass(group := parameter.default):
+            shown.append(parameter.replace(kind=kind, annotation=hints[name]))
+            continue
+        options = get_type_hints(type(group), include_extras=True)
+        groups[name] = (type(group), [field.name for field in fields(group)])
+        shown += [Parameter(f.name, kind, default=f.default, annotation=options[f.name]) for f in fields(group)]
+
+    @wraps(command)
+    def run(**values: Any) -> None:
+        made = {name: of(**{option: values.pop(option) for option in names}) for name, (of, names) in groups.items()}
+        command(**made, **values)
+
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
+    run.__signature__ = Signature(shown)  # type: ignore[attr-defined]  # typer reads the options from it
+    return run
+
+
+def check_pairs(*pairs: tuple[str, Any, str, Any]) -> None:
+    """Refuse an option that is given without the option that it depends on: (option, value, other option, value)."""
+    for option, value, needed, other in pairs:
+        if value is not None and other is None:
+            raise DataError(f"{option} has no effect without {needed}; give both")
 
 
 def parse_numbers(text: str, option: str) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,6 +14,7 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Group
+    from rich.progress import Progress, TaskID
 
 _BRACKET: Final = re.compile(r"(?<!\\)\[(?!(?:/|bold|dim|red|green|yellow)\])")
 """A bracket that is not markup, such as one in a file name."""
@@ -44,41 +45,49 @@ def say(*items: Any) -> None:
         console.print(item, soft_wrap=isinstance(item, str), crop=False)
 
 
+class Steps:
+    """The line that shows what a command is doing; see `working`."""
+
+    def __init__(self, bar: Progress, task: TaskID) -> None:
+        self._bar, self._task = bar, task
+
+    def __call__(self, step: str) -> None:
+        """Show the step that begins."""
+        self._bar.update(self._task, description=step, count="")
+
+    def count(self, done: int, total: int) -> None:
+        """Show how much of the step is done."""
+        self._bar.update(self._task, count=f"{done} of {total}")
+
+
 @contextmanager
-def working() -> Iterator[Callable[[str], None]]:
-    """Show the current step on stderr if it is a terminal; yields the function that sets it."""
+def working(step: str = "Reading", *, quiet: bool) -> Iterator[Steps]:
+    """Show the current step and the time on stderr if it is a terminal and not `quiet`; the line disappears at the end.
+
+    Every command that can take more than two seconds uses it. `quiet` is the command's --json.
+    """
     from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    with Console(stderr=True).status("Reading") as status:
-        yield status.update
-
-
-@contextmanager
-def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on stderr if it is a terminal; yields a function of the number done and the total."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None, visible=False)
-
-        def advance(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, visible=True)
-
-        yield advance
+    texts = (TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}"))
+    columns = (SpinnerColumn(), *texts, TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        yield Steps(bar, bar.add_task(step, total=None, count=""))
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:
-    """Return a titled table: first column left-aligned, the others right-aligned, numbers with three decimals."""
+    """Return a titled table: first column left-aligned, the others right-aligned, numbers with three decimals.
+
+    A field that is too wide for the terminal is folded, never cut.
+    """
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
     made = Table(header_style="bold")
     for k, column in enumerate(columns):
-        made.add_column(Text(column), justify="left" if k == 0 else "right")
+        made.add_column(Text(column), justify="left" if k == 0 else "right", overflow="fold")
     for row in rows:
         made.add_row(*(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in row))
     # a title inside the table would be wrapped at its width

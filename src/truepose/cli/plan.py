@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from truepose.cli.options import CellPath, Force, Json
-from truepose.cli.output import counting, emit_json, overwrite, say, table
+from truepose.cli.output import emit_json, overwrite, say, table, working
 
 
 def plan(
@@ -49,8 +49,8 @@ def plan(
     offered = None if candidates is None else read_poses(candidates).q
     if candidates is not None and offered is None:
         raise FileError(candidates, "has no joints (q1_deg …) to choose from")
-    with counting("Choosing poses") as progress:
-        found = make_plan(cell, n, method, candidates=offered, after=known, rng=seed, progress=progress)
+    with working("Choosing poses", quiet=as_json) as progress:
+        found = make_plan(cell, n, method, candidates=offered, after=known, rng=seed, progress=progress.count)
     written = found.write(out)
     if as_json:
         emit_json({**found.to_dict(), "files": written})

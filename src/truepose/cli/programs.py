@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import wraps
-from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import counting, emit_json, overwrite, say
+from truepose.cli.options import Force, Json, MapPath, with_groups
+from truepose.cli.output import emit_json, overwrite, say, working
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
+    from truepose.cli.output import Steps
     from truepose.compensation import Policy
     from truepose.errors import FileError
-    from truepose.programs import CorrectedBatch, FrameTable, ReadOptions
+    from truepose.programs import CorrectedBatch, FrameTable, Program, ReadOptions
 
 
 _WRITTEN: Final = 12  # files that are listed one by one
@@ -66,7 +65,7 @@ Programs = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """The options of how programs are read, shared by check and correct; see `with_reading`."""
+    """The options of how programs are read, shared by check and correct; see `with_groups`."""
 
     cell_path: Annotated[
         Path | None, typer.Option("--cell", help="Cell file for frames and limits; by default the map's own.")
@@ -140,27 +139,7 @@ class Reading:
 _READING = Reading()
 
 
-def with_reading(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace a command's parameter ``reading`` by one option per field of `Reading`."""
-    kind = Parameter.KEYWORD_ONLY
-    hints = get_type_hints(Reading, include_extras=True) | get_type_hints(command, include_extras=True)
-    options = [Parameter(field.name, kind, default=field.default) for field in fields(Reading)]
-    shown: list[Parameter] = []
-    for name, parameter in signature(command).parameters.items():
-        shown += options if name == "reading" else [parameter.replace(kind=kind)]
-    shown = [parameter.replace(annotation=hints[parameter.name]) for parameter in shown]
-
-    @wraps(command)
-    def run(**values: Any) -> None:
-        reading = Reading(**{option.name: values.pop(option.name) for option in options})
-        command(reading=reading, **values)
-
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
-    run.__signature__ = Signature(shown)  # type: ignore[attr-defined]  # typer reads the options from it
-    return run
-
-
-@with_reading
+@with_groups
 def check(
     paths: Programs,
     reading: Reading = _READING,
@@ -170,7 +149,8 @@ def check(
     from truepose.cli.verdicts import say_total, show_checked
     from truepose.programs import read_programs
 
-    found = read_programs(paths, reading.frames(reading.cell()), reading.options())
+    with working("Reading the programs", quiet=as_json):
+        found = read_programs(paths, reading.frames(reading.cell()), reading.options())
     if as_json:
         emit_json(
             {
@@ -187,7 +167,7 @@ def check(
         raise _unread(found.unreadable)
 
 
-@with_reading
+@with_groups
 def correct(
     map_path: MapPath,
     paths: Programs,
@@ -221,17 +201,18 @@ def correct(
         raise DataError("--out has no effect with --in-place; give one of them")
     out = out or Path("corrected")
     overwrite(force)
-    error_map = load_map(map_path)
-    cell = reading.cell()
-    frames = reading.frames(cell or error_map.cell)
     policy: Policy | None = None if on_guard is None else on_guard.value
-    # correct all before writing any, so that a refusal leaves no program half done
-    found = read_programs(paths, frames, reading.options(orientation=orientation))
-    if found.unreadable and not keep_going:
-        raise _unread(found.unreadable)
-    with counting("targets") as progress:
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map = load_map(map_path)
+        cell = reading.cell()
+        frames = reading.frames(cell or error_map.cell)
+        progress("Reading the programs")
+        # correct all before writing any, so that a refusal leaves no program half done
+        found = read_programs(paths, frames, reading.options(orientation=orientation))
+        if found.unreadable and not keep_going:
+            raise _unread(found.unreadable)
         corrected, refused = correct_read(
-            found.programs,
+            _announced(found.programs, progress),
             error_map,
             cell,
             keep_going=keep_going,
@@ -240,21 +221,29 @@ def correct(
             require=require,
             other_maker=other_maker,
             accept_weak_map=accept_weak_map,
-            progress=progress,
+            progress=progress.count,
         )
-    unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
-    batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
-    check_names(corrected, in_place=in_place)
-    written: list[Path] = []
-    if corrected and not dry_run:
-        written = batch.write_in_place(force=force) if in_place else batch.write(out, force=force)
-        written += _workbooks(written) if xlsx else []
+        unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
+        batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
+        check_names(corrected, in_place=in_place)
+        written: list[Path] = []
+        if corrected and not dry_run:
+            how = {"force": force, "workbook": xlsx}
+            written = batch.write_in_place(**how) if in_place else batch.write(out, **how)
     if as_json:
         emit_json({"written": written, **batch.to_dict()})
     else:
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))
+
+
+def _announced(programs: Sequence[Program], progress: Steps) -> Iterator[Program]:
+    """Yield programs, and show which one is corrected."""
+    for number, program in enumerate(programs, 1):
+        progress(f"Correcting {program.path.name}" + (f" ({number} of {len(programs)})" if len(programs) > 1 else ""))
+        yield program
+    progress("Writing")
 
 
 def _show_batch(batch: CorrectedBatch, written: Sequence[Path], place: str, *, dry_run: bool) -> None:
@@ -293,13 +282,3 @@ def _unread(errors: Sequence[FileError]) -> FileError:
         return errors[0]
     first, *others = map(str, errors)
     return FileError(f"{len(errors)} programs cannot be read", "; ".join([first, *others]))
-
-
-def _workbooks(written: list[Path]) -> list[Path]:
-    """Write the records among the written files as workbooks beside them; return their paths."""
-    from truepose._io.files import read_text, write_all
-    from truepose._io.workbook import in_format
-
-    records = {path.with_suffix(".xlsx"): path for path in written if path.name.endswith(".corrections.csv")}
-    write_all({goal: in_format(goal, read_text(path)) for goal, path in records.items()})
-    return list(records)

@@ -42,7 +42,7 @@ def report(
     from truepose.samples import read_samples
 
     overwrite(force, out)
-    with working() as progress:
+    with working(quiet=as_json) as progress:
         error_map = load_map(map_path)
         held_out = None if test is None else read_samples(test)
         cell = None if cell_path is None else load_cell(cell_path)

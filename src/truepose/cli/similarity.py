@@ -77,8 +77,9 @@ def similarity(
     by_hand = {name: value for name, value in given.items() if value is not None}
     if hold and not by_hand:
         raise DataError("--hold has no effect without --nugget, --sill or --range; give one of them")
-    with working() as progress:
+    with working("Registering", quiet=as_json) as progress:
         registered = fit_cell(cell, samples, "registration", accept_campaign=True)
+        progress("Looking for similarity")
         study = similarity_study(
             registered,
             family=family,

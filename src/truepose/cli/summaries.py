@@ -56,8 +56,8 @@ def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any
         else (row["predictor"], *["–"] * (len(splits) + 2), row["note"])
         for k, row in enumerate(ranking)
     ]
-    columns = ["predictor", "mean [mm]", *splits, "P95", "worse by (95 %)"]
-    say(table(f"Cross-validation of the candidates over {' and '.join(splits)}", columns, rows))
+    columns = ["predictor", "mean", *splits, "P95", "worse by (95 %)"]
+    say(table(f"Cross-validation of the candidates over {' and '.join(splits)} [mm]", columns, rows))
     low, high = expected["mean_interval_mm"]
     chosen = ", ".join(f"{name} {count}×" for name, count in expected["chosen"].items())
     say(
@@ -95,16 +95,18 @@ def calibration_data(calibration: KinematicCalibration) -> dict[str, Any]:
     }
 
 
-def show_calibration(calibration: KinematicCalibration) -> None:
-    """Show the identified parameters and how well the poses determine them."""
+def show_calibration(calibration: KinematicCalibration, *, parameters: bool = True) -> None:
+    """Show how well the poses determine the parameters of the arm, and on request the identified parameters."""
     seen, p = calibration.observability_, len(calibration.parameters_)
-    columns = ("parameter", "nominal", "identified", "± std", "unit", "")
-    title = f"Identified parameters ({calibration.convention}, method {calibration.method})"
-    say(table(title, columns, [_cells(row) for row in calibration.parameters_]))
+    if parameters:
+        columns = ("parameter", "nominal", "identified", "± std", "unit", "")
+        title = f"Identified parameters ({calibration.convention}, method {calibration.method})"
+        say(table(title, columns, [_cells(row) for row in calibration.parameters_]))
     unknown = f"; {p - seen.rank} combinations are set by {_SOURCES[calibration.prior]}" if seen.rank < p else ""
     say(
-        f"Rank {seen.rank} of {p} parameters, condition number {seen.condition:.0f}{unknown}. "
+        f"Identified {seen.rank} of {p} parameters of the arm (condition number {seen.condition:.0f}){unknown}. "
         f"Residual standard deviation: {calibration.misfit_std_:.3f} mm per axis."
+        + ("" if parameters else " All parameters: --parameters.")
     )
     if calibration.hint_:
         say(f"[yellow]Note[/]: {calibration.hint_}.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import emit_json, overwrite, say, table
+from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -47,14 +47,17 @@ def update(
     from truepose.samples import read_samples
 
     overwrite(force, *([] if out is None else [out]))
-    error_map, samples = load_map(map_path), read_samples(samples_path)
-    before = recheck(error_map, samples) if refit is None else None
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map, samples = load_map(map_path), read_samples(samples_path)
+        progress("Testing the map with the new samples")
+        before = recheck(error_map, samples) if refit is None else None
     if before is not None and out is not None and before.holding.verdict == "does not hold" and not anyway:
         remedy = "use --refit, fit a new map, or add the samples with --anyway"
         raise RefusedError(f"{map_path}: {' '.join(before.words)} Nothing was written; {remedy}")
     only_tested = out is None and refit is None
-    new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
-    after = before if before is not None else recheck(new, samples)
+    with working("Fitting the map again", quiet=as_json):
+        new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
+        after = before if before is not None else recheck(new, samples)
     far = [samples.identify(i) for i in after.holding.far]
     if out is not None:
         new.save(out)

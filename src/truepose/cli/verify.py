@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import emit_json, overwrite, say, table
-from truepose.cli.programs import Reading, with_reading
+from truepose.cli.measurement import Measurement
+from truepose.cli.options import Force, Json, MapPath, with_groups
+from truepose.cli.output import emit_json, overwrite, say, table, working
+from truepose.cli.programs import Reading
 
 if TYPE_CHECKING:
     from truepose.programs import ProgramVerification
 
 _LISTED = 60  # targets that are shown one by one
 _COLOURS = {"pass": "green", "undecided": "yellow", "fail": "red"}
-_READING = Reading()
+_READING, _MEASUREMENT = Reading(), Measurement()
 
 
 class Match(StrEnum):
@@ -28,7 +29,7 @@ class Match(StrEnum):
     position = "position"
 
 
-@with_reading
+@with_groups
 def verify(
     map_path: MapPath,
     program_path: Annotated[
@@ -52,9 +53,7 @@ def verify(
     uncertainty: Annotated[
         float | None, typer.Option("--uncertainty", help="Standard uncertainty of a reading, mm (k = 1).")
     ] = None,
-    columns: Annotated[
-        str | None, typer.Option("--columns", help="Columns of READINGS, as for import: 'x=4, y=5, z=6, unit=m'.")
-    ] = None,
+    measurement: Measurement = _MEASUREMENT,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="File to write: .csv, .xlsx, or .json for 'report --verification'."),
@@ -71,28 +70,28 @@ def verify(
     from truepose.error_map import load_map
     from truepose.errors import FileError
     from truepose.programs import verify_program
-    from truepose.trackers import Columns
+    from truepose.trackers import read_measurement
 
     if out is not None and out.suffix.lower() not in (".csv", ".xlsx", ".json"):
         raise FileError(out, "expected a name that ends in .csv, .xlsx or .json")
-    overwrite(force, *([] if out is None else [out]))
-    error_map = load_map(map_path)
-    cell = reading.cell()
-    stated = None if columns is None else Columns.parse(columns) if "=" in columns else Columns.load(columns)
-    found = verify_program(
-        error_map,
-        program_path,
-        readings_path,
-        cell=cell,
-        tolerance_mm=tolerance,
-        before=before,
-        register=register,
-        match=match.value,
-        uncertainty_mm=uncertainty,
-        frames=reading.frames(cell or error_map.cell),
-        options=reading.options(),
-        columns=stated,
-    )
+    overwrite(force, *([] if out is None else [out]), *measurement.check())
+    with working("Reading the map", quiet=as_json) as progress:
+        error_map = load_map(map_path)
+        cell, settings = reading.cell(), measurement.settings()
+        progress("Comparing readings with targets")
+        found = verify_program(
+            error_map,
+            program_path,
+            read_measurement(readings_path, **settings),
+            cell=cell,
+            tolerance_mm=tolerance,
+            before=None if before is None else read_measurement(before, **settings),
+            register=register,
+            match=match.value,
+            uncertainty_mm=uncertainty,
+            frames=reading.frames(cell or error_map.cell),
+            options=reading.options(),
+        )
     if out is not None:
         in_json = json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n"
         write_atomic(out, in_json if out.suffix.lower() == ".json" else in_format(out, found.to_csv()))

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath
-from truepose.cli.output import emit_json, say
+from truepose.cli.options import Force, Json, MapPath, with_groups
+from truepose.cli.output import emit_json, say, working
 from truepose.cli.programs import (
     AcceptWeakMap,
     GuardPolicy,
@@ -17,13 +17,12 @@ from truepose.cli.programs import (
     OtherMaker,
     Reading,
     Require,
-    with_reading,
 )
 
 _READING = Reading()
 
 
-@with_reading
+@with_groups
 def watch(
     map_path: MapPath,
     in_dir: Annotated[Path, typer.Argument(metavar="IN", help="The folder that programs are put into.")],
@@ -70,7 +69,8 @@ def watch(
             for event in folder.poll():
                 say(f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {event}")
             time.sleep(interval)
-    events = folder.once()
+    with working("Correcting", quiet=as_json):
+        events = folder.once()
     if as_json:
         emit_json({"programs": [event.to_dict() for event in events]})
     else:

@@ -177,9 +177,10 @@ def _far(
             f"{where}, whose name it has, but {distance[k]:.3f} mm from {names[nearest[k]]}; correct the names, or "
             "match by position (--match position)"
         )
+    unit = "" if readings.unit_stated else f"are its lengths in {readings.unit} (if not, pass --unit), "
     return DataError(
-        f"{where} ({int(far.sum())} of {len(far)} readings are far off); is it this program and the map's reflector, "
-        "and did the tracker stay where it was? Register the readings again with --register if it was moved"
+        f"{where} ({int(far.sum())} of {len(far)} readings are far off); {unit}is it this program and the map's "
+        "reflector, and did the tracker stay where it was? Register the readings again with --register if it was moved"
     )
 
 

@@ -100,6 +100,7 @@ def run_demo(
         },
         "noise_floor_mm": virtual.noise_floor,
         "remeasured": remeasured,
+        "verification": verified.sentences()[0],
         "report": report,
         "program": corrected_path,
     }

@@ -2,7 +2,7 @@
 
 from truepose.trackers.columns import Columns
 from truepose.trackers.formats.joint_files import read_plan
-from truepose.trackers.importing import import_readings
+from truepose.trackers.importing import import_readings, read_measurement
 from truepose.trackers.layout import Layout, first_row_matches, in_columns, row_names
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
@@ -20,6 +20,7 @@ __all__ = [
     "import_readings",
     "in_columns",
     "match",
+    "read_measurement",
     "read_plan",
     "read_readings",
     "row_names",

@@ -66,9 +66,7 @@ def import_readings(
     FileError, DataError
         For the reasons of `read_readings`, `match` and `check_against`.
     """
-    readings = read_readings(path, columns, unit=unit)
-    if reflectors is not None:
-        readings = combine_reflectors(readings, reflectors, keep=keep)
+    readings = read_measurement(path, columns=columns, unit=unit, reflectors=reflectors, keep=keep)
     if cell is not None and plan.q is not None:
         robot = cell.load_robot()
         if plan.p_cmd is None:
@@ -81,6 +79,38 @@ def import_readings(
         return match(readings, plan, **permissions)
     with tool_suspected(partial(_pairs, readings, plan, cell), cell.tf_flange_tool[:3, 3], readings.source):
         return match(readings, plan, **permissions)
+
+
+def read_measurement(
+    path: str | Path,
+    *,
+    columns: Columns | None = None,
+    unit: str | None = None,
+    reflectors: ArrayLike | int | None = None,
+    keep: int | None = None,
+) -> Readings:
+    """Read a measurement file, with one reading per pose.
+
+    Parameters
+    ----------
+    path : str or Path
+        The measurement file.
+    columns, unit : optional
+        The columns and the unit of lengths of a file that does not state them; see `read_readings`.
+    reflectors, keep : optional
+        The reflectors read at each pose; see `combine_reflectors`.
+
+    Returns
+    -------
+    Readings
+
+    Raises
+    ------
+    FileError, DataError
+        For the reasons of `read_readings` and `combine_reflectors`.
+    """
+    readings = read_readings(path, columns, unit=unit)
+    return readings if reflectors is None else combine_reflectors(readings, reflectors, keep=keep)
 
 
 def _pairs(readings: Readings, plan: Poses, cell: Cell) -> tuple[FloatArray, FloatArray] | None:
