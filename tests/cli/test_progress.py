@@ -44,7 +44,7 @@ def commands(folder: Path, out: Path) -> dict[str, tuple[tuple[object, ...], str
     """Each command that may take long, and a step of it."""
     cell, samples, error_map = folder / "cell.toml", folder / "fit_samples.csv", folder / "map.truepose"
     held_out, program = folder / "held_out_samples.csv", folder / "program" / "panel.src"
-    corrected, readings = folder / "corrected" / "panel.src", folder / "panel_readings.txt"
+    corrected, readings = folder / "corrected" / "panel.src", folder / "panel_corrected_readings.txt"
     raw, plan = folder / "fit_readings.txt", folder / "fit_plan.csv"
     return {
         "plan": ((cell, "--n", 6, "--method", "sobol", "--out", out / "plan"), "Choosing poses"),
