@@ -103,7 +103,8 @@ def test_many_programs(error_map, study, tmp_path, no_figures):
     assert (poses.name, table.name) == ("poses.csv", "targets.csv")
     assert len(poses.text.splitlines()) == 61
     listed = {row["file"]: row["sha256"] for row in csv.DictReader(io.StringIO(hashes.text))}
-    assert listed == {**{path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}, "panel.dat": "b" * 64}
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    assert listed == {**digests, "panel.dat": "b" * 64}
     listed = list(csv.DictReader(io.StringIO(table.text)))
     assert len(listed) == 24
     assert (listed[0]["verdict"], listed[0]["x_correction_mm"], listed[1]["file"]) == ("skip", "", "panel.dat")

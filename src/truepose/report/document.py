@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, Final
 
 _TIED: Final = re.compile(
-    r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)|(?<=\bk) (?==)|(?<=\bk =) (?=2)"
+    r"(?<=[0-9]) (?=(?:mm|µm|rad|kg|°|%)(?![a-z]))|(?<=\b[xyz]) (?=[−0-9])|(?<=±) | (?=±)"
+    r"|(?<=\bk) (?==)|(?<=\bk =) (?=2)"
 )
 
 

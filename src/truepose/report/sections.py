@@ -392,9 +392,7 @@ def _parameters(parameters: Mapping[str, Any], space: str, say: Locale) -> tuple
         ):
             columns = [name, *(f"{key} [{units[key]}]" if key in units else key for key in value[0])]
             names = "xyz" if name == "variogram" and len(value) == 3 else range(1, len(value) + 1)
-            rows = [
-                [str(k), *(_value(v, say) for v in row.values())] for k, row in zip(names, value, strict=True)
-            ]
+            rows = [[str(k), *(_value(v, say) for v in row.values())] for k, row in zip(names, value, strict=True)]
             words = takewhile(lambda v: isinstance(v, str), value[0].values())
             if name == "variogram":
                 tables.append(Text(say("model.variograms", section=say("similarity_section.title"))))
