@@ -228,3 +228,41 @@ def test_dates_of_the_report_are_dates(value: str) -> None:
     text = f'[robot]\nmodel = "kuka-kr150-2"\n[report]\nmeasured = {value}\n'
     with pytest.raises(FileError, match=r"toml:4: \[report\] measured: expected a date such as 2026-03-31, got"):
         Cell.from_toml(text)
+
+
+M10IA = '[robot]\nmodel = "fanuc-m10ia"\n'
+STATED = "world_height_mm = 450.0\n"
+REGION = "[region]\nx_mm = 900.0\nsize_mm = [100.0, 100.0, 100.0]\nhome_deg = [0, 0, 0, 0, -90, 0]\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "named"),
+    [
+        (REGION, r"\[region\]"),
+        ("[obstacles.table]\nx_mm = [0, 1]\ny_mm = [0, 1]\nz_mm = [0, 1]\n", r"\[obstacles\.table\]"),
+        ("[frames.bases.1]\nz_mm = 900.0\n", r"\[frames\.bases\.1\]"),
+        ('[tracker]\nfit = "none"\nz_mm = 900.0\n', r"\[base\], \[tracker\]"),
+    ],
+)
+def test_poses_relative_to_a_base_above_the_mounting_face_are_confirmed_once(table: str, named: str) -> None:
+    """A cell file of version 0.2 counts from the mounting face; taken as it is, it would be wrong by this height."""
+    match = rf"world_height_mm: is missing: .* is its controller's world, 450 mm above .*; check {named}, .* = 450"
+    with pytest.raises(FileError, match=match):
+        cell(M10IA + table)
+    assert cell(M10IA + STATED + table).robot.world_height_mm == 450.0
+    assert cell(KUKA + table).robot.world_height_mm is None
+
+
+def test_nothing_is_asked_where_nothing_is_relative_to_the_base() -> None:
+    cell(M10IA + "[tool]\nz_mm = 100.0\n[base]\nz_mm = 5.0\n[frames.tools.1]\nz_mm = 1.0\n")
+    cell(M10IA + STATED + REGION + "frame = 1\n[frames.bases.1]\nz_mm = 900.0\n")
+
+
+def test_the_height_counts_once() -> None:
+    with pytest.raises(FileError, match=r"cell\.toml:4: .*450 mm once more: .*remove \[frames\.bases\.0\]"):
+        cell(M10IA + STATED + "[frames.bases.0]\nz_mm = 450.0\n")
+    cell(M10IA + STATED + "[frames.bases.0]\nz_mm = 200.0\n")
+    with pytest.raises(FileError, match=r"\[robot\] world_height_mm: .* 450 mm above the mounting face, not 440 mm"):
+        cell(M10IA + "world_height_mm = 440.0\n")
+    with pytest.raises(FileError, match="the base of kuka-kr210-r2700-extra is where its file puts it; remove this"):
+        cell(KUKA + STATED)

@@ -57,7 +57,7 @@ def pose_as_written(joints: list[Joint], q: np.ndarray) -> np.ndarray:
 
 
 def test_an_arm_in_ros_manner_is_the_librarys(tmp_path: Path, rng: np.random.Generator) -> None:
-    arm = load_robot(write(tmp_path / "arm.urdf", FANUC))
+    arm = load_urdf(write(tmp_path / "arm.urdf", FANUC), base="base")  # ROS's name for the controller's world
     library = load_robot("fanuc-m20ia")
     q = rng.uniform(-3, 3, (50, 6))
     np.testing.assert_allclose(arm.forward(q), library.forward(q), atol=1e-9)

@@ -29,6 +29,7 @@ from truepose.cell.sections import (
     Tracker,
 )
 from truepose.cell.text import explain, line_of, tables
+from truepose.cell.world_height import check_world_height
 from truepose.errors import FileError
 from truepose.geometry.transforms import invert_transform
 from truepose.robots import Robot, load_robot
@@ -124,6 +125,8 @@ class Cell(CellSection):
                 pose.matrix(self._controller)
             except CellError as error:
                 raise CellError((*loc, *error.loc), str(error)) from None
+        if self._robot is None:  # a map has the robot, and the frames, with which it was fitted
+            check_world_height(robot, self.robot.world_height_mm, self.bases, self._relative_to_base())
         tolerances = (self.report.tolerance_mm, self.correction.tolerance_mm)
         if None not in tolerances and tolerances[0] != tolerances[1]:
             message = "states {:g} mm, but [correction] states {:g} mm; state one tolerance".format(*tolerances)
@@ -142,6 +145,13 @@ class Cell(CellSection):
         return f"<Cell of {self.robot.model}: {'; '.join(parts)}>"
 
     __str__ = __repr__
+
+    def _relative_to_base(self) -> list[str]:
+        """Return the stated tables that are relative to the robot's base."""
+        found = [] if self.station_fitted else ["[base]", "[tracker]"]
+        found += ["[region]"] if self.region is not None and self.region.frame is None else []
+        found += [f"[obstacles.{name}]" for name in self.obstacles]
+        return found + [f"[frames.bases.{number}]" for number in self.bases]
 
     def load_robot(self) -> Robot:
         """Return the robot that ``[robot] model`` states, or that of the validation context (a map has its own)."""

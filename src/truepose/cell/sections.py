@@ -17,11 +17,13 @@ Fit = Literal["none", "position", "pose"]
 class RobotSection(CellSection):
     """``[robot]``: a library name, or the path of a .toml, .csv or .urdf file relative to the cell file.
 
-    ``repeatability_mm`` is RP of ISO 9283, as stated by the maker.
+    ``repeatability_mm`` is RP of ISO 9283, as stated by the maker. ``world_height_mm`` confirms that the poses of the
+    file are relative to the controller's world, see `truepose.cell.world_height`.
     """
 
     model: str
     repeatability_mm: Positive | None = None
+    world_height_mm: Positive | None = None
 
 
 class Tool(Pose):

@@ -17,7 +17,7 @@ _TEMPLATE: Final = """\
 
 [robot]
 model = {model}        # a library name (see `truepose robots`), or the path of a .toml, .csv or .urdf file
-# repeatability_mm = 0.06  # RP of ISO 9283; with the noise of a reading it limits the accuracy of any map
+{world}# repeatability_mm = 0.06  # RP of ISO 9283; with the noise of a reading it limits the accuracy of any map
 
 [tool]                   # from the flange to the measured point (the reflector)
 x_mm = 0.0
@@ -111,6 +111,10 @@ max_rotation_std_mrad = 3.0   # largest predicted standard deviation of orientat
 # temperature_C = 20.0
 # tolerance_mm = 0.3     # decides PASS or FAIL; default: that of [correction]
 """
+_WORLD: Final = """\
+world_height_mm = {height}  # the robot's base is the controller's world, this far above the mounting face; poses here
+                         # are relative to it ([region], [obstacles], [frames.bases], [base])
+"""
 
 
 def template(robot_name: str, folder: str | Path | None = None) -> str:
@@ -141,6 +145,7 @@ def template(robot_name: str, folder: str | Path | None = None) -> str:
     return _TEMPLATE.format(
         model=json.dumps(_model(robot_name, folder), ensure_ascii=False),
         angles=", ".join(keys),
+        world="" if robot.world_height_mm is None else _WORLD.format(height=robot.world_height_mm),
         zero_angles="\n".join(zero),
         region_angles="\n".join(f"# {line}" for line in zero),
         home=[0.0] * robot.dof,

@@ -86,6 +86,8 @@ def _show(robot: Robot) -> None:
     say(table(f"{plate} ({robot.convention})", columns, rows), f"Source: {robot.source or 'not stated'}")
     if robot.data_sheet is not None:
         say(f"Data sheet: {robot.data_sheet}")
+    if robot.world_height_mm is not None:
+        say(f"Base: the controller's world frame, {robot.world_height_mm:g} mm above the mounting face")
 
 
 def _robot_data(robot: Robot) -> dict[str, Any]:

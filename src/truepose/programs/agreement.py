@@ -5,14 +5,20 @@ from __future__ import annotations
 import unicodedata
 from typing import Final
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from truepose.cell import Cell
 from truepose.errors import RefusedError
 from truepose.programs.core.program import Program
 from truepose.programs.reading import LANGUAGES, language_of
-from truepose.robots import Robot, to_toml
+from truepose.robots import Robot, list_robots, load_robot, to_toml
 
 _OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")
 """Tables of a cell file that a map was fitted with, and that a correction does not read again."""
+_SOME_ANGLE: Final = float(np.deg2rad(10.0))  # signs of joints have no effect at zero
+_SAME_MM: Final = 1e-3
+_SAME_RAD: Final = 1e-6
 
 
 def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
@@ -23,16 +29,46 @@ def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
     Raises
     ------
     RefusedError
-        If the robots differ.
+        If the robots differ, or the robot of the same name reaches other poses than when the map was fitted.
     """
     other = cell.load_robot()
     if other.name != robot.name and to_toml(other) != to_toml(robot):
         raise RefusedError(f"the cell file is of {other.name}, the map of {robot.name}; take the cell file of this map")
+    if other.name == robot.name and (change := _change(robot, other)):
+        raise RefusedError(f"the cell file's {other.name} is not the one with which the map was fitted: {change}")
     differ = [f"[{name}]" for name in _OF_THE_MAP if getattr(own, name) != getattr(cell, name)]
     if not differ:
         return []
     what = f"{', '.join(differ)} of the cell file differ from what the map was fitted with and have no effect"
     return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
+
+
+def check_library(own: Cell, robot: Robot) -> list[str]:
+    """Return the warning of a map whose library arm is described otherwise today."""
+    if robot.name != own.robot.model or robot.name not in list_robots():
+        return []
+    if not (change := _change(robot, load_robot(robot.name))):
+        return []
+    return [
+        f"the map was fitted with an earlier description of {robot.name}, whose base it reads programs in: {change}"
+    ]
+
+
+def _change(robot: Robot, other: Robot) -> str:
+    """Return how the flange poses of two descriptions of an arm differ, with the remedy; empty if they do not."""
+    if other.dof != robot.dof:
+        return f"it has {other.dof} joints, not {robot.dof}; fit the map again"
+    for q in np.zeros(robot.dof), np.full(robot.dof, _SOME_ANGLE):
+        before, after = robot.forward(q), other.forward(q)
+        apart = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
+        turned = float(Rotation.from_matrix(before[:3, :3].T @ after[:3, :3]).magnitude())
+        if apart > _SAME_MM or turned > _SAME_RAD:
+            was, now = (", ".join(f"{x:.1f}" for x in tf[:3, 3] + 0.0) for tf in (before, after))
+            return (
+                f"with all joints at {np.rad2deg(q[0]):g}° its flange is at ({now}) mm, turned by "
+                f"{np.rad2deg(turned):.1f}°, not at ({was}) mm; fit the map again"
+            )
+    return ""
 
 
 def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) -> list[str]:

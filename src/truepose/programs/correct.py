@@ -21,7 +21,7 @@ from truepose.cell import Cell
 from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
-from truepose.programs.agreement import check_cell, check_maker
+from truepose.programs.agreement import check_cell, check_library, check_maker
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
@@ -223,7 +223,8 @@ def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, othe
     known = CorrectionContext.of(error_map)
     if known.robot is None:
         return []
-    warnings = [] if cell is None or known.cell is None else check_cell(known.cell, known.robot, cell)
+    warnings = [] if known.cell is None else check_library(known.cell, known.robot)
+    warnings += [] if cell is None or known.cell is None else check_cell(known.cell, known.robot, cell)
     warnings += check_maker(known.robot, program, other_maker=other_maker)
     if isinstance(error_map, ChecksArm) and not error_map.arm_check.checked:
         warnings.append(error_map.arm_check.words)

@@ -121,6 +121,11 @@ class Chain:
         """Number of joints."""
         return len(self.alpha)
 
+    @property
+    def world_height_mm(self) -> float | None:
+        """The height of the base above the mounting face as the data sheet states it; None if it does not."""
+        return None if self.data_sheet is None else self.data_sheet.world_height_mm
+
     @cached_property
     def link_before(self) -> FloatArray:
         """The part of each A_i before its rotation by theta_i: (dof, 4, 4) [mm]."""

@@ -27,6 +27,9 @@ class DataSheet:
         The pose repeatability RP of ISO 9283.
     payload_kg : float, optional
         The rated payload.
+    world_height_mm : float, optional
+        The height of the controller's world frame above the mounting face. The base of the arm's description is that
+        frame; None if it is at the mounting face, or not known.
 
     Raises
     ------
@@ -44,9 +47,10 @@ class DataSheet:
     reach_rounding_mm: float = 1.0
     repeatability_mm: float | None = None
     payload_kg: float | None = None
+    world_height_mm: float | None = None
 
     def __post_init__(self) -> None:
-        for key in ("reach_mm", "reach_rounding_mm", "repeatability_mm", "payload_kg"):
+        for key in ("reach_mm", "reach_rounding_mm", "repeatability_mm", "payload_kg", "world_height_mm"):
             value = getattr(self, key)
             if value is not None and not 0 < value < float("inf"):
                 raise RobotError(f"data_sheet.{key} must be above 0, got {value}")

@@ -25,10 +25,10 @@ _TRIES: Final = 8
 def adapt(preset: Preset, robot: Robot) -> Preset:
     """Return a preset adapted to another robot.
 
-    Lengths scale with the length of the arm, the payload with its mass. Among the branches that reach the centre of the
-    region, the one is chosen that reaches the corners at all orientations with the largest margin to the limits. A
-    region that no branch reaches is made smaller and moved towards the base, or only made smaller; if that does not
-    suffice, the orientations deviate half as much.
+    Lengths scale with the length of the arm, the payload with its mass; the heights of presets count from the mounting
+    face. Among the branches that reach the centre of the region, the one is chosen that reaches the corners at all
+    orientations with the largest margin to the limits. A region that no branch reaches is made smaller and moved
+    towards the base, or only made smaller; if that does not suffice, the orientations deviate half as much.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def adapt(preset: Preset, robot: Robot) -> Preset:
     adapted = replace(
         preset,
         robot=robot.name,
-        centre_mm=centre,
+        centre_mm=(centre[0], centre[1], centre[2] - (robot.world_height_mm or 0.0)),
         tool_mm=tool,
         payload_mm=load,
         payload_kg=round(preset.payload_kg * lighter, 1),

@@ -103,6 +103,8 @@ class VirtualCell:
 
         # RP to the micrometre, as a maker states it
         stated = {"repeatability_mm": round(RP_PER_STD * self._repeatability, 3)} if self._repeatability else {}
+        if self.robot.world_height_mm is not None:
+            stated["world_height_mm"] = self.robot.world_height_mm
         return Cell.model_validate(
             {
                 "robot": {"model": self.robot.name, **stated},
