@@ -136,9 +136,10 @@ class PredictingMap(MapData):
         (5, (5, 3))
         """
         poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
-        e, std = self.predict_errors(poses)
+        p_cmd = self.commanded_positions(poses)
+        e, std = self.predict_at(self._in_space(poses, p_cmd))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
-        p = apply_transform(tf_tracker_base, self.commanded_positions(poses) + e)
+        p = apply_transform(tf_tracker_base, p_cmd + e)
         return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
 
     def predict_measured(self, q: Poses | ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -149,8 +149,7 @@ class ParametricArm:
     ) -> FloatArray:
         """Return the derivative of positions (and rotation vectors) by x: (n, 3 or 6, p), base frame."""
         moved, values = self.joints(q, x, approach), self.values(x)
-        names = [self.model.names[i] for i in self.active]
-        columns = self.model.jacobian(moved, values, outputs=outputs, parameters=names)
+        columns = self.model.jacobian(moved, values, outputs=outputs)[:, :, self.active]
         if not self.terms.parameters:
             return columns
         by_joint = self.model.joint_jacobian(moved, values, outputs=outputs)

@@ -10,7 +10,7 @@ constant matrix: the chain rule of theory (3).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Generic, TypeVar
@@ -18,7 +18,7 @@ from typing import Final, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truepose._typing import FloatArray, IntArray
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RobotError
 from truepose.robots.chain import Chain, ChainT, end_poses
 from truepose.robots.conventions import parametrise, parametrise_links
@@ -28,6 +28,8 @@ from truepose.robots.motions import Motion, Parameter, cross, local_twists, tran
 
 GROUPS: Final = ("base", "tool")
 """Groups of parameters that every convention has besides those of the links."""
+
+_REMEMBERED: Final = 8
 
 RobotT = TypeVar("RobotT", bound=Chain, covariant=True)
 
@@ -61,7 +63,7 @@ class ErrorModel(Generic[RobotT]):
         groups = ", ".join(dict.fromkeys(parameter.group for parameter in self.parameters))
         return f"<ErrorModel of {self.robot.name}: {self.convention}, {len(self.parameters)} parameters ({groups})>"
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
@@ -100,12 +102,26 @@ class ErrorModel(Generic[RobotT]):
         return np.stack(links, axis=-3)
 
     @cached_property
-    def _nominal_fixed(self) -> FloatArray:
-        return self.fixed()
+    def _turns_tool(self) -> BoolArray:
+        return np.array([name in ("tool rx", "tool ry", "tool rz") for name in self.names])
 
     @cached_property
-    def _nominal_twists(self) -> FloatArray:
-        return self.twists()
+    def _latest(self) -> dict[tuple[str, bytes], FloatArray]:
+        """Links and twists at the latest values: predictions use the same values again and again."""
+        return {}
+
+    def _constant(self, make: Callable[[FloatArray], FloatArray], values: FloatArray | None) -> FloatArray:
+        """Return `fixed` or `twists` at values (p,), made once for the latest `_REMEMBERED` of them."""
+        values = self.nominal if values is None else values
+        key, latest = (make.__name__, values.tobytes()), self._latest
+        found = latest.get(key)
+        if found is None:
+            if len(latest) >= _REMEMBERED:
+                latest.clear()
+            found = make(values)
+            found.setflags(write=False)
+            latest[key] = found
+        return found
 
     def twists(self, values: FloatArray | None = None) -> FloatArray:
         """Return the twists (v, ω) of the parameters in the frame of each link, (dof + 1, 6, p).
@@ -128,7 +144,7 @@ class ErrorModel(Generic[RobotT]):
     def forward(self, q: ArrayLike, values: FloatArray | None = None) -> FloatArray:
         """Return the pose of the tool point: (n, 4, 4) [mm], base frame, for joints (n, dof) [rad]."""
         joints = self.robot.check_joints(q)
-        tf = end_poses(self.robot.sign * joints.reshape(-1, self.robot.dof), self._fixed_at(values))
+        tf = end_poses(self.robot.sign * joints.reshape(-1, self.robot.dof), self._constant(self.fixed, values))
         return tf.reshape(*joints.shape[:-1], 4, 4)
 
     def jacobian(
@@ -153,12 +169,12 @@ class ErrorModel(Generic[RobotT]):
             The columns by name or group; all when not given.
         """
         joints = self.robot.check_joints(q).reshape(-1, self.robot.dof)
-        fixed = self._fixed_at(values)
-        twists = self._nominal_twists if values is None else self.twists(values)
+        fixed = self._constant(self.fixed, values)
+        twists = self._constant(self.twists, values)
         wanted = self.index(parameters)
         found = columns(self.robot.sign * joints, fixed, twists[..., wanted], outputs)
         if outputs == "position":  # exactly zero: turns of the tool about its own point
-            found[:, :, np.isin(wanted, self.index(["tool rx", "tool ry", "tool rz"]))] = 0.0
+            found[:, :, self._turns_tool[wanted]] = 0.0
         return found
 
     def joint_jacobian(
@@ -166,7 +182,7 @@ class ErrorModel(Generic[RobotT]):
     ) -> FloatArray:
         """Return ∂P/∂q_j: (n, 3 or 6, dof) [mm/rad], base frame."""
         joints = self.robot.check_joints(q).reshape(-1, self.robot.dof)
-        fixed = self._fixed_at(values)
+        fixed = self._constant(self.fixed, values)
         return joint_columns(self.robot.sign * joints, fixed, self.robot.sign, outputs)
 
     def converted(self, convention: str, values: FloatArray | None = None) -> ErrorModel[RobotT]:
@@ -182,9 +198,6 @@ class ErrorModel(Generic[RobotT]):
     def to_robot(self, values: FloatArray | None = None) -> RobotT:
         """Return the arm in the parameters of theory (1), its flange at this model's last frame (tool included)."""
         return mdh_of_fixed(replace(self.robot, offset=np.zeros(self.robot.dof)), self.fixed(values))
-
-    def _fixed_at(self, values: FloatArray | None) -> FloatArray:
-        return self._nominal_fixed if values is None else self.fixed(values)
 
 
 def error_model(robot: ChainT, convention: str = "hayati", tool: ArrayLike | None = None) -> ErrorModel[ChainT]:

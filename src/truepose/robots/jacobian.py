@@ -67,10 +67,15 @@ def columns(theta: FloatArray, fixed: FloatArray, twists: FloatArray, outputs: O
 
 def joint_columns(theta: FloatArray, fixed: FloatArray, sign: FloatArray, outputs: Outputs = "position") -> FloatArray:
     """Return the derivative of the last frame by each joint: (n, 3 or 6, dof) [mm/rad] (and [rad/rad]), base frame."""
-    twists = np.zeros((len(fixed), 6, len(sign)))
-    for j, s in enumerate(sign):
-        twists[j + 1, 5, j] = s  # about z, which the joint's own rotation does not move
-    return columns(theta, fixed, twists, outputs)
+    return columns(theta, fixed, joint_twists(sign), outputs)
+
+
+def joint_twists(sign: FloatArray) -> FloatArray:
+    """Return the twists of the joints in the frame of each link, (dof + 1, 6, dof)."""
+    dof = len(sign)
+    twists = np.zeros((dof + 1, 6, dof))
+    twists[np.arange(1, dof + 1), 5, np.arange(dof)] = sign  # about z, which the joint's own rotation does not move
+    return twists
 
 
 def count_rows(outputs: Outputs) -> int:

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.robots import Robot, error_model
-from truepose.robots.jacobian import Outputs
+from truepose.robots.chain import end_poses
+from truepose.robots.jacobian import Outputs, columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
@@ -134,6 +135,11 @@ class Terms:
         self.shift = np.zeros(len(self.names)) if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(chosen)]
+        self._nominal_links = robot.fixed.copy()
+        self._nominal_links[-1] = robot.fixed[-1] @ self.tf_flange_tool
+        self._links = self._model.fixed(self._values)
+        parameters = self._model.twists(self._values)[..., self._chosen]
+        self._twists = np.concatenate([joint_twists(robot.sign), parameters], axis=2)
         joints = np.repeat(np.arange(dof), 2) if residual in ("joint", "both") else np.empty(0, np.int64)
         position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
         self.range_of = np.concatenate([joints, position]).astype(np.int64)
@@ -153,18 +159,19 @@ class Terms:
 
     def curvature(self, design: Design) -> FloatArray:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
-        nominal = self.robot.forward(design.q, tool=self.tf_flange_tool)
+        nominal = end_poses(self.robot.theta(design.q), self._nominal_links)
         moved: FloatArray = design.p - nominal[:, :3, 3]
         if design.rows == 6:
-            turned = self._model.forward(design.q, self._values)[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
+            turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
             moved = np.concatenate([moved, Rotation.from_matrix(turned).as_rotvec()], axis=1)
         return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
 
     def at(self, q: FloatArray, outputs: Outputs = "position") -> Design:
         """Return all columns at configurations (n, dof) [rad], for positions or for poses."""
-        p = self._model.forward(q, self._values)[:, :3, 3]
-        lever = self._model.joint_jacobian(q, self._values, outputs=outputs)
-        drift = self._model.jacobian(q, self._values, outputs=outputs)[:, :, self._chosen]
+        theta, dof = self.robot.sign * q, self.robot.dof
+        p = end_poses(theta, self._links)[:, :3, 3]
+        found = columns(theta, self._links, self._twists, outputs)
+        lever, drift = np.ascontiguousarray(found[:, :, :dof]), found[:, :, dof:]
         if self.compliance:
             drift = np.concatenate([drift, self._compliance(q, p, lever)], axis=2)
         return Design(q, p, drift * self.prior_std, lever, self._place(q, p))
@@ -180,13 +187,10 @@ class Terms:
         frames = self.robot.frames(q)
         joint = frames[:, :-1] @ self.robot.link_before
         mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
-        blocks = []
-        for j, k in self._pairs:
-            arm = mass[:, k] - joint[:, j, :3, 3]
-            axis = joint[:, j, :3, 2]
-            moment = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]  # (z × r)_z, gravity along z of the base
-            blocks.append(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None])
-        return np.stack(blocks, axis=2)
+        j, k = np.array(self._pairs).T
+        arm, axis = mass[:, k] - joint[:, :, :3, 3][:, j], joint[:, :, :3, 2][:, j]
+        moment = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]  # (z × r)_z, gravity along z of the base
+        return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
 
     def _place(self, q: FloatArray, p: FloatArray) -> FloatArray:
         parts = []
