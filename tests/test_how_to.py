@@ -195,3 +195,23 @@ def test_the_thirty_programs_of_the_integrators_tutorial(tmp_path: Path, monkeyp
         assert len(found.unreadable) == unreadable
         assert project.counts() == {"correct": n - refused, "skip": 0, "refuse": refused}
         assert len(project.modules) == 30 - unreadable
+
+
+def test_the_arm_of_the_tutorial(tmp_path: Path) -> None:
+    shutil.copytree(FILES / "own_arm", tmp_path / "own_arm")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        laboratory = runpy.run_path("own_arm/measure.py")
+    arm, modified = (tp.load_robot(tmp_path / "own_arm" / name) for name in ("arm.csv", "arm_mdh.toml"))
+    tool = laboratory["TOOL"][:3] * 1000
+    q = laboratory["q"]
+    expected = 1000 * laboratory["positions"](laboratory["NOMINAL"], q)  # an independent calculation
+    for robot in (arm, modified):
+        np.testing.assert_allclose(robot.forward(q, tool=tool)[:, :3, 3], expected, atol=1e-9)
+    with pytest.raises(tp.TrueposeError, match='"theta_rad" in the header; use "offset_deg"'):
+        tp.load_robot(tmp_path / "own_arm" / "table.csv")
+    wrong = (tmp_path / "own_arm" / "arm.csv").read_text("utf-8").replace("convention = dh", "convention = mdh")
+    (tmp_path / "own_arm" / "arm.csv").write_text(wrong, "utf-8")
+    samples = tp.Samples(1000 * laboratory["read"], q=q, p_cmd=expected, source="measured.csv")
+    with pytest.raises(DataError, match="is it this robot, with its D-H convention"):
+        tp.fit_cell(tp.load_cell(tmp_path / "own_arm" / "cell.toml"), samples, "registration")

@@ -31,10 +31,21 @@ def test_variograms(rng: np.random.Generator) -> None:
     several = tp.VariogramModel("spherical", sill=1.0, range=(300.0, 200.0, 100.0))
     assert len(tp.plot(several).axes[0].lines) == 4
     assert tp.plot(tp.permutation_envelope(x, e, 8, permutations=99, rng=0)).axes[0].collections
+    joints = tp.experimental_variogram(rng.uniform(-1, 1, (60, 6)), e, bins=8)
+    assert tp.plot(joints).axes[0].get_xlabel() == "distance h [rad]"
+    assert tp.plot(joints, unit="mm").axes[0].get_xlabel() == "distance h [mm]"
 
 
 def test_sections_through_the_error_field(error_map: tp.ErrorMap) -> None:
     assert len(tp.plot(error_map).axes) == 8  # three planes, twice, and two colour bars
+    upper = tp.plot(error_map).axes[:3]
+    seen = [(axes.get_xlabel()[0], axes.get_ylabel()[0], axes.get_title()[3]) for axes in upper]
+    assert seen == [("x", "y", "z"), ("x", "z", "y"), ("y", "z", "x")]
+    for axes, (i, j) in zip(upper, ((0, 1), (0, 2), (1, 2)), strict=True):
+        edges = axes.collections[0].get_coordinates()
+        inside = error_map.p_cmd[:, [i, j]]
+        assert (edges.reshape(-1, 2).min(axis=0) <= inside.min(axis=0)).all()
+        assert (edges.reshape(-1, 2).max(axis=0) >= inside.max(axis=0)).all()
     model = tp.OrdinaryKriging(tp.VariogramModel("exponential", sill=1.0, range=300.0))
     with pytest.raises(DataError, match="needs a OrdinaryKriging that was fitted to positions"):
         tp.plot(model)
@@ -75,5 +86,5 @@ def test_choice_and_figures_of_ones_own(virtual: tp.VirtualCell) -> None:
 
 
 def test_no_picture() -> None:
-    with pytest.raises(DataError, match="there is no picture of list; see the documentation of"):
+    with pytest.raises(DataError, match=r"there is no picture of list; truepose\.plot draws Choice, Corrections"):
         tp.plot([1, 2])

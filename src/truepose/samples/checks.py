@@ -176,7 +176,9 @@ def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> F
     for q_factor, p_factor, why in _REMEDIES:
         if np.median(_disagreement(poses.q * q_factor, poses.p_cmd * p_factor, robot, robust=False)) <= tolerance_mm:
             raise poses.error(f"{message}: {why}")
-    raise poses.error(f"{message}; is it this robot, and are its joints in the right order and sign?")
+    raise poses.error(
+        f"{message}; is it this robot, with its D-H convention, and are its joints in the right order and sign?"
+    )
 
 
 def check_not_compensated(poses: Poses, robot: Robot) -> None:

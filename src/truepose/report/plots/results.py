@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import MaxNLocator
 
 from truepose._typing import FloatArray
 from truepose.compensation import Corrections
@@ -43,7 +44,8 @@ def plot(result: Any, *, figure: Figure | SubFigure | None = None, **options: An
     ========================== =========================================================================================
     result                     picture
     ========================== =========================================================================================
-    ExperimentalVariogram      semivariogram; options of `truepose.report.plots.draw_variogram`, as in ``model=``
+    ExperimentalVariogram      semivariogram; options of `truepose.report.plots.draw_variogram`, as in ``model=``;
+                               ``unit=`` of the distances, by default mm, above three coordinates rad
     VariogramModel             its curve; ``unit=`` and ``longest=``, the largest distance
     Envelope                   semivariogram and the band of shuffled errors; the same options
     ErrorMap                   sections through the predicted error (top) and its standard deviation (bottom)
@@ -82,7 +84,8 @@ def plot(result: Any, *, figure: Figure | SubFigure | None = None, **options: An
     'distance h [mm]'
     """
     if _draw.dispatch(type(result)) is _draw.dispatch(object):
-        raise DataError(f"there is no picture of {type(result).__name__}; see the documentation of truepose.plot")
+        known = ", ".join(sorted(kind.__name__ for kind in _draw.registry if kind is not object))
+        raise DataError(f"there is no picture of {type(result).__name__}; truepose.plot draws {known}")
     if figure is None:
         figure = ResultFigure(layout="constrained")
     _draw(result, figure, **options)
@@ -95,12 +98,13 @@ def _draw(result: Any, figure: Figure | SubFigure, **options: Any) -> None: ...
 
 @_draw.register
 def _(result: ExperimentalVariogram, figure: Figure | SubFigure, **options: Any) -> None:
-    draw_variogram(_row(figure, 1)[0], result, **options)
+    joints = {"unit": "rad"} if result.dimensions > 3 else {}
+    draw_variogram(_row(figure, 1)[0], result, **joints | options)
 
 
 @_draw.register
 def _(result: Envelope, figure: Figure | SubFigure, **options: Any) -> None:
-    draw_variogram(_row(figure, 1)[0], result.variogram, envelope=result, **options)
+    _draw(result.variogram, figure, envelope=result, **options)
 
 
 @_draw.register
@@ -154,6 +158,7 @@ def _(result: Prediction, figure: Figure | SubFigure) -> None:
         axes.errorbar(shift, result.e[:, k], 1.96 * result.std[:, k], fmt="o", ms=3, lw=1, color=CURVES[k], label=name)
     axes.axhline(0.0, color=QUIET, lw=0.6)
     axes.set(xlabel="pose", ylabel="predicted error and 95 % interval [mm]")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -189,7 +194,8 @@ def _(result: Corrections, figure: Figure | SubFigure) -> None:
         which = np.flatnonzero(result.verdict == verdict)
         axes.scatter(which, length[which], s=16, color=CURVES[k % len(CURVES)], label=str(verdict))
     axes.set(xlabel="target", ylabel="length of correction [mm]")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0.0, 1.2 * float(length.max(initial=0.0)) or 1.0)  # room for the legend
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -216,7 +222,7 @@ def _row(figure: Figure | SubFigure, count: int) -> list[Axes]:
 
 
 def _draw_sections(figure: Figure | SubFigure, found: list[Plane], p: FloatArray) -> None:
-    """Draw the error and its standard deviation on planes, and the samples' positions."""
+    """Draw the error and its standard deviation on planes, and the samples' positions; x runs right, z up."""
     if isinstance(figure, ResultFigure):
         figure.set_size_inches(3.4 * len(found) + 1.0, 6.2)
     grid = figure.subplots(2, len(found), squeeze=False)
@@ -224,7 +230,12 @@ def _draw_sections(figure: Figure | SubFigure, found: list[Plane], p: FloatArray
     for row, (name, label, colours) in zip(grid, quantities, strict=True):
         highest = max(float(np.nanmax(getattr(plane, name))) for plane in found)
         for axes, plane in zip(row, found, strict=True):
-            drawn = axes.pcolormesh(plane.u, plane.v, getattr(plane, name), vmin=0.0, vmax=highest, cmap=colours)
-            axes.plot(*p[:, [plane.i, plane.j]].T, "+", color="#303030", ms=3, mew=0.5)
-            axes.set(xlabel=f"{'xyz'[plane.i]} [mm]", ylabel=f"{'xyz'[plane.j]} [mm]", aspect="equal")
+            i, j, u, v, values = plane.i, plane.j, plane.u, plane.v, getattr(plane, name)
+            if i > j:
+                i, j, u, v, values = j, i, v, u, values.T
+            drawn = axes.pcolormesh(u, v, values, vmin=0.0, vmax=highest, cmap=colours)
+            axes.plot(*p[:, [i, j]].T, "+", color="#303030", ms=3, mew=0.5)
+            k = 3 - i - j
+            title = f"at {'xyz'[k]} = {(p[:, k].min() + p[:, k].max()) / 2:.0f} mm" if name == "error" else ""
+            axes.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal", title=title)
         figure.colorbar(drawn, ax=row.tolist(), label=label)
