@@ -9,20 +9,22 @@ and from the mean variance over the targets, tr(T P) with T the mean of their A_
 
     tr[S⁻¹ A_i P T P A_iᵀ].
 
-A P and A P T are kept for all candidates; adding or removing a sample changes them by three columns.
+Kept are P, and of each candidate the blocks A_i P A_iᵀ and A_i P T P A_iᵀ: a sample at j changes them by products with
+A_i P A_jᵀ and A_i P T P A_jᵀ, so that all A_i are read once for each change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.linalg.blas import dgemm
 
 from truepose._typing import FloatArray, IntArray
 
 _PASSES: Final = 3  # of exchanges
+_LOST: Final = 1e-2
+"""Share of the targets' variance below which the candidates' blocks are computed again."""
 
 Progress = Callable[[int, int], object]
 
@@ -38,23 +40,38 @@ class Posterior:
         The covariances R_i of the candidates' readings.
     aim : (p, p) array [mm²]
         The matrix T of the targets.
+    chosen : sequence of int
+        The candidates with a sample.
     """
 
-    def __init__(self, columns: FloatArray, noise: FloatArray, aim: FloatArray) -> None:
-        n, _, p = columns.shape
-        self._columns, self._noise = columns, noise
-        self._now = np.array(columns, order="C")
-        self._aimed = (columns.reshape(-1, p) @ aim).reshape(n, 3, p)
+    def __init__(self, columns: FloatArray, noise: FloatArray, aim: FloatArray, chosen: Sequence[int] = ()) -> None:
+        self._columns, self._noise, self._aim = np.ascontiguousarray(columns), noise, aim
+        rows = columns[list(chosen)]
+        told = np.linalg.solve(noise[list(chosen)], rows)
+        p = columns.shape[2]
+        self._covariance = np.linalg.inv(np.eye(p) + rows.reshape(-1, p).T @ told.reshape(-1, p))
+        self._compute_blocks()
+
+    def _compute_blocks(self) -> None:
+        """Compute A P Aᵀ and A P T P Aᵀ of each candidate, (n, 3, 3), from the covariance."""
+        n, _, p = self._columns.shape
+        across = np.swapaxes(self._columns, 1, 2)
+        pulled = self._covariance @ self._aim @ self._covariance
+        self._variance, self._aimed = (
+            (self._columns.reshape(-1, p) @ matrix).reshape(n, 3, p) @ across for matrix in (self._covariance, pulled)
+        )
+        self._computed_at = self._of_targets()
+
+    def _of_targets(self) -> float:
+        return float(np.vdot(self._aim, self._covariance))
 
     def gains(self) -> FloatArray:
         """Return by how much each candidate would lower the targets' mean variance: (n,) [mm²]."""
-        spread = np.swapaxes(self._now, 1, 2)
-        inner = self._columns @ spread + self._noise
-        return np.asarray(np.einsum("nab,nba->n", np.linalg.inv(inner), self._aimed @ spread))
+        return np.asarray(np.einsum("nab,nba->n", np.linalg.inv(self._variance + self._noise), self._aimed))
 
     def variances(self) -> FloatArray:
         """Return the variance of each candidate's error, its three directions summed: (n,) [mm²]."""
-        return np.asarray(np.einsum("nap,nap->n", self._now, self._columns))
+        return np.asarray(np.trace(self._variance, axis1=1, axis2=2))
 
     def add(self, i: int) -> None:
         """Add a sample at candidate i."""
@@ -65,12 +82,20 @@ class Posterior:
         self._change(i, -1.0)
 
     def _change(self, i: int, sign: float) -> None:
-        p = self._columns.shape[2]
-        gain, aimed = self._now[i].copy(), self._aimed[i].copy()
-        inner = gain @ self._columns[i].T + sign * self._noise[i]
-        share = (self._columns.reshape(-1, p) @ gain.T) @ np.linalg.inv(inner)
-        for matrix, rows in ((self._now, gain), (self._aimed, aimed)):  # matrix -= share @ rows, without a copy
-            dgemm(-1.0, rows.T, share.T, 1.0, matrix.reshape(-1, p).T, overwrite_c=True)
+        n, _, p = self._columns.shape
+        rows = self._columns[i] @ self._covariance
+        aimed = rows @ self._aim @ self._covariance
+        both = (self._columns.reshape(-1, p) @ np.concatenate([rows, aimed]).T).reshape(n, 3, 6)
+        inverse = np.linalg.inv(rows @ self._columns[i].T + sign * self._noise[i])
+        toward = both[:, :, :3]  # A_i P A_jᵀ
+        near = np.swapaxes(toward, 1, 2)
+        share = (toward.reshape(-1, 3) @ inverse).reshape(n, 3, 3)
+        half = share @ (0.5 * aimed @ self._columns[i].T @ inverse @ near - np.swapaxes(both[:, :, 3:], 1, 2))
+        self._variance -= share @ near
+        self._aimed += half + np.swapaxes(half, 1, 2)
+        self._covariance -= rows.T @ inverse @ rows
+        if self._of_targets() < _LOST * self._computed_at:  # differences of large numbers have lost digits
+            self._compute_blocks()
 
 
 def lowest_mean(
@@ -102,9 +127,7 @@ def lowest_mean(
         progress(step + 1, n * (1 + passes))
     for turn in range(passes):
         before = list(chosen)
-        posterior = Posterior(columns, noise, aim)  # a new one, so that rounding does not accumulate over the passes
-        for i in chosen:
-            posterior.add(i)
+        posterior = Posterior(columns, noise, aim, chosen)  # a new one: rounding does not accumulate over the passes
         for place, i in enumerate(before):
             posterior.remove(i)
             chosen[place] = _best(posterior.gains(), [*chosen[:place], *chosen[place + 1 :]])
