@@ -128,3 +128,14 @@ def test_notebooks_show_tables(error_map: tp.ErrorMap, held_out: tp.Samples) -> 
     choice = tp.choose(["idw", "registration"], virtual.measure(virtual.design(40)), virtual.cell)
     assert "<td>idw</td>" in choice._repr_html_()
     assert "<td>chosen</td>" in choice._repr_html_()
+    assert error_map.predict(held_out)._repr_html_().startswith("<table><caption>Prediction, lengths in mm</caption>")
+    envelope = tp.permutation_envelope(error_map.p_cmd, error_map.e, 4, permutations=99, rng=0)
+    assert envelope._repr_html_().startswith(
+        f"<table><caption>Similarity p = {envelope.p_value:.3g}; band of 95 % of 99"
+    )
+    assert envelope._repr_html_().count("<tr>") == 5
+    frame = choice.to_frame()
+    assert frame["predictor"].tolist() == [row["predictor"] for row in choice.ranking]
+    assert frame["mean_mm"].tolist() == [row["mean_mm"] for row in choice.ranking]
+    assert (frame["mean_low_mm"] < frame["mean_mm"]).all()
+    assert (frame["mean_mm"] < frame["mean_high_mm"]).all()

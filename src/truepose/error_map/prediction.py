@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truepose._io.tables import by_axis, data_frame
+from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
@@ -53,6 +53,10 @@ class Prediction:
             f"<Prediction of {found['n']} poses: error {found['mean_error_mm']:.3f} mm (mean), standard deviation "
             f"{found['mean_std_mm']:.3f} mm (mean), {found['max_std_mm']:.3f} mm (max)>"
         )
+
+    def _repr_html_(self) -> str:
+        found = {name.replace("_", " ").removesuffix(" mm"): value for name, value in self.to_dict().items()}
+        return facts_table("Prediction, lengths in mm", found)
 
     def to_frame(self) -> DataFrame:
         """Return a pandas table with one row for each pose, in mm; needs pandas."""

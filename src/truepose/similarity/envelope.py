@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truepose._io.tables import html_table
 from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError
 from truepose.similarity.experimental import (
@@ -73,6 +74,14 @@ class Envelope:
         """Return the test's p-value and the number of lags below the band."""
         lags = f"{self.structured.sum()} of {len(self.structured)} lags below the {100 * self.level:g} % band"
         return f"Envelope(p = {self.p_value:.3g} of {self.permutations} permutations; {lags}; {self.variogram!r})"
+
+    def _repr_html_(self) -> str:
+        band = f"band of {100 * self.level:g} % of {self.permutations} permutations"
+        rows = zip(self.variogram.lag, self.variogram.vector, self.vector_lower, self.vector_upper, strict=True)
+        header = ["lag", "γ [mm²]", "lower", "upper"]
+        return html_table(
+            f"Similarity p = {self.p_value:.3g}; {band}", header, [tuple(map(float, row)) for row in rows]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return test and band as plain values, units in the names."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truepose._io.tables import html_table
+from truepose._io.tables import data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import Predictor
@@ -29,6 +29,9 @@ from truepose.predictors.selection.ranking import (
     residual_figures,
     score,
 )
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 QUICK: Final = (
     "registration",
@@ -96,6 +99,17 @@ class Choice:
             for k, row in enumerate(self.ranking)
         ]
         return html_table("Cross-validation of the candidates", header, rows)
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table with one row for each candidate, best first, in mm; needs pandas."""
+        figures = ("mean_mm", "p95_mm", "within_95", "log_density", "worse_by_mm", "level")
+        columns: dict[str, Any] = {
+            key: [row.get(key) for row in self.ranking] for key in ("predictor", *figures, "note")
+        }
+        for key in ("mean", "worse_by"):
+            ends = np.array([row.get(f"{key}_interval_mm", (np.nan, np.nan)) for row in self.ranking])
+            columns |= {f"{key}_low_mm": ends[:, 0], f"{key}_high_mm": ends[:, 1]}
+        return data_frame(columns)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking and the expected residuals as plain values, for JSON."""
