@@ -96,3 +96,11 @@ def test_links_of_the_pages_above_lead_somewhere(page: str) -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", (ROOT / page).read_text("utf-8"))
     assert links
     assert not [link for link in links if not (ROOT / link).exists()]
+
+
+@pytest.mark.parametrize("page", ["tutorials/metrologist.md", "how-to/compare-predictors.md"])
+def test_readers_of_measurements_need_no_text_tools(page: str) -> None:
+    """What a command prints is short enough to be shown whole."""
+    blocks = re.findall(r"```\{run\}\n(.*?)```", (DOCS / page).read_text("utf-8"), re.DOTALL)
+    assert blocks
+    assert not re.search(r"\b(grep|sed|awk|cut|tail)\b|\|", "".join(blocks))

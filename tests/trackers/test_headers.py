@@ -106,3 +106,28 @@ def test_a_unit_that_the_file_contradicts(tmp_path: Path) -> None:
 def test_a_column_of_times_that_is_empty(tmp_path: Path) -> None:
     readings = tp.read_readings(write(tmp_path, "Point;X;Y;Z;Time", "P1;1834;-920;318;", "P2;1934;-900;318;"))
     assert readings.time is None
+
+
+@pytest.mark.parametrize("units", ["[mm]", "(mm)", "mm"])
+def test_units_below_the_header(tmp_path: Path, units: str) -> None:
+    inches = [
+        "Cell 4",
+        "Point;X;Y;Z",
+        f";{units};{units};{units}".replace("mm", "in"),
+        "P1;72,2;-36,2;12,5",
+        "P2;70;-3;1",
+    ]
+    readings = tp.read_readings(write(tmp_path, *inches))
+    np.testing.assert_allclose(readings.p[0], 25.4 * np.array([72.2, -36.2, 12.5]))
+    assert (readings.unit, readings.unit_stated, readings.line.tolist()) == ("in", True, [4, 5])
+    angles = f";{units};{units}".replace("mm", "°")
+    plan = read_plan(write(tmp_path, "Punkt;A1;A2", angles, "P1;10;-20", "P2;11;-20"))
+    assert plan.q is not None
+    np.testing.assert_allclose(np.degrees(plan.q[0]), [10, -20])
+    assert plan.rows(np.array([1])) == "point P2 (line 4)"
+
+
+def test_a_point_named_like_a_unit_is_a_point(tmp_path: Path) -> None:
+    readings = tp.read_readings(write(tmp_path, "Point;X;Y;Z", "m;1834.5;-920;318", "s;1900.5;-20;118"))
+    assert readings.name is not None
+    assert readings.name.tolist() == ["m", "s"]

@@ -122,7 +122,7 @@ def test_layout_8_bare_columns(tmp_path: Path) -> None:
     path = tmp_path / "readings.txt"
     np.savetxt(path, p)
     readings = read_readings(path)
-    assert readings.layout == "three bare columns x, y, z in mm"
+    assert readings.layout == "three bare columns x, y, z"
     np.testing.assert_array_equal(readings.p, p)
     assert readings.missing.tolist() == [False, True, False]
 
@@ -165,7 +165,7 @@ def test_headers_of_scripts(tmp_path: Path, header: str) -> None:
 @pytest.mark.parametrize("row", ["1500.5 -20 3e2", "1500.5,-20,3e2", "1500,5;-20;300", "1500.5\t-20\t300"])
 def test_comments_before_bare_columns(tmp_path: Path, row: str) -> None:
     readings = read_readings(write(tmp_path, "# from a script", "", row, row))
-    assert readings.layout == "three bare columns x, y, z in mm"
+    assert readings.layout == "three bare columns x, y, z"
     np.testing.assert_array_equal(readings.p, [[1500.5, -20.0, 300.0]] * 2)
     with pytest.raises(FileError, match="unknown layout"):
         read_readings(write(tmp_path, "# nothing but a comment"))

@@ -126,3 +126,20 @@ def test_many_points_are_counted() -> None:
     known = [{"row": k, "point": None, "line": k + 2} for k in range(9)]
     assert name_points(known) == "lines 2, 3, 4, 5, 6, 7 and 3 more"
     assert re.fullmatch(r"points A, B", name_points([{"point": "A"}, {"point": "B"}]))
+
+
+def test_swapped_names_are_found(plan: Poses, rng: np.random.Generator) -> None:
+    readings = measured(plan, rng)
+    assert readings.name is not None
+    names = readings.name.copy()
+    names[[4, 19]] = names[[19, 4]]
+    _, summary = match(replace(readings, name=names), plan)
+    sentence = "The names of points P5 (line 20), P20 (line 5) of r.txt seem to be swapped."
+    assert sentence in summary.sentences()
+    gross = replace(readings, p=readings.p + np.where(np.arange(30) == 7, 40.0, 0.0)[:, None])
+    assert not any("swapped" in line for line in match(gross, plan)[1].sentences())
+
+
+def test_one_repeat_is_one_reading(plan: Poses, rng: np.random.Generator) -> None:
+    readings = measured(plan, rng)[np.array([*range(30), 11])]
+    assert "1 reading repeats another and was averaged with it" in " ".join(match(readings, plan)[1].sentences())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from truepose._io.files import read_bytes
 from truepose._io.strict import LARGEST, to_float
+from truepose._io.units import KNOWN_UNITS
 from truepose._io.workbook import SheetPath, column_letter, read_sheet, split_sheet
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
@@ -21,6 +23,8 @@ from truepose.errors import FileError
 LONGEST_LINE: Final = 20_000
 """The largest number of characters in a line of a table."""
 MOST_COLUMNS: Final = 500
+TITLES: Final = 20
+"""The number of lines in which a header is searched."""
 COMMENTS: Final = ("#", "//", "%")
 _LARGEST_TABLE: Final = 2**31  # bytes of a table's fields
 _FORMULA: Final = re.compile("'*[=+@\\t\\r-]")
@@ -116,6 +120,8 @@ class TextTable:
 def read_tabular(path: str | Path) -> tuple[str, str | Path]:
     """Return the text of a table (a text file, or a sheet of a workbook) and its name for messages.
 
+    A line of units below the header, such as ``;[mm];[mm];[mm]``, becomes a part of the header.
+
     Parameters
     ----------
     path : str or Path
@@ -129,10 +135,30 @@ def read_tabular(path: str | Path) -> tuple[str, str | Path]:
     file, sheet = split_sheet(path)
     data = read_bytes(file)
     if data.startswith(b"PK\x03\x04"):
-        return read_sheet(data, file, sheet)
+        text, source = read_sheet(data, file, sheet)
+        return _with_units(text), source
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise FileError(path, "is a workbook of an old format (.xls); save it as .xlsx or CSV")
-    return decode(data, path), path
+    return _with_units(decode(data, path)), path
+
+
+def _with_units(text: str) -> str:
+    """Add the units of a line that holds nothing else to the names above it; the numbers of lines stay."""
+    ends = [match.start() for match in itertools.islice(re.finditer("\n", text), TITLES)]
+    head = text[: ends[-1]].split("\n") if ends else []
+    for k in range(1, len(head)):
+        mark = find_delimiter(head[k])
+        units, names = ([field.strip() for field in head[j].split(mark)] for j in (k, k - 1))
+        words = [unit.strip("[]() ") for unit in units]
+        if mark == " " or len(units) != len(names) or not any(words) or any(map(is_number, filter(None, names))):
+            continue
+        if all(word in KNOWN_UNITS for word in filter(None, words)):
+            head[k - 1] = mark.join(
+                f"{name} [{word}]" if word else name for name, word in zip(names, words, strict=True)
+            )
+            head[k] = ""
+            return "\n".join(head) + text[ends[-1] :]
+    return text
 
 
 def decode(data: bytes, path: str | Path) -> str:

@@ -28,6 +28,8 @@ _NAMED_UNITS: Final = (
     re.compile(rf"(?P<stem>.*?)\s*\(\s*(?P<unit>{_UNITS})\s*\)"),
     re.compile(rf"(?P<stem>.+)_(?P<unit>{_UNITS})"),
 )
+KNOWN_UNITS: Final = frozenset((*MM_PER, *RAD_PER, *_ALIASES, "°", "s", "kg", "C", "°C"))
+"""The names of units in tables."""
 _SHARE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{0,9})?)\s*(%)?")
 
 

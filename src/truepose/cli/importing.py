@@ -84,6 +84,6 @@ def import_readings(
     show_tool(cell, registration, tool)
     show_campaign(campaign.to_dict())
     for outlier in outliers:
-        residual = f"{name_one(outlier)}, {outlier['residual_mm']:.3f} mm"
+        residual = f"{name_one(outlier)} of {readings_path}, {outlier['residual_mm']:.3f} mm"
         say(f"[yellow]Large residual[/]: {residual}; fits leave it out unless neighbouring samples agree with it.")
     say(f"Wrote {out} ({len(samples)} samples).")

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose._io.delimited import COMMENTS, TextTable, find_delimiter, unescaped
+from truepose._io.delimited import COMMENTS, TITLES, TextTable, find_delimiter, unescaped
 from truepose._io.units import MM_PER, RAD_PER, split_unit
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
@@ -29,7 +29,6 @@ _UNITS: Final[dict[str, dict[str, float]]] = {
 _DEFAULT_UNIT: Final = {"length": "mm", "angle": "deg", "time": "s", "temperature": "C", "load": "kg", "": ""}
 _MOST_JOINTS: Final = 16
 _NEAR: Final = 0.8
-_TITLES: Final = 20  # lines in which a header is searched
 _JOINT_COLUMN: Final = re.compile(r"(?P<prefix>j|q|a|theta|θ|joint|axis|achse|gelenk)[ _]?(?P<number>[0-9]{1,3})")
 POINT_NAMES: Final = (
     "name",
@@ -182,7 +181,7 @@ def header_of(text: str, *, joints: bool = False) -> int | None:
     """
     rows = ((number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip())
     lines = [(number, row) for number, row in rows if not row.lstrip().startswith(COMMENTS)]
-    for k, (number, row) in enumerate(lines[:_TITLES]):
+    for k, (number, row) in enumerate(lines[:TITLES]):
         delimiter = find_delimiter(row)
         names = [name.strip().lower() for name in (row.split() if delimiter == " " else row.split(delimiter))]
         if any(map(_is_column, names)) or (joints and any(_JOINT_COLUMN.fullmatch(split_unit(n)[0]) for n in names)):

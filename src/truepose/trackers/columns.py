@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose._io.delimited import TextTable, find_delimiter, first_row, is_number, parse
+from truepose._io.delimited import TITLES, TextTable, find_delimiter, first_row, is_number, parse
 from truepose._io.files import LARGEST_CONFIG, read_text, write_atomic
 from truepose._io.strict import is_whole, parse_toml, to_float
 from truepose._io.units import RAD_PER, millimetres_per
@@ -22,7 +22,6 @@ from truepose.trackers.times import column_seconds
 
 Column = int | str
 _DELIMITERS: Final = (";", ",", "\t", " ")
-_TITLES: Final = 20  # lines in which the named columns are searched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +194,7 @@ def _header_line(text: str, columns: Columns) -> int:
     """
     stated = (columns.x, columns.y, columns.z, columns.name, columns.time, *columns.rotation, *columns.std)
     names = {_plain(column) for column in stated if isinstance(column, str)}
-    for number, line in enumerate(text.splitlines()[:_TITLES] if names else [], start=1):
+    for number, line in enumerate(text.splitlines()[:TITLES] if names else [], start=1):
         fields = line.split(columns.delimiter or find_delimiter(line))
         if names <= {_plain(field.strip().strip('"')) for field in fields}:
             return number

@@ -70,15 +70,17 @@ class ImportSummary:
     def sentences(self) -> list[str]:
         """Return the summary as sentences, the most important first."""
         frame = f", frame {self.frame}" if self.frame else ""
+        unit = "inches" if self.unit == "in" else self.unit
         lines = [
-            f"{self.source}: {self.layout}, lengths in {self.unit}{frame}.",
+            f"{self.source}: {self.layout}, lengths in {unit}{frame}.",
             f"{self.readings} readings for {self.plan} points of the plan gave {self.samples} samples.",
         ]
         if self.averaged:
             scatter = (
                 "" if self.scatter_mm is None else f"; standard deviation of repeats {self.scatter_mm:.3g} mm per axis"
             )
-            lines.append(f"{self.averaged} readings repeat another and were averaged with it{scatter}.")
+            repeat = "reading repeats another and was" if self.averaged == 1 else "readings repeat another and were"
+            lines.append(f"{self.averaged} {repeat} averaged with it{scatter}.")
         for points, what in (
             (self.missing_points, "Points of the plan without a reading, left out"),
             (self.reordered_points, "Points of the plan read in another order, and reordered"),
@@ -89,7 +91,7 @@ class ImportSummary:
         ):
             if points:
                 lines.append(f"{what}: {', '.join(points)}.")
-        residuals = f"median {self.median_mm:.3g} mm, at most {self.max_mm:.3g} mm"
+        residuals = f"median {self.median_mm:.3f} mm, at most {self.max_mm:.3f} mm"
         lines += self.notes
         lines.append(f"Residuals after rigid registration, tool not fitted: {residuals}.")
         return lines
@@ -154,6 +156,7 @@ def match(
         described = _describe_moved(found, readings, plan, moved)
         remedy = "correct the file, or reorder with --reorder (reorder=True in Python)"
         raise DataError(f"{readings.source}: {described}; {remedy}")
+    swapped = _swapped_names(found, readings, plan.p_cmd) if note == BY_NAME else []
     samples, scatter, averaged = _join(readings, plan[~absent], found.owner, np.flatnonzero(~absent))
     check(samples)
     check_turns(samples)
@@ -173,12 +176,21 @@ def match(
         scatter_mm=scatter,
         median_mm=float(np.nanmedian(found.residual)),
         max_mm=float(np.nanmax(found.residual)),
-        notes=(*readings.notes, *filter(None, [note, f"It seems that {move}." if move else ""])),
+        notes=(*readings.notes, *filter(None, [note, f"It seems that {move}." if move else ""]), *swapped),
         missing_points=_named(plan, absent),
         reordered_points=_named(plan, moved),
         outlier_points=_named(plan, found.outlier),
     )
     return samples, summary
+
+
+def _swapped_names(found: Assignment, readings: Readings, p_plan: FloatArray) -> list[str]:
+    """Return a sentence for each two readings far from their points, each of which lies where the other should."""
+    far = np.flatnonzero(found.outlier & (found.reading >= 0))
+    p = apply_transform(found.tf_base_tracker, readings.p[found.reading[far]])
+    fits = np.linalg.norm(p[:, None] - p_plan[far], axis=2) <= found.gate
+    pairs = found.reading[far][np.argwhere(np.triu(fits & fits.T, 1))]
+    return [f"The names of {readings.points(pair)} of {readings.source} seem to be swapped." for pair in pairs]
 
 
 def _named(plan: Poses, which: BoolArray) -> tuple[str, ...]:

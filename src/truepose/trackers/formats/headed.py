@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truepose._io.delimited import find_delimiter
+from truepose._io.delimited import TITLES, find_delimiter
 from truepose._io.units import is_length, split_unit
 from truepose.errors import FileError
 from truepose.samples import Samples
@@ -36,7 +36,6 @@ STEMS: Final = {
     **{f"r{axis}": f"r{axis}" for axis in "xyz"},
 }
 """The quantity of a column, by its name in lower case without unit and final dot."""
-_TITLES: Final = 20  # lines in which a header is searched
 
 
 def _names_xyz(text: str) -> bool:
@@ -59,7 +58,7 @@ def _header(text: str) -> _Header:
     An empty name (a merged cell) is that of the line above; a unit in the line above holds for the columns below it.
     """
     rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
-    for k, (number, line) in enumerate(rows[:_TITLES]):
+    for k, (number, line) in enumerate(rows[:TITLES]):
         names = _names(line)
         if {"x", "y", "z"} <= {STEMS.get(split_unit(name)[0]) for name in names}:
             whole = find_delimiter(line) != " " or k + 1 == len(rows) or len(rows[k + 1][1].split()) == len(names)

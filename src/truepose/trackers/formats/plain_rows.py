@@ -73,7 +73,7 @@ def _write_epoch(samples: Samples) -> bytes:
 
 SEMICOLONS: Final = Layout(
     "semicolons",
-    "name;x;y;z in mm, fields after them empty",
+    "name;x;y;z, fields after them empty",
     first_row_matches(rf"[^;]*(?:;\s*+{_DECIMAL}\s*+){{3}}(?:;\s*)*"),
     in_columns(Columns(name=1, x=2, y=3, z=4, delimiter=";")),
     _write_semicolons,
@@ -87,7 +87,7 @@ MOTION: Final = Layout(  # angles about fixed axes x, y, z: not confirmed by the
 )
 COLUMNS: Final = Layout(
     "columns",
-    "three bare columns x, y, z in mm",
+    "three bare columns x, y, z",
     _is_three_columns,
     in_columns(Columns(x=1, y=2, z=3)),
     _write_columns,

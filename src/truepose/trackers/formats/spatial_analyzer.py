@@ -100,6 +100,4 @@ def _write_bare(samples: Samples) -> bytes:
 
 
 WITH_HEADER: Final = Layout("spatial-analyzer", "SpatialAnalyzer ASCII with // header", _matches, _read, _write)
-BARE: Final = Layout(
-    "bare", "SpatialAnalyzer ASCII without header (id, x, y, z in mm)", _matches_bare, _read, _write_bare
-)
+BARE: Final = Layout("bare", "SpatialAnalyzer ASCII without header (id, x, y, z)", _matches_bare, _read, _write_bare)
