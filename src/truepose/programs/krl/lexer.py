@@ -38,22 +38,23 @@ _COMPONENT = re.compile(
     + rb")(,|\})"
 )
 FindRun = Callable[[bytes, int], tuple[int, int]]
-_COMMON_KEYS: Final = ("X", "Y", "Z", "A", "B", "C", "S", "T")
+_COMMON_KEYS: Final = ("X", "Y", "Z", "A", "B", "C", "S", "T", "E1", "E2", "E3", "E4", "E5", "E6")
 _COMMON = re.compile(
     rb"\{"
     + rb",[ \t]*+".join(key.encode() + rb"(?:[ \t]++|(?=[-+.]))(" + NUMBER + rb")" for key in _COMMON_KEYS[:6])
-    + rb"(?:,[ \t]*+S[ \t]++("
-    + NUMBER
-    + rb"),[ \t]*+T[ \t]++("
-    + NUMBER
-    + rb"))?\}",
+    + b"".join(rb"(?:,[ \t]*+" + key.encode() + rb"[ \t]++(" + NUMBER + rb")" for key in _COMMON_KEYS[6:])
+    + rb")?+" * len(_COMMON_KEYS[6:])
+    + rb"\}",
     re.I,
 )
-"""Fast path for the usual form of a point; `parse_aggregate` reads all forms."""
+"""Fast path for the usual form of a point, cut off behind any key from C on; `parse_aggregate` reads all forms."""
 _PREFIX = re.compile(rb"\{" + _WS + rb"(?:([A-Za-z_]\w*+)" + _WS + rb":)?")
 _LITERAL = re.compile(rb"'\s*(?:B\s*([01]+)|H\s*([0-9A-F]+))\s*'", re.I)
 _BRACE = re.compile(rb"[{}]|\"[^\"]*\"")
-_SEPARATOR = re.compile(rb"[{}()\[\],]|\"[^\"]*\"|'[^']*'")
+_FLAT = rb"\{(?:[^{}()\[\]\"']++|\[\]|\"[^\"]*+\")*+\}"
+"""Braces around plain components, at once for speed."""
+_PLAIN = re.compile(_FLAT)
+_SEPARATOR = re.compile(_FLAT + rb"|[{}()\[\],]|\"[^\"]*\"|'[^']*'")
 
 POSE_KEYS: Final = frozenset(["X", "Y", "Z", "A", "B", "C", "S", "T", "E1", "E2", "E3", "E4", "E5", "E6"])
 BLANK: Final = b" \t\r\n\\"
@@ -221,6 +222,8 @@ def parse_point(source: Source, start: int, end: int, line: int) -> Aggregate:
 
 def closing_brace(source: Source, start: int, end: int, line: int) -> int:
     """Return the position behind the brace that closes the one at `start`, before `end`."""
+    if plain := _PLAIN.match(source.data, start, end):
+        return plain.end()
     depth = 0
     for m in _BRACE.finditer(source.data, start, end):
         depth += {b"{": 1, b"}": -1}.get(m[0], 0)
