@@ -214,7 +214,9 @@ def test_another_point_of_the_tool_is_corrected_as_such(virtual, turning, target
     tool = virtual.tf_flange_tool.copy()
     tool[:3, 3] += [0.0, 200.0, -100.0]
     poses = targets @ np.linalg.inv(virtual.tf_flange_tool) @ tool
-    far = turning.limits_in_force(max_std_mm=0.5)  # that far from the measured point the tool's own turn counts
+    far = turning.limits_in_force(
+        max_std_mm=0.5, min_correction_stds=0.0
+    )  # that far from the measured point the tool's own turn counts
     found = turning.correct(poses, tf_flange_tool=tool, limits=far)
     assert set(found.verdict) == {"correct"}
     q = virtual.reach(targets[:, :3, 3])

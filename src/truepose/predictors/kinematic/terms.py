@@ -162,7 +162,9 @@ class Terms:
         nominal = end_poses(self.robot.theta(design.q), self._nominal_links)
         moved: FloatArray = design.p - nominal[:, :3, 3]
         if design.rows == 6:
-            turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
+            turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(
+                nominal[:, :3, :3], 1, 2
+            )
             moved = np.concatenate([moved, Rotation.from_matrix(turned).as_rotvec()], axis=1)
         return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
 
