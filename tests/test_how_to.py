@@ -208,6 +208,12 @@ def test_the_arm_of_the_tutorial(tmp_path: Path) -> None:
     expected = 1000 * laboratory["positions"](laboratory["NOMINAL"], q)  # an independent calculation
     for robot in (arm, modified):
         np.testing.assert_allclose(robot.forward(q, tool=tool)[:, :3, 3], expected, atol=1e-9)
+    virtual = tp.VirtualCell("ideal", robot=tmp_path / "own_arm" / "arm.csv")
+    readings = virtual.measure(virtual.design(20))
+    assert tp.fit_cell(virtual.cell, readings, "registration").validate(readings)["after"]["mean_mm"] < 0.1
+    for wrong_call in ({"robot": arm}, {"preset": arm}):
+        with pytest.raises(tp.TrueposeError, match=r"expected (a library name or|one of paper)"):
+            tp.VirtualCell(**wrong_call)
     with pytest.raises(tp.TrueposeError, match='"theta_rad" in the header; use "offset_deg"'):
         tp.load_robot(tmp_path / "own_arm" / "table.csv")
     wrong = (tmp_path / "own_arm" / "arm.csv").read_text("utf-8").replace("convention = dh", "convention = mdh")

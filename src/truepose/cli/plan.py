@@ -68,6 +68,7 @@ def plan(
     if by_home := sum(box != "" for box in found.way):
         say(f"[yellow]{by_home} motions go through home[/]: the direct path would touch a box.")
     if len(written) == 1:
-        say(f"[yellow]No measuring program[/] for {cell.load_robot().maker}: use the joints in plan.csv.")
+        maker = cell.load_robot().maker or "an arm without a maker"
+        say(f"[yellow]No measuring program[/] for {maker}: use the joints in plan.csv.")
     say(f"Wrote {', '.join(map(str, written))}.")
     say("Run the program slowly the first time: it avoids only the boxes in the cell file.")

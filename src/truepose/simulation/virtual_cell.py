@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from truepose.cell import ANGLE_KEYS, Cell
 from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform, register
 from truepose.robots import Robot, load_robot, nearest_branch
+from truepose.robots.io.library import ROBOT_FILES
 from truepose.samples import Samples
 from truepose.simulation.adapting import adapt
 from truepose.simulation.presets import EFFECTS, PRESETS, TROUBLES, Preset
@@ -37,8 +39,8 @@ class VirtualCell:
         The preset. ``"paper"`` is the paper's experiment: one orientation, errors up to about 1.3 mm before
         compensation. ``"hard"`` has every effect of docs/virtual-cell.md and orientations within ±15°. ``"ideal"`` has
         only noise and the unknown station. The others of `PRESETS` are ``"hard"`` with one further fault.
-    robot : str, optional
-        The library name of another robot; work region, tool and payload are scaled with it.
+    robot : str or Path, optional
+        The library name or the file of another robot; work region, tool and payload are scaled with it.
     seed : int
         The seed of the truth, and of the noise of all measurements in their order.
     effects : collection of str, optional
@@ -56,6 +58,8 @@ class VirtualCell:
     ------
     DataError
         If a preset or an effect is unknown.
+    RobotError
+        If the robot is unknown, or cannot reach the work region.
 
     Examples
     --------
@@ -68,14 +72,16 @@ class VirtualCell:
     def __init__(
         self,
         preset: str | Preset = "paper",
-        robot: str | None = None,
+        robot: str | Path | None = None,
         seed: int = 0,
         effects: Collection[str] | None = None,
     ) -> None:
-        if isinstance(preset, str) and preset not in PRESETS:
+        if not isinstance(preset, Preset) and preset not in PRESETS:
             raise DataError(f"unknown preset {preset!r}; expected one of {', '.join(PRESETS)}")
         self.preset = PRESETS[preset] if isinstance(preset, str) else preset
         self.robot = load_robot(robot or self.preset.robot)
+        is_file = str(robot).lower().endswith(ROBOT_FILES)
+        self._model = str(Path(str(robot)).resolve()) if is_file else self.robot.name
         if robot is not None and self.robot.name != self.preset.robot:
             self.preset = adapt(self.preset, self.robot)
         self.effects = frozenset(self.preset.effects if effects is None else effects)
@@ -95,7 +101,7 @@ class VirtualCell:
     def cell(self) -> Cell:
         """The cell as its user describes it."""
         preset, lengths = self.preset, ("x_mm", "y_mm", "z_mm")
-        controller = Cell.model_validate({"robot": {"model": self.robot.name}}).controller
+        controller = Cell.model_validate({"robot": {"model": self._model}}).controller
 
         def pose(p: tuple[float, float, float], abc: tuple[float, float, float]) -> dict[str, float]:
             angles = abc if controller is None else np.round(euler(controller, euler("kuka", abc)), 9).tolist()
@@ -107,7 +113,7 @@ class VirtualCell:
             stated["world_height_mm"] = self.robot.world_height_mm
         return Cell.model_validate(
             {
-                "robot": {"model": self.robot.name, **stated},
+                "robot": {"model": self._model, **stated},
                 "tool": pose(preset.tool_mm, preset.tool_abc_deg),
                 "tracker": {"fit": "pose"},
                 "payload": {"mass_kg": preset.payload_kg, **dict(zip(lengths, preset.payload_mm, strict=True))},

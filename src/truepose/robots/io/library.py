@@ -44,7 +44,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     Raises
     ------
     RobotError
-        If the name is unknown (the message lists the nearest ones), or the chain is not supported.
+        If the name is no text or path, or unknown (the message lists the nearest ones), or the chain is not supported.
     FileError
         If the file cannot be read, or its content is invalid.
 
@@ -53,6 +53,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
     >>> load_robot("kuka-kr150-2").dof
     6
     """
+    if not isinstance(name_or_path, (str, Path)):
+        raise RobotError(f"expected a library name or the path of a file; got a {type(name_or_path).__name__}")
     name = str(name_or_path)
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
