@@ -68,3 +68,19 @@ def test_figures_by_hand_are_those_of_the_curve(part: StudyPart):
     assert "0.1 mm by noise" in told(own, "noise")
     assert "Set by hand" in told(own, "curve")
     assert np.isfinite(own.sampled.variance)
+
+
+@pytest.mark.parametrize("language", LOCALES)
+def test_what_chance_explains_has_no_reach_no_direction_and_no_share(language):
+    """Noise alone: no answer may speak of a reach, directions or a share of noise."""
+    virtual = VirtualCell("ideal", seed=5)
+    error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(12)), "registration")
+    say = load_locale(language)
+    parts = similarity_study(error_map).parts
+    for part in parts:
+        assert part.envelope.by_chance
+        assert told(part, "reach", language) == told(part, "directions", language) == say("finding.chance")
+        assert "%" not in told(part, "noise", language)
+    flat = [told(part, "curve", language) for part in parts if part.model.sill == 0 or not part.model.structures]
+    assert flat == [say("finding.curve_flat", nugget=part.model.nugget) for part in parts if not part.model.structures]
+    assert flat != []

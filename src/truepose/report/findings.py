@@ -44,12 +44,13 @@ def structure_verdict(part: StudyPart, say: Locale) -> str:
 
 def findings(part: StudyPart, say: Locale) -> list[tuple[str, str]]:
     """Return the usual questions about the similarity in one space, each with its answer."""
+    chance = part.envelope.by_chance or part.model.sill == 0
     answers = {
         "structure": structure_verdict(part, say),
         "curve": _curve(part.model, part.unit, part.sampled.lag, say),
-        "reach": _reach(part, say),
-        "noise": _noise(part, say),
-        "directions": _directions(part, say),
+        "reach": say("finding.chance") if chance else _reach(part, say),
+        "noise": _noise(part, chance, say),
+        "directions": say("finding.chance") if chance else _directions(part, say),
         "trend": _trend(part, say),
     }
     if part.explained is not None:
@@ -66,7 +67,7 @@ def _curve(model: VariogramModel, unit: str, lag: float, say: Locale) -> str:
 
     parts = say("finding.list").join(map(describe, model.structures))
     if not (model.overridden and model.fit is not None):
-        return say("finding.curve_fitted", parts=parts or "0")
+        return say("finding.curve_fitted", parts=parts) if parts else say("finding.curve_flat", nugget=model.nugget)
     curve = say("finding.curve_text", nugget=model.nugget, parts=parts or "0")
     found = model.from_dict(model.fit.fitted)
     return curve + " " + say("finding.curve_by_hand", nugget=found.nugget, sill=found.sill, range=found.practical_range)
@@ -91,8 +92,11 @@ def _reach(part: StudyPart, say: Locale) -> str:
     return say("finding.reach_text", family=model.family, reach=reach, unit=part.unit, share=share)
 
 
-def _noise(part: StudyPart, say: Locale) -> str:
+def _noise(part: StudyPart, chance: bool, say: Locale) -> str:
     fit, found = part.likelihood.fit, part.sampled
+    if chance:
+        total = math.sqrt(found.variance / part.components)
+        return say("finding.noise_chance", total=total, lag=found.lag, unit=part.unit)
     small = not part.model.overridden and fit is not None and fit.bounds_hit.get("nugget") == "lower"
     return say(
         "finding.noise_small" if small else "finding.noise_text",

@@ -59,6 +59,11 @@ class Envelope:
     permutations: int
 
     @property
+    def by_chance(self) -> bool:
+        """Whether the similarity does not differ from that of shuffled errors, at the level of the band."""
+        return self.p_value > 1 - self.level
+
+    @property
     def structured(self) -> BoolArray:
         """Lags at which the vector semivariance is below the band, (k,)."""
         below: BoolArray = self.variogram.vector < self.vector_lower
@@ -200,7 +205,7 @@ def verdict(
     filled = np.flatnonzero(envelope.variogram.pairs > 0)
     below = envelope.structured[filled]
     count = words("count", below=int(below.sum()), lags=filled.size, percent=100 * envelope.level)
-    if envelope.p_value > 1 - envelope.level or model.sill == 0:
+    if envelope.by_chance or model.sill == 0:
         return words("chance", p=envelope.p_value, count=count)
     first_above = int(np.argmin(below)) if not below.all() else filled.size
     reach = words("reach", lag=float(lag[filled[first_above - 1]]), unit=unit) if first_above else words("short")

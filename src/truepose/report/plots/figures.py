@@ -104,6 +104,7 @@ def histogram(before: FloatArray, after: FloatArray, say: Locale) -> str:
             axes.hist(length, bins=edges.tolist(), color=colour, alpha=0.65, label=say(f"report.{state}"))
             axes.axvline(float(length.max()), color=colour, linewidth=1.0, linestyle=":")
         axes.set(xlabel=say("figure.length"), ylabel=say("figure.poses"))
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         figure.legend(loc="outside upper right", ncols=2, frameon=False)
         return to_svg(figure, say)
 
