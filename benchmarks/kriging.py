@@ -120,7 +120,16 @@ def _small_jobs() -> Iterator[Job]:
         target=">= 1",
     )
     yield Job(
-        "the same, fit with a given variogram included",
+        "fit alone, with a given variogram",
+        {
+            "truepose": _often(lambda: OrdinaryKriging(MODEL).fit(x, e)),
+            "numpy in 15 lines": _often(lambda: plain.Kriging(MODEL.nugget, 0.4).fit(x, e)),
+        },
+        items=100 * OFTEN,
+        target=">= 1",
+    )
+    yield Job(
+        "fit with a given variogram, and prediction",
         {
             "truepose": _often(lambda: OrdinaryKriging(MODEL).fit(x, e).predict(targets, return_std=True)),
             "numpy in 15 lines": _often(lambda: plain.Kriging(MODEL.nugget, 0.4).fit(x, e).predict(targets)),

@@ -264,6 +264,22 @@ def test_poor_condition_is_told_with_its_remedy(rng):
         OrdinaryKriging(replace(smooth, nugget=1e-6)).fit(x, x)
 
 
+@settings(max_examples=40, deadline=None)
+@given(problem=problems(families=BOUNDED))
+def test_condition_is_that_of_the_covariance_matrix(problem):
+    variogram, x, e, _, targets = problem
+    matrix = variogram.signal_covariance(cdist(x, x)) + variogram.nugget * np.eye(len(x))
+    model = OrdinaryKriging(variogram).fit(x, e)
+    assert model.condition_ == pytest.approx(np.linalg.cond(matrix, 1), rel=1e-9)
+    assert model.predict(targets) == pytest.approx(OrdinaryKriging(variogram).fit(x, e).predict(targets), rel=1e-9)
+
+
+def test_a_small_noise_does_not_hide_a_poor_condition(rng):
+    x, smooth = rng.random((25, 2)), VariogramModel("gaussian", sill=1.0, range=1.0)
+    with pytest.warns(IllConditionedWarning, match="condition number"):
+        OrdinaryKriging(smooth).fit(x, x, noise_std=1e-7)
+
+
 @pytest.mark.parametrize(
     ("variogram", "n", "d", "message"),
     [

@@ -359,12 +359,10 @@ def cross_correlation(family: int, shape: float, u: FloatArray, samples: FloatAr
     """Set out (m, n) to rho of targets and points."""
     n, width = out.shape[1], samples.shape[2]
     for i in prange(u.shape[0]):
-        r = np.empty(width)
         for b in range(samples.shape[0]):
-            squared_distances(u[i], samples[b], r)
-            correlate(family, shape, r)
-            stop = min(width, n - b * width)
-            out[i, b * width : b * width + stop] = r[:stop]
+            row = out[i, b * width : min(n, (b + 1) * width)]
+            squared_distances(u[i], samples[b], row)
+            correlate(family, shape, row)
 
 
 @compiled(parallel=True)

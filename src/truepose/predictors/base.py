@@ -7,6 +7,7 @@ implements `_fit`, `_predict` and `_leave_one_out` on (n, d) and (n, k) arrays o
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -307,7 +308,7 @@ def _is_table(values: ArrayLike, least: int = 2) -> TypeGuard[FloatArray]:
         and values.dtype == np.float64
         and least <= values.ndim <= 2
         and values.size > 0
-        and bool(np.isfinite(values).all())
+        and math.isfinite(np.vdot(values, values))
     )
 
 

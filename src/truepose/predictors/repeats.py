@@ -5,6 +5,7 @@ Points nearer to each other than the last digits of their coordinates are one po
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -44,7 +45,7 @@ class Points:
     @classmethod
     def of(cls, x: FloatArray) -> Self:
         """Find the distinct rows of x (n, d)."""
-        if _apart(x, _reach(x)):
+        if _apart(x):
             return cls(x, np.arange(len(x)), np.ones(len(x), np.int64))
         points, inverse = np.unique(x, axis=0, return_inverse=True)
         first, group = _alike(points)
@@ -101,15 +102,16 @@ class Points:
 
 def _reach(x: FloatArray) -> float:
     """Return the distance up to which points are one point."""
-    return SAME * float(np.linalg.norm(np.ptp(x, axis=0)))
+    return SAME * math.dist(x.max(axis=0), x.min(axis=0))
 
 
-def _apart(x: FloatArray, reach: float) -> bool:
-    """Whether no two points are within a distance: seen from one coordinate if possible, otherwise from a tree."""
-    if len(x) < 2 or np.diff(np.sort(x[:, 0])).min() > reach:
+def _apart(x: FloatArray) -> bool:
+    """Whether no two rows are one point: seen from one coordinate if possible, otherwise from a tree."""
+    first = np.sort(x[:, 0])
+    if len(x) < 2 or (first[1:] - first[:-1]).min() > 2 * SAME * math.sqrt(np.vdot(x, x)):  # at least `_reach`
         return True
     tree = KDTree(x)
-    return bool(tree.count_neighbors(tree, reach) == len(x))  # each point with itself
+    return bool(tree.count_neighbors(tree, _reach(x)) == len(x))  # each point with itself
 
 
 def _alike(points: FloatArray) -> tuple[IntArray, IntArray]:

@@ -28,7 +28,7 @@ from truepose.similarity import (
     remove_drift,
     sampled,
 )
-from truepose.similarity.fit_record import without_warning
+from truepose.similarity.model import without_warning
 
 
 @dataclass(frozen=True)

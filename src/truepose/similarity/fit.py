@@ -12,9 +12,8 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.similarity.experimental import ExperimentalVariogram
-from truepose.similarity.fit_record import FitRecord, warn_of_remarks
 from truepose.similarity.least_squares import ITERATIONS, WEIGHTS, Bins, Fitted, fit_one, fit_several, standard_errors
-from truepose.similarity.model import VariogramModel
+from truepose.similarity.model import FitRecord, VariogramModel, warn_of_remarks
 from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.structure import FAMILIES
 

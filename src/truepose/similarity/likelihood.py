@@ -37,8 +37,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 from truepose.numerics.threads import blas_threads, kernel_threads
 from truepose.similarity.experimental import check_points
-from truepose.similarity.fit_record import FitRecord, warn_of_remarks
-from truepose.similarity.model import VariogramModel
+from truepose.similarity.model import FitRecord, VariogramModel, warn_of_remarks
 from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.structure import correlation_by_shape, cross_correlation, slope_moments
 from truepose.similarity.trend import polynomial

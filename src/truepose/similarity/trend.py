@@ -131,8 +131,7 @@ class DriftBasis:
             If the drift is not a name, a degree, columns of X, or a function.
         """
         d = x.shape[1]
-        columns = np.empty(0, np.int64)
-        degree, function = 0, None
+        degree, columns, function = 0, np.empty(0, np.int64), None
         if callable(drift):
             function = drift
         elif isinstance(drift, str | int):
@@ -146,6 +145,8 @@ class DriftBasis:
             columns = np.asarray(drift)
             if columns.dtype.kind not in "iu" or columns.ndim != 1 or not set(columns.tolist()) < set(range(d)):
                 raise KrigingError(f"drift is {drift!r}; expected columns of X below {d}, but not all of them")
+        if degree == 0 and not columns.size and function is None:  # the constant alone has no scale
+            return cls(np.zeros(d), np.ones(d), ((),), columns)
         return cls(x.mean(axis=0), _half_extent(x), _monomials(degree, d), columns, function)
 
     @classmethod

@@ -17,10 +17,9 @@ from truepose.predictors.kriging.correlation import Correlation
 from truepose.predictors.repeats import Points
 from truepose.similarity.experimental import experimental_variogram
 from truepose.similarity.fit import fit_variogram
-from truepose.similarity.fit_record import without_warning
 from truepose.similarity.gstools_models import as_variogram, is_covmodel
 from truepose.similarity.likelihood import fit_likelihood
-from truepose.similarity.model import VariogramModel
+from truepose.similarity.model import VariogramModel, without_warning
 from truepose.similarity.trend import DriftBasis, DriftLike
 
 VariogramLike = VariogramModel | Sequence[VariogramModel] | str | Sequence[str] | None
@@ -84,7 +83,7 @@ class Kriging(Predictor):
         if u < 2:
             count = "is 1 sample" if len(e) == 1 else f"are {len(e)} samples, all at one"
             raise KrigingError(f"Kriging needs samples at 2 points or more, but there {count}; measure more")
-        noise = np.zeros_like(e) if noise_std is None else noise_std**2
+        noise = np.zeros(e.shape) if noise_std is None else noise_std**2
         if self.exact and noise_std is None:
             self._points.refuse_contradictions(e)
         kind = self._drift_kind()
@@ -107,33 +106,34 @@ class Kriging(Predictor):
         x = self._coordinates(points.x)
         check_models(models, x.shape[1])
         self._check_sill(models[0])
-        nugget = np.array([m.nugget for m in models])
+        nugget, sill = np.array([(m.nugget, m.partial_sill) for m in models]).T
         self.variograms_ = models
         self._nugget = np.zeros(k) if self.exact else nugget
-        if not (self.exact or noise.any() or nugget.any()):
+        if not (self.exact or nugget.any() or noise.any()):
             self._nugget = points.scatter(self._e)
         self._reading = noise + self._nugget
         self._mean_e, self._mean_noise = points.average(self._e, self._reading)
         if not self._mean_noise.any():
             _refuse_near_contradictions(points, self._mean_e, models, x)
         model, rise = with_pseudo_sill(models[0], x)
-        signal = rise * np.array([m.partial_sill for m in models])
+        signal = rise * sill
         self._total = signal + nugget
         self._correlation = Correlation.of(model, x.shape[1])
         try:
-            self._solve(x, signal / self._total, (nugget if self.exact else 0 * nugget) / self._total)
+            self._solve(x, signal / self._total, nugget / self._total if self.exact else np.zeros(k))
         except KrigingError as error:
             raise error.of_rows(points.first.tolist()) from None
 
     def _alike(self, signal: FloatArray, micro: FloatArray) -> tuple[list[list[int]], FloatArray]:
         """Return the components with the same unit covariance matrix, and the unit variance of the noise, (u, k)."""
         noise = self._mean_noise / self._total
+        if len(set(signal)) == len(set(micro)) == 1 and (noise == noise[:, :1]).all():
+            return [list(range(len(signal)))], noise
         shares = np.vstack([signal, micro, noise])
         groups: list[list[int]] = []
         for c in range(len(signal)):
             for group in groups:
-                first, own = shares[:, group[0]], shares[:, c]
-                if np.array_equal(first, own) or np.allclose(first, own, rtol=1e-9, atol=1e-15):
+                if np.allclose(shares[:, group[0]], shares[:, c], rtol=1e-9, atol=1e-15):
                     group.append(c)
                     break
             else:
@@ -195,7 +195,7 @@ def check_models(models: Sequence[VariogramModel], d: int) -> None:
 
 def mean_model(models: Sequence[VariogramModel]) -> VariogramModel:
     """Return the mean over components of models that differ in nugget and sill alone."""
-    if all(model == models[0] for model in models):
+    if all(model is models[0] or model == models[0] for model in models):
         return models[0]
     nugget, sill = np.mean([(model.nugget, model.partial_sill) for model in models], axis=0)
     own = max(models, key=lambda model: model.partial_sill)

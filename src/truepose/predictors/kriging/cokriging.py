@@ -84,7 +84,7 @@ class Cokriging:
         self.system = System.factorise(np.ascontiguousarray(flat), self._basis(x)[self._rows], x)
 
         self._e = e
-        beta, alpha, _ = self.system.solve(e.reshape(-1, 1)[self._rows])
+        beta, alpha = self.system.solve(e.reshape(-1, 1)[self._rows])
         full = np.zeros(n * k)
         full[self._rows] = alpha[:, 0]
         self._alpha = full.reshape(n, k)

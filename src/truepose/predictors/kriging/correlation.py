@@ -73,15 +73,16 @@ class Correlation:
         return cls(
             tuple(
                 Structure(part.kind.code, part.shape or 0.0, part.sill / total, part.coordinates(np.eye(d)))
-                for part in model.structures
+                for part in (model, *model.plus)
+                if part.sill
             )
         )
 
     def at(self, points: FloatArray) -> Sums:
         """Return the sums over points (n, d) that predictions need."""
-        from truepose.numerics.kernels import pack
+        from truepose.numerics import kernels
 
-        return Sums(self, len(points), tuple(pack(s.scaled(points)) for s in self.structures))
+        return Sums(self, len(points), tuple(kernels.pack(s.scaled(points)) for s in self.structures))
 
     def matrix(self, points: FloatArray) -> FloatArray:
         """Return rho between points (n, d), (n, n)."""

@@ -52,6 +52,12 @@ class GlobalKriging(Kriging):
 
     # --- methods for users --------------------------------------------------------------------------------------------
 
+    @property
+    def condition_(self) -> float:
+        """The condition number of the covariance matrix; the worst, if components have their own."""
+        self._check_fitted()
+        return max(group.system.condition for group in self._groups)
+
     def gradient(self, X: ArrayLike) -> FloatArray:
         """Return the derivative of the prediction by X, (m, k, d) or (m, d).
 
@@ -184,33 +190,35 @@ class GlobalKriging(Kriging):
             raise KrigingError(f"simple Kriging needs a sill, and {model.family} has none; use OrdinaryKriging")
 
     def _solve(self, x: FloatArray, signal: FloatArray, micro: FloatArray) -> None:
-        from truepose.numerics.kernels import pack
+        from truepose.numerics import kernels
 
         self._sums = self._correlation.at(x)
         groups, noise = self._alike(signal, micro)
         self._groups = [self._factorised(x, c, float(signal[c[0]]), float(micro[c[0]]), noise[:, c[0]]) for c in groups]
         u, k = self._mean_e.shape
-        self._alpha, weights, self._own_scale = np.empty((u, k)), np.empty((u, k)), np.empty(k)
+        self._alpha = np.empty((u, k))
         self.beta_ = np.empty((self._groups[0].system.q.shape[1], k))
         for group in self._groups:
             c = slice(None) if len(self._groups) == 1 else group.components
-            self.beta_[:, c], self._alpha[:, c], s2 = group.system.solve(self._mean_e[:, c] - self._offset[c])
-            self._own_scale[c] = s2.diagonal()
-            weights[:, c] = group.signal * self._alpha[:, c]
-        self._weights = pack(weights)
-        self.condition_ = max(group.system.condition for group in self._groups)
+            self.beta_[:, c], self._alpha[:, c] = group.system.solve(self._mean_e[:, c] - self._offset[c])
+            signal[c] = group.signal
+        self._weights = kernels.pack(signal * self._alpha)
 
     def _factorised(
         self, x: FloatArray, components: list[int], signal: float, micro: float, noise: FloatArray
     ) -> _Group:
         matrix = self._sums.cross(x)
         matrix *= signal
-        matrix.flat[:: len(x) + 1] = signal + micro + noise
-        system = System.factorise(matrix, self._basis(self._points.x), self._points.x)
+        matrix.reshape(-1)[:: len(x) + 1] = signal + micro + noise
+        system = System.factorise(matrix, self._basis(self._points.x), self._points.x, micro + float(noise.min()))
         return _Group(components, signal, micro, noise, system)
 
     def _scale(self) -> FloatArray:
-        return np.asarray(self._own_scale / self._total)
+        scale = np.empty(len(self._total))
+        for group in self._groups:
+            c = group.components
+            scale[c] = group.system.scale(self._mean_e[:, c] - self._offset[c]).diagonal()
+        return np.asarray(scale / self._total)
 
     # --- prediction ---------------------------------------------------------------------------------------------------
 

@@ -42,17 +42,15 @@ class System:
     ----------
     q, r : (n, p) and (p, p) arrays
         The factors of W F = Q R.
-    condition : float
-        The condition number of K in the 1-norm.
     """
 
-    def __init__(self, factor: FloatArray, q: FloatArray, r: FloatArray, condition: float) -> None:
-        self.q, self.r, self.condition = q, r, condition
+    def __init__(self, factor: FloatArray, q: FloatArray, r: FloatArray) -> None:
+        self.q, self.r = q, r
         self._factor = factor  # L until `inverse` replaces it in place
         self._inverted = self._cleared = False
 
     @classmethod
-    def factorise(cls, covariance: FloatArray, drift: FloatArray, x: FloatArray) -> Self:
+    def factorise(cls, covariance: FloatArray, drift: FloatArray, x: FloatArray, noise: float = 0.0) -> Self:
         """Factorise a covariance matrix (n, n), which is overwritten.
 
         Parameters
@@ -63,6 +61,8 @@ class System:
             The drift, or its columns.
         x : (u, d) array
             The points, to name the nearest two when the matrix is singular or nearly so.
+        noise : float
+            The part of the matrix that is this multiple of the unit matrix at least: no eigenvalue is below it.
 
         Raises
         ------
@@ -75,14 +75,15 @@ class System:
             If the condition number is above 1e11.
         """
         matrix = covariance.T  # the same numbers in Fortran order: factorised in place
-        norm = lapack.dlange("1", matrix)  # type: ignore[call-arg]
         diagonal = matrix.diagonal().copy()
+        regular = noise > POOR * len(x) * diagonal.sum()  # n tr(K)/noise is no less than the condition number
+        norm = 0.0 if regular else _norm(matrix)
         factor, failed = lapack.dpotrf(matrix, lower=1, clean=0, overwrite_a=1)
         if failed:
             restored = np.triu(factor, 1)  # the upper triangle is still K
             restored += restored.T + np.diag(diagonal)
-            raise _singular(_reciprocal_condition(restored, norm), x)
-        reciprocal = lapack.dpocon(factor, norm, uplo="L")[0]
+            raise _singular(_reciprocal_condition(restored), x)
+        reciprocal = 1.0 if regular else lapack.dpocon(factor, norm, uplo="L")[0]
         if reciprocal < WORST:
             raise _singular(reciprocal, x)
         if reciprocal < POOR:
@@ -95,25 +96,30 @@ class System:
                 stacklevel=2,
             )
         if not drift.shape[1]:
-            return cls(factor, drift, np.zeros((0, 0)), 1 / reciprocal)
+            return cls(factor, drift, np.zeros((0, 0)))
         q, r = _orthonormal(_solved(factor, drift, lower=True))
         if len(drift) < drift.shape[1] or dependent(r):
             raise KrigingError(
                 f"the {drift.shape[1]} columns of the drift are not independent at {len(drift)} points; "
                 "use a simpler drift, or measure points that differ in every coordinate of it"
             )
-        return cls(factor, q, r, 1 / reciprocal)
+        return cls(factor, q, r)
 
-    def solve(self, e: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return beta (p, k), the weights K⁻¹(e − F beta) (n, k), and the scale s² (k, k) of e (n, k) by GLS.
+    def solve(self, e: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return beta (p, k) and the weights K⁻¹(e − F beta) (n, k) of e (n, k) by GLS."""
+        half, drift = self._separated(e)
+        return _solved(self.r, drift) if len(drift) else drift, self.whiten(half, transposed=True)
 
-        The scale is the restricted estimate of the covariance of the components in units of K.
-        """
+    def scale(self, e: FloatArray) -> FloatArray:
+        """Return s² (k, k): the restricted estimate of the covariance of the components of e (n, k) in units of K."""
+        half, drift = self._separated(e)
+        return half.T @ half / max(len(half) - len(drift), 1)
+
+    def _separated(self, e: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (I − Q Qᵀ) W e (n, k) and Qᵀ W e (p, k)."""
         half = self.whiten(e)
-        n, p = self.q.shape
-        beta = _solved(self.r, self.q.T @ half) if p else np.zeros((0, e.shape[1]))
-        half -= self.q @ (self.q.T @ half)
-        return beta, self.whiten(half, transposed=True), half.T @ half / max(n - p, 1)
+        drift = self.q.T @ half
+        return np.asarray(blas.dgemm(-1.0, self.q, drift, beta=1.0, c=half, overwrite_c=1)), drift
 
     def reduce(self, cross: FloatArray, drift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return W c (n, m) and the drift that it leaves unexplained, R⁻ᵀ f − Qᵀ W c (p, m).
@@ -188,6 +194,13 @@ class System:
         return _solved(self._factor, b, lower=True, transposed=transposed)
 
     @property
+    def condition(self) -> float:
+        """The condition number of K in the 1-norm; O(n³)."""
+        w = self.inverse
+        factor = lapack.dtrtri(w, lower=1)[0]
+        return _norm(factor @ factor.T) * _norm(w.T @ w)
+
+    @property
     def log_determinant(self) -> float:
         """Logarithm of |K|."""
         sign = -2.0 if self._inverted else 2.0
@@ -205,25 +218,30 @@ def _solved(triangle: FloatArray, b: FloatArray, *, lower: bool = False, transpo
 
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return Q and R of columns = Q R."""
-    if columns.shape[1] > 1 or not columns.any():
+    length = math.sqrt(np.vdot(columns, columns))
+    if columns.shape[1] > 1 or not length:
         q, r = np.linalg.qr(columns)
         return q, r
-    length = float(np.linalg.norm(columns))
     return columns / length, np.array([[length]])
 
 
 def dependent(r: FloatArray) -> bool:
     """Whether columns of a triangular factor (p, p) are linearly dependent, whatever their sizes."""
+    if len(r) == 1:
+        return bool(r[0, 0] == 0)
     size = np.linalg.norm(r, axis=0)
-    if len(size) == 1 or size.min() == 0:
-        return bool(size.min() == 0)
-    return bool(np.linalg.cond(r / size) > 1 / WORST_DRIFT)
+    return bool(size.min() == 0 or np.linalg.cond(r / size) > 1 / WORST_DRIFT)
 
 
-def _reciprocal_condition(matrix: FloatArray, norm: float) -> float:
+def _norm(matrix: FloatArray) -> float:
+    """Return the 1-norm of a matrix."""
+    return float(lapack.dlange("1", matrix))  # type: ignore[call-arg]
+
+
+def _reciprocal_condition(matrix: FloatArray) -> float:
     """Return the reciprocal condition number of a symmetric matrix that may be indefinite."""
     factor, pivots, _ = lapack.dsytrf(matrix, lower=1)
-    return float(lapack.dsycon(factor, pivots, norm, lower=1)[0])
+    return float(lapack.dsycon(factor, pivots, _norm(matrix), lower=1)[0])
 
 
 def _singular(reciprocal: float, x: FloatArray) -> KrigingError:

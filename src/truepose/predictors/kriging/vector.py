@@ -113,6 +113,12 @@ class VectorKriging(Predictor):
         del self._given_noise
         return self
 
+    @property
+    def condition_(self) -> float:
+        """The condition number of the covariance matrix; the worst, if there are several."""
+        self._check_fitted()
+        return self._inner.condition_ if self._full is None else self._full.system.condition
+
     def predict_covariance(self, X: ArrayLike, include_nugget: bool = False) -> FloatArray:
         """Return the covariance of the components' errors at each of m targets, (m, k, k) [mm²].
 
@@ -162,14 +168,12 @@ class VectorKriging(Predictor):
             self._full = Cokriging(
                 X, e, self.variograms_, self.coregionalisation_, drift, self.shared_drift, noise, self.exact
             )
-            self.condition_ = self._full.system.condition
             return
         self._back = np.linalg.inv(turn)
         b = np.einsum("ca,ab,cb->c", turn, self.coregionalisation_[0], turn)
         models = tuple(self.variograms_[0].scaled(max(float(s), 1e-12)) for s in b)
         turned = np.sqrt(np.maximum(np.einsum("ca,nab,cb->nc", turn, noise, turn), 0.0)) if noise.any() else None
         self._inner = UniversalKriging(self.drift, models, self.exact).fit(X, e @ turn.T, turned)
-        self.condition_ = self._inner.condition_
         if not (self.exact or noise.any() or nugget.any()):  # the repeats' scatter stands for the noise
             self._nugget = (self._back * self._inner._nugget) @ self._back.T
             self._reading = self._reading + self._nugget.diagonal()
@@ -227,7 +231,7 @@ class VectorKriging(Predictor):
             self.variograms_ = (estimate_model(self.variogram, x, self._e, drift(X), mean, self._points, self.exact),)
         inner = UniversalKriging(self.drift, self.variograms_[0], self.exact)
         inner.fit(X, self._e, np.sqrt(mean) if mean.any() else None)
-        scale = inner._groups[0].system.solve(inner._mean_e)[2] / inner._total[0]
+        scale = inner._groups[0].system.scale(inner._mean_e) / inner._total[0]
         self.coregionalisation_ = floored(scale)[None]
 
     def _turn(self, noise: FloatArray) -> FloatArray | None:
