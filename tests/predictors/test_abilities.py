@@ -18,6 +18,7 @@ from truepose.predictors.abilities import (
     JointlyPredicting,
     OutlierWeighing,
     ParameterEstimating,
+    Startable,
     Updatable,
 )
 
@@ -30,12 +31,12 @@ from truepose.predictors.abilities import (
         (LocalKriging(), {Differentiable}),
         (VectorKriging(), {Differentiable}),
         (KinematicCalibration(), set()),
-        (KinematicKriging(), {Updatable, JointlyPredicting}),
+        (KinematicKriging(), {Updatable, Startable, JointlyPredicting}),
     ],
     ids=lambda value: type(value).__name__,
 )
 def test_abilities_of_predictors(model, abilities):
-    every = (Updatable, Differentiable, JointlyPredicting, ParameterEstimating, OutlierWeighing)
+    every = (Updatable, Startable, Differentiable, JointlyPredicting, ParameterEstimating, OutlierWeighing)
     assert {one for one in every if isinstance(model, one)} == abilities
 
 

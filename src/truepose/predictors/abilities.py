@@ -19,6 +19,17 @@ class Updatable(Protocol):
 
 
 @runtime_checkable
+class Startable(Protocol):
+    """A predictor whose search for hyperparameters can start at their optimum for similar samples."""
+
+    def optimum(self) -> Any:
+        """Return the optimum of this fit; it can be pickled."""
+
+    def start_from(self, optimum: Any) -> None:
+        """Let the next fits start at the `optimum` of a model of equal parameters."""
+
+
+@runtime_checkable
 class Differentiable(Protocol):
     """A predictor whose prediction has a derivative in closed form."""
 

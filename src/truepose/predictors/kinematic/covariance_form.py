@@ -49,15 +49,20 @@ class Likelihood:
         The standard deviations of the readings, in addition to the fitted noise.
     weight : (n,) array
         The weights of the samples, which divide their noise variances.
+
+    Attributes
+    ----------
+    n : int
+        The number of samples.
     """
 
     def __init__(
         self, terms: Terms, design: Design, joints: IntArray, e: FloatArray, noise_std: FloatArray, weight: FloatArray
     ) -> None:
-        self._n = len(e)
+        self.n = len(e)
         self._y = e.reshape(-1)
         self._half, self._lever = _turns_and_levers(design, joints)
-        flat = design.drift.reshape(3 * self._n, -1)
+        flat = design.drift.reshape(3 * self.n, -1)
         self._drift = [np.asfortranarray(flat[:, terms.group == g]) for g in (0, GEOMETRY, COMPLIANCE)]
         self._place, self._range_of, self._ranges = design.place, terms.range_of, len(terms.range_names)
         self._reading = (noise_std**2 / weight[:, None]).reshape(-1)
@@ -74,7 +79,7 @@ class Likelihood:
             covariance, *here, *here, hyper.joint_std, hyper.joint_length, place, place, hyper.rest_std, True
         )
         noise = hyper.noise**2 / self._weight
-        covariance[np.diag_indices(3 * self._n)] += noise + self._reading
+        covariance[np.diag_indices(3 * self.n)] += noise + self._reading
         factor, failed = lapack.dpotrf(covariance.T, lower=0, clean=0, overwrite_a=1)
         if failed:
             return np.inf, np.zeros(len(hyper.to_vector()))

@@ -13,21 +13,20 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.folds import random_folds
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.fitting import search
-from truepose.predictors.kinematic.hyperparameters import Hyperparameters
+from truepose.predictors.kinematic.fitting import Start, search_near
 from truepose.predictors.kinematic.terms import Design, Terms, take
 
 FOLDS: Final = 5
 MOST: Final = 250
 """The largest number of samples used."""
-_ITERATIONS: Final = 15  # from the hyperparameters of all samples, which are nearly optimal
+_SETTLED: Final = 0.02  # of the log likelihood; hyperparameters that far from the optimum predict alike
 
 
 def fold_residuals(
     terms: Terms,
     design: Design,
     joints: IntArray,
-    hyper: Hyperparameters,
+    start: Start,
     e: FloatArray,
     reading: FloatArray,
     weight: FloatArray,
@@ -39,8 +38,8 @@ def fold_residuals(
     ----------
     terms, design, joints
         The terms, columns and joints of the model at n samples.
-    hyper : Hyperparameters
-        The starting point of each search.
+    start : Start
+        The start of each search: the optimum of all samples.
     e, reading : (n, 3) arrays [mm]
         The errors, and the known standard deviations of their readings.
     weight : (n,) array
@@ -61,7 +60,7 @@ def fold_residuals(
         rows, out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         kept = take(design, rows)
         likelihood = Likelihood(terms, kept, joints, e[rows], reading[rows], weight[rows])
-        found = search(likelihood, [hyper], iterations=_ITERATIONS).hyper
+        found = search_near(likelihood, start, settled=_SETTLED)[0].hyper
         noise = (found.noise**2 + reading[rows] ** 2) / weight[rows, None]
         form = CovarianceForm.of(terms, kept, joints, found, e[rows], noise)
         mean, covariance = form.posterior(take(design, out))

@@ -17,7 +17,7 @@ from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.fitting import refine, search, spread_starts
+from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, fold_residuals
 from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
@@ -110,6 +110,7 @@ class KinematicKriging(PosePredictor):
     """
 
     arm_parameters = ("robot", "tf_flange_tool")
+    _known: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
     def __init__(
@@ -158,10 +159,11 @@ class KinematicKriging(PosePredictor):
             self.hyper_ = Hyperparameters.from_dict(self.hyper)
             self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
         else:
-            self._estimate(design)
+            curvature = self._estimate(design)
+            self._optimum = Start(self.hyper_, curvature)
         self._solve(X)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
-        self.inflation_ = self._inflation() if self.hyper is None else self.inflation or 1.0
+        self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
@@ -179,6 +181,21 @@ class KinematicKriging(PosePredictor):
         self._x, self._e = self.robot.check_joints(X), e
         self._reading = np.zeros_like(e) if noise_std is None else noise_std
         self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
+
+    def optimum(self) -> tuple[IntArray, Start]:
+        """Return the joints and the hyperparameters of this fit, for `start_from`."""
+        check_is_fitted(self)
+        return self.joints_, self._optimum
+
+    def start_from(self, optimum: tuple[IntArray, Start]) -> None:
+        """Let searches for hyperparameters start at the optimum of similar samples; fewer evaluations find the same.
+
+        Parameters
+        ----------
+        optimum : tuple
+            The `optimum` of a model of equal parameters.
+        """
+        self._known = optimum
 
     def update(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
         """Add samples and compute the posterior of all samples with unchanged hyperparameters.
@@ -248,29 +265,33 @@ class KinematicKriging(PosePredictor):
         if self.weight is not None and len(self.weight) != len(e):
             raise DataError(f"expected {len(e)} weights, one for each sample, got {len(self.weight)}")
 
-    def _estimate(self, design: Design) -> None:
-        """Search hyperparameters and robust weights alternately until the weights settle."""
+    def _estimate(self, design: Design) -> FloatArray:
+        """Search hyperparameters and robust weights alternately until the weights settle; return the curvature."""
         n = len(self._e)
         order = np.random.default_rng(self.random_state).permutation(n)
-        start = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
-        starts = spread_starts(start) if len(self.joints_) else [start]
         self.weight_ = first_weights(design.drift, self._e) if self.robust else np.ones(n)
+        start = self._first_start(design, np.sort(order[:_FIRST]))
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
-                for size in (_FIRST, _SUBSET) if turn == 0 and n > _FIRST else (_SUBSET,):
-                    found = search(self._likelihood(design, np.sort(order[:size])), starts)
-                    starts = [found.hyper]
+                found, start = search_near(self._likelihood(design, np.sort(order[:_SUBSET])), start)
                 self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
                 self.bounds_hit_ = found.bounds_hit
             self._form = self._solved(design, refining=turn == 0)
             if not self.robust:
-                return
+                break
             weight = robust_weights(*self._left_out_alone())
             change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_))
             self.weight_ = weight
-            starts = [self.hyper_]
             if change.max() < _SETTLED:
-                return
+                break
+        return start.curvature
+
+    def _first_start(self, design: Design, rows: IntArray) -> Start:
+        """Return the start of the search: that of `start_from` if it has the same joints, or the optimum of `rows`."""
+        if self._known is not None and np.array_equal(self._known[0], self.joints_):
+            return self._known[1]
+        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
+        return search(self._likelihood(design, rows), spread_starts(hyper) if len(self.joints_) else [hyper])[1]
 
     def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
         return Likelihood(
@@ -404,7 +425,7 @@ class KinematicKriging(PosePredictor):
         residual, covariance = self._form.left_out(labels)
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
-    def _inflation(self) -> float:
+    def _inflation(self, start: Start) -> float:
         """Return the factor of predicted variances that makes unseen readings standard.
 
         It is the larger of two estimates: from fits without a fifth of the samples each, with their own
@@ -423,7 +444,7 @@ class KinematicKriging(PosePredictor):
         design = take(self._terms.at(self._x), rows)
         target, reading, weight = self._target(design, rows), self._reading[rows], self.weight_[rows]
         seen = fold_residuals(
-            self._terms, design, self.joints_, self.hyper_, target, reading, weight, random_state=self.random_state
+            self._terms, design, self.joints_, start, target, reading, weight, random_state=self.random_state
         )
         return max(factor(*seen, reading), alone) * (1.0 + float(np.sqrt(2.0 / reading.size)))
 

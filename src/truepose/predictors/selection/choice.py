@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,10 +13,12 @@ import numpy as np
 from truepose._io.tables import data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.folds import split_samples
 from truepose.predictors.registry import PREDICTORS, predictor_spec
 from truepose.predictors.selection.cross_validation import (
+    FAILURES,
     FoldResult,
     Job,
     PositionalErrors,
@@ -174,7 +177,9 @@ def rank_predictors(
     names = _names(candidates, errors)
     robot = None if errors.arm is None else errors.arm.robot
     labels = split_samples(splits, errors.coordinates, robot=robot, folds=folds, rng=rng)
-    results = cross_validate(Job(samples, labels), names, workers=workers, progress=progress)
+    fitted = _startable(names, errors, progress)
+    optima = {name: model.optimum() for name, (model, _) in fitted.items() if isinstance(model, Startable)}
+    results = cross_validate(Job(samples, labels, optima), names, workers=workers, progress=progress)
     notes = {result.fit.candidate: result.note for result in results if result.note}
     if len(notes) == len(names):
         raise DataError(f"no candidate could be fitted; {names[0]} {notes[names[0]]}")
@@ -182,8 +187,10 @@ def rank_predictors(
     ranking = _ranking(residuals, rng) + [{"predictor": name, "note": note} for name, note in notes.items()]
     expected = _expected(results, labels, residuals, rng)
     best = ranking[0]["predictor"]
-    progress(f"Fitting {best}")
-    predictor, gross = errors.fit(best)
+    if best not in fitted:
+        progress(f"Fitting {best}")
+        fitted[best] = errors.fit(best)
+    predictor, gross = fitted[best]
     return Choice(ranking, expected, best, predictor, gross, errors)
 
 
@@ -201,6 +208,19 @@ def _names(candidates: str | Sequence[str], errors: PositionalErrors) -> list[st
     if not names:
         raise DataError(f"none of {', '.join(candidates) or 'no candidates'} can be fitted without joints or the arm")
     return names
+
+
+def _startable(
+    names: Sequence[str], errors: PositionalErrors, progress: Callable[[str], Any]
+) -> dict[str, tuple[Predictor, FloatArray]]:
+    """Return the fits with all samples whose optimum is a start for the folds; failed ones are left out."""
+    fitted = {}
+    for name in names:
+        if issubclass(predictor_spec(name).family, Startable):
+            progress(f"Fitting {name}")
+            with suppress(*FAILURES):  # the folds say why
+                fitted[name] = errors.fit(name)
+    return fitted
 
 
 def _joined(results: Sequence[FoldResult], labels: Mapping[str, IntArray], names: Sequence[str]) -> CandidateResiduals:

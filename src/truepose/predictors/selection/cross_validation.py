@@ -17,11 +17,13 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError, TrueposeError
 from truepose.numerics.threads import become_worker, blas_threads, cores
+from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
 from truepose.predictors.registry import ArmContext, make_predictor, predictor_spec
 
-_FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
+FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
+"""What a fit may raise where samples do not suffice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +62,14 @@ class PositionalErrors:
         """Return the errors themselves: they are registered already."""
         return self
 
-    def fit(self, name: str, rows: IntArray | slice = slice(None)) -> tuple[Predictor, FloatArray]:
-        """Return a predictor fitted to some rows, and how gross each of them is, see `fit_without_gross`."""
+    def fit(self, name: str, rows: IntArray | slice = slice(None), optimum: Any = None) -> tuple[Predictor, FloatArray]:
+        """Return a predictor fitted to some rows, and how gross each of them is, see `fit_without_gross`.
+
+        A `Startable` starts at `optimum` where it is given.
+        """
         model = make_predictor(name, arm=self.arm)
+        if optimum is not None and isinstance(model, Startable):
+            model.start_from(optimum)
         if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
@@ -122,10 +129,22 @@ class FoldResult:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The data that all fits share."""
+    """The data that all fits share.
+
+    Attributes
+    ----------
+    samples : Registrable
+        The samples.
+    splits : mapping of str to (n,) array of int
+        The fold of each sample in each split.
+    optima : mapping of str to object
+        What `Startable` candidates start from: their optimum with all samples. It saves most of the search; the folds
+        do not depend on it where the likelihood has one optimum.
+    """
 
     samples: Registrable
     splits: Mapping[str, IntArray]
+    optima: Mapping[str, Any] = field(default_factory=dict)
     _registered: dict[tuple[str, int], PositionalErrors] = field(default_factory=dict)  # shared by all candidates
 
     def run(self, fit: FoldFit) -> FoldResult:
@@ -136,7 +155,7 @@ class Job:
         try:
             with blas_threads(0):  # one thread, in workers and without them: the sums are the same
                 return self._result(fit, out, known)
-        except _FAILURES as error:
+        except FAILURES as error:
             return FoldResult(fit, out, nothing, nothing, note=f"failed: {error}")
 
     def _result(self, fit: FoldFit, out: IntArray, known: IntArray) -> FoldResult:
@@ -144,7 +163,7 @@ class Job:
         if key not in self._registered:
             self._registered[key] = self.samples.registered_by(known)
         errors = self._registered[key]
-        model, gross = errors.fit(fit.candidate, known)
+        model, gross = errors.fit(fit.candidate, known, self.optima.get(fit.candidate))
         x = errors.coordinates[predictor_spec(fit.candidate).space]
 
         def held_out(rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -161,7 +180,7 @@ class Job:
             if (block == block[0]).all():  # only one branch remains: leave out single samples
                 block = np.arange(len(block))
             residual[~kept], std[~kept] = held_out(known[~kept])
-            with suppress(*_FAILURES):  # too few samples for this candidate: NaN excludes it from the inner choice
+            with suppress(*FAILURES):  # too few samples for this candidate: NaN excludes it from the inner choice
                 residual[kept], std[kept] = model.leave_blocks_out(block)
             inner[name] = residual, std
         return FoldResult(fit, out, *held_out(out), inner)
