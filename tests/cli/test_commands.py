@@ -496,3 +496,15 @@ def test_titles_of_tables_are_whole_in_a_narrow_terminal(
     title = "after registration, and predicted without the sample itself (n = 80)"
     say(table(title, ["", "before [mm]"], [["mean", 0.5]]))
     assert title in capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("head", ["Achse1", "A1 [°]", "q1_deg"])
+def test_predict_takes_poses_as_a_plan_has_them(run, cell_files, tmp_path, head):
+    poses = tmp_path / "poses.csv"
+    names = ["Point", *(head.replace("1", str(k)) for k in range(1, 7))]
+    poses.write_text(";".join(names) + "\nP1;0,5;-75;95;1;50;2\nP2;-3;-70;92;1;50;2\n")
+    done = run("predict", cell_files.map, poses, "--out", tmp_path / "out.csv")
+    assert done.code == 0, done.err
+    rows = list(csv.DictReader((tmp_path / "out.csv").open(encoding="utf-8"), delimiter=";"))
+    assert [row["Point"] for row in rows] == ["P1", "P2"]
+    assert all(float(row["std_mm"]) > 0 for row in rows)

@@ -131,3 +131,10 @@ def test_a_point_named_like_a_unit_is_a_point(tmp_path: Path) -> None:
     readings = tp.read_readings(write(tmp_path, "Point;X;Y;Z", "m;1834.5;-920;318", "s;1900.5;-20;118"))
     assert readings.name is not None
     assert readings.name.tolist() == ["m", "s"]
+
+
+def test_readings_given_as_samples_name_the_remedy(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"no line names columns such as q1_deg .* need 'truepose import' first"):
+        tp.read_samples(write(tmp_path, "Cell 4", "Operator: A; B", "Point;X;Y;Z", "P1;1;2;3"))
+    with pytest.raises(FileError, match=r"t\.csv:3: has 3 fields, the header has 2"):
+        tp.read_samples(write(tmp_path, "q1_deg;x_meas_mm", "1;2", "1;2;3"))

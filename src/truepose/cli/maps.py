@@ -28,12 +28,13 @@ def predict(
     import numpy as np
 
     from truepose.error_map import load_map
-    from truepose.samples import append_columns, read_poses
+    from truepose.samples import append_columns
+    from truepose.trackers import read_plan
 
     overwrite(force, out)
     with working("Reading the map", quiet=as_json) as progress:
         error_map = load_map(map_path)
-        poses = read_poses(poses_path)
+        poses = read_plan(poses_path)
         progress(f"Predicting {len(poses)} poses")
         p, std = error_map.predict_measured(poses)
     total = np.linalg.norm(std, axis=1)

@@ -76,14 +76,17 @@ def fit_cell(
             f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
             '"auto", which chooses among predictors'
         )
+    progress("Registering")
     measured = CellSamples(cell, cell.load_robot(), samples)
     registration, tf_flange_tool = measured.register()
+    progress("Testing for a moved tracker, a scale error and a drift")
     campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
     if not accept_campaign:
         with wrong_tool_named(cell, measured.robot, samples):
             campaign.refuse(samples.source)
     with points_named(samples):
         if predictor == "auto":
+            progress("Cross-validation of the candidates")
             choice = rank_predictors(
                 candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
             )

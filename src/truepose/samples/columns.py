@@ -182,11 +182,16 @@ def header_of(text: str, *, joints: bool = False) -> int | None:
     rows = ((number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip())
     lines = [(number, row) for number, row in rows if not row.lstrip().startswith(COMMENTS)]
     for k, (number, row) in enumerate(lines[:TITLES]):
-        delimiter = find_delimiter(row)
-        names = [name.strip().lower() for name in (row.split() if delimiter == " " else row.split(delimiter))]
-        if any(map(_is_column, names)) or (joints and any(_JOINT_COLUMN.fullmatch(split_unit(n)[0]) for n in names)):
+        if names_columns(row, joints=joints):
             return number if k else None
     return None
+
+
+def names_columns(row: str, *, joints: bool = False) -> bool:
+    """Return whether a line names a column of a tidy table, or with `joints` a joint such as ``Achse1``."""
+    delimiter = find_delimiter(row)
+    names = [name.strip().lower() for name in (row.split() if delimiter == " " else row.split(delimiter))]
+    return any(map(_is_column, names)) or (joints and any(_JOINT_COLUMN.fullmatch(split_unit(n)[0]) for n in names))
 
 
 def _is_column(name: str) -> bool:

@@ -25,13 +25,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from truepose._io.delimited import TextTable, escaped, find_delimiter, is_number, parse, read_tabular
+from truepose._io.delimited import TextTable, escaped, find_delimiter, first_row, is_number, parse, read_tabular
 from truepose._io.files import write_atomic
 from truepose._io.workbook import in_format, is_workbook
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
-from truepose.samples.columns import header_of
+from truepose.samples.columns import header_of, names_columns
 from truepose.samples.frames import quantities, tidy_columns
 from truepose.samples.table import Poses, Samples
 
@@ -172,9 +172,17 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
 def _table(path: str | Path) -> TextTable:
     """Read a table whose header may have titles above it."""
     text, source = read_tabular(path)
-    skip = header_of(text)
+    skip = header_of(text, joints=True)
     if skip is None:
-        return parse(text, source)
+        try:
+            return parse(text, source)
+        except FileError as error:
+            if error.line is None or names_columns(first_row(text)):
+                raise
+            what = (
+                "no line names columns such as q1_deg or x_meas_mm; readings of a tracker need 'truepose import' first"
+            )
+            raise FileError(source, what) from None
     return parse(text, source, skip=skip, delimiter=find_delimiter(text.splitlines()[skip - 1]))
 
 
