@@ -179,10 +179,11 @@ def _table(path: str | Path) -> TextTable:
         except FileError as error:
             if error.line is None or names_columns(first_row(text)):
                 raise
-            what = (
-                "no line names columns such as q1_deg or x_meas_mm; readings of a tracker need 'truepose import' first"
+            reason = str(error).removeprefix(f"{source}:{error.line}: ")
+            remedy = (
+                "no line names columns as q1_deg or x_meas_mm do; readings of a tracker need 'truepose import' first"
             )
-            raise FileError(source, what) from None
+            raise FileError(source, f"{reason}; {remedy}", line=error.line) from None
     return parse(text, source, skip=skip, delimiter=find_delimiter(text.splitlines()[skip - 1]))
 
 
