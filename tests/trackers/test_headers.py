@@ -134,7 +134,7 @@ def test_a_point_named_like_a_unit_is_a_point(tmp_path: Path) -> None:
 
 
 def test_readings_given_as_samples_name_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"t\.csv:\d: has .*; no line names columns as q1_deg .* need 'truepose import' first"):
+    with pytest.raises(FileError, match=r"t\.csv:\d: has .*; no line names columns as q1_deg .*import"):
         tp.read_samples(write(tmp_path, "Cell 4", "Operator: A; B", "Point;X;Y;Z", "P1;1;2;3"))
     with pytest.raises(FileError, match=r"t\.csv:3: has 3 fields, the header has 2"):
         tp.read_samples(write(tmp_path, "q1_deg;x_meas_mm", "1;2", "1;2;3"))
