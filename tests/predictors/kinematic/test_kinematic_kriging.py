@@ -210,6 +210,21 @@ def test_basis_form_tends_to_the_covariance_form(residual, finer, tolerance):
         np.testing.assert_allclose(spread_basis, spread, atol=2 * tolerance * np.abs(spread).max())
 
 
+@pytest.mark.parametrize("size", [1, 4, 40], ids=["single", "short", "longer than the columns"])
+def test_leave_block_out_in_the_basis_is_a_fit_of_the_others(size):
+    q, e = simulate(80, np.random.default_rng(8))
+    terms = Terms(ROBOT, TOOL, residual="none", compliance=False)
+    values, noise = hyper(2, 0), np.random.default_rng(1).uniform(0.01, 0.03, (80, 3)) ** 2
+    basis = Basis.of(terms, np.array([0, 2]), values, None, angles=q, most=12)
+    form = BasisForm.of(basis, terms.at(q), values, e, noise)
+    residual, covariance = form.left_out(np.arange(80) // size)
+    out = np.arange(80) // size == 1
+    others = BasisForm.of(basis, terms.at(q[~out]), values, e[~out], noise[~out])
+    np.testing.assert_allclose(residual[out], e[out] - others.mean(terms.at(q[out])), atol=1e-9)
+    columns = basis.columns(terms.at(q[out])).reshape(size, 3, -1) @ others.root
+    np.testing.assert_allclose(covariance[out], columns @ np.swapaxes(columns, 1, 2) + form.noise[out], rtol=1e-7)
+
+
 def central(function, theta, h=1e-5):
     out = np.empty_like(theta)
     for k in range(len(theta)):

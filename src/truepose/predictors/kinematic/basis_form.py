@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Final, Self
 
@@ -219,14 +220,53 @@ class BasisForm:
             for some in np.array_split(rows, -(-rows.size // _CHUNK)):
                 g, m = some.shape
                 phi = self.basis.columns(take(self.design, some.reshape(-1)))
-                miss = self.e[some].reshape(g, 3 * m) - (phi @ self.weight).reshape(g, 3 * m)
-                half = self._half(phi).reshape(g, 3 * m, -1)
-                blocks = np.zeros((g, m, 3, m, 3))
-                blocks[:, np.arange(m), :, np.arange(m)] = np.swapaxes(self.noise[some], 0, 1)
-                noise = blocks.reshape(g, 3 * m, 3 * m)
-                # (R − ΦΣΦᵀ) R⁻¹ (e − Φ ŵ_without) = e − Φŵ; the covariance without the block is R (R − ΦΣΦᵀ)⁻¹ R
-                spread = noise @ np.linalg.inv(noise - half @ np.swapaxes(half, 1, 2))
-                residual[some] = (spread @ miss[:, :, None]).reshape(g, m, 3)
-                full = (spread @ noise).reshape(g, m, 3, m, 3)
-                covariance[some] = np.swapaxes(full[:, np.arange(m), :, np.arange(m)], 0, 1)
+                miss = self.e[some] - (phi @ self.weight).reshape(g, m, 3)
+                root = np.linalg.cholesky(self.noise[some])
+                white = np.linalg.inv(root)
+                half = (white @ self._half(phi).reshape(g, m, 3, -1)).reshape(g, 3 * m, -1)
+                wider, own = _without_themselves(half, (white @ miss[..., None]).reshape(g, 3 * m))
+                residual[some] = (root @ wider.reshape(g, m, 3, 1))[..., 0]
+                covariance[some] = root @ own @ np.swapaxes(root, 2, 3)
         return residual, covariance
+
+    @cached_property
+    def alone(self) -> tuple[FloatArray, FloatArray]:
+        """`left_out` with each sample left out alone."""
+        return self.left_out(np.arange(len(self.e)))
+
+
+def _without_themselves(half: FloatArray, miss: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (I − HHᵀ)⁻¹ y for blocks of m samples, and its (3, 3) blocks on the diagonal of (I − HHᵀ)⁻¹.
+
+    With the posterior covariance HHᵀ and y = e − Φŵ of a block, whitened by its noise, the residual without the block
+    is (I − HHᵀ)⁻¹ y, and its covariance (I − HHᵀ)⁻¹. For long blocks, this is I + H (I − HᵀH)⁻¹ Hᵀ.
+
+    Parameters
+    ----------
+    half : (g, 3m, p) array
+        H of each block.
+    miss : (g, 3m) array
+        y of each block.
+
+    Returns
+    -------
+    residual : (g, 3m) array
+    covariance : (g, m, 3, 3) array
+    """
+    g, rows, p = half.shape
+    m = rows // 3
+    if 2 * rows < p or m == 1:
+        inverse = np.linalg.inv(np.eye(rows) - half @ np.swapaxes(half, 1, 2))
+        own = inverse.reshape(g, m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
+        return (inverse @ miss[:, :, None])[:, :, 0], np.swapaxes(own, 0, 1)
+    residual, own = np.empty_like(miss), np.empty((g, m, 3, 3))
+    for i in range(g):
+        inner = blas.dsyrk(-1.0, half[i], trans=1, beta=1.0, c=np.eye(p, order="F"), lower=1, overwrite_c=1)
+        factor, failed = lapack.dpotrf(inner, lower=1, overwrite_a=1)
+        if failed:
+            raise np.linalg.LinAlgError("the samples outside a block do not determine the weights")
+        out = blas.dtrsm(1.0, factor, half[i].T, lower=1)
+        residual[i] = miss[i] + out.T @ (out @ miss[i])
+        columns = np.ascontiguousarray(out.T).reshape(m, 3, p)
+        own[i] = np.eye(3) + columns @ np.swapaxes(columns, 1, 2)
+    return residual, own

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Self
 
 import numpy as np
@@ -85,11 +86,11 @@ class Likelihood:
             return np.inf, np.zeros(len(hyper.to_vector()))
         alpha = lapack.dpotrs(factor, self._y, lower=0)[0]
         value = 0.5 * float(self._y @ alpha) + float(np.log(np.diag(factor)).sum())
-        inverse = lapack.dpotri(factor, lower=0, overwrite_c=1)[0]
         by_tolerance = [
-            scale**2 * (np.vdot(drift, blas.dsymm(1.0, inverse, drift)) - np.sum((drift.T @ alpha) ** 2))
+            scale**2 * (_squares(blas.dtrsm(1.0, factor, drift, trans_a=1)) - _squares(drift.T @ alpha))
             for drift, scale in zip(self._drift[1:], hyper.tolerance, strict=True)
         ]
+        inverse = lapack.dpotri(factor, lower=0, overwrite_c=1)[0]
         by_noise = float(((np.diag(inverse) - alpha**2) * noise).sum())
         k = len(hyper.joint_std)
         found = slopes(
@@ -212,8 +213,7 @@ class CovarianceForm:
         residual : (n, 3) array [mm]
         covariance : (n, 3, 3) array [mm²]
         """
-        inverse = lapack.dpotri(self.factor, lower=1)[0]
-        n = len(block)
+        inverse, n = self._inverse, len(block)
         residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
         for rows in blocks_by_size(block):
             g, m = rows.shape
@@ -224,6 +224,17 @@ class CovarianceForm:
             full = part.reshape(g, m, 3, m, 3)
             covariance[rows] = np.swapaxes(full[:, np.arange(m), :, np.arange(m)], 0, 1)
         return residual, covariance
+
+    @cached_property
+    def alone(self) -> tuple[FloatArray, FloatArray]:
+        """`left_out` with each sample left out alone."""
+        return self.left_out(np.arange(len(self.design.q)))
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """K⁻¹, its lower triangle alone, (3n, 3n)."""
+        inverse: FloatArray = lapack.dpotri(self.factor, lower=1)[0]
+        return inverse
 
     def _covariance_with(self, design: Design) -> FloatArray:
         """Return the covariance between m configurations and the samples, (r m, 3n) [mm²]."""
@@ -269,6 +280,10 @@ def _turns_and_levers(design: Design, joints: IntArray) -> tuple[FloatArray, Flo
     half = 0.5 * design.q[:, joints]
     lever = np.ascontiguousarray(np.swapaxes(design.lever[:, :, joints], 1, 2))
     return np.stack([np.cos(half), np.sin(half)], axis=2), lever
+
+
+def _squares(values: FloatArray) -> float:
+    return float(np.vdot(values, values))
 
 
 def _over_ranges(place: FloatArray, range_of: IntArray, hyper: Hyperparameters) -> FloatArray:

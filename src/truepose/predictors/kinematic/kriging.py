@@ -300,7 +300,7 @@ class KinematicKriging(PosePredictor):
 
     def _left_out_alone(self) -> tuple[FloatArray, FloatArray]:
         """Return leave-one-out residuals and their covariances, each reading of full weight."""
-        residual, covariance = self._form.left_out(np.arange(len(self._e)))
+        residual, covariance = self._form.alone
         wider = self._noise_variance() * (1.0 - self.weight_[:, None])
         return residual, covariance - wider[:, :, None] * np.eye(3)
 
@@ -422,7 +422,9 @@ class KinematicKriging(PosePredictor):
         return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
-        residual, covariance = self._form.left_out(labels)
+        return self._left(*self._form.left_out(labels))
+
+    def _left(self, residual: FloatArray, covariance: FloatArray) -> LeaveOneOut:
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self, start: Start) -> float:
@@ -449,7 +451,7 @@ class KinematicKriging(PosePredictor):
         return max(factor(*seen, reading), alone) * (1.0 + float(np.sqrt(2.0 / reading.size)))
 
     def _leave_one_out(self) -> LeaveOneOut:
-        return self._leave_blocks_out(np.arange(len(self._e)))
+        return self._left(*self._form.alone)
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {
