@@ -14,15 +14,16 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError, RefusedError
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.program import Program
@@ -40,7 +41,15 @@ class _Entry:
     date: str
     file: str
     after: str
-    positions: HashArray
+
+
+@dataclass(frozen=True, eq=False)
+class _List:
+    """The entries of a list; the hashes of all their positions, and the number of the entry that each belongs to."""
+
+    entries: tuple[_Entry, ...] = ()
+    positions: HashArray = field(default_factory=lambda: np.empty(0, np.uint64))
+    owner: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
 
 class Remembered(Protocol):
@@ -172,31 +181,45 @@ def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> Non
     own = np.unique(np.concatenate([np.empty(0, np.uint64), *found]))
     enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
     for store in stores(map_path):
-        for entry in _entries(store):
-            same = int(np.isin(entry.positions, own).sum())
-            if entry.after not in after and same < enough:
+        listed = _listed(store)
+        same = np.bincount(listed.owner[np.isin(listed.positions, own)], minlength=len(listed.entries))
+        for entry, shared in zip(listed.entries, same.tolist(), strict=True):
+            if entry.after not in after and shared < enough:
                 continue
             where = after.get(entry.after, program.path)
-            what = "was corrected already" if entry.after in after else f"holds {same} positions that were corrected"
+            what = "was corrected already" if entry.after in after else f"holds {shared} positions that were corrected"
             raise RefusedError(f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); {remedy}")
 
 
-def _entries(store: Path) -> Iterator[_Entry]:
+def _listed(store: Path) -> _List:
+    """Return what a list says; it is read again only if the file has changed."""
     try:
-        lines = store.read_bytes().splitlines() if store.is_file() else []
+        status = store.stat() if store.is_file() else None
+        return _List() if status is None else _read(store, status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise FileError(
             store, f"cannot be read: {error.strerror or error}; corrected programs are listed there"
         ) from None
-    for number, line in enumerate(lines, 1):
+
+
+@lru_cache(maxsize=4)
+def _read(store: Path, _changed: int, _size: int) -> _List:
+    entries: list[_Entry] = []
+    positions = [np.empty(0, np.uint64)]
+    for number, line in enumerate(store.read_bytes().splitlines(), 1):
         if not line.strip():
             continue
         try:
-            yield _entry(json.loads(line))
+            entry, places = _entry(json.loads(line))
         except (ValueError, KeyError, TypeError, RecursionError):
             warnings.warn(f"{store}:{number}: is no readable record of a correction and was left out", stacklevel=2)
+        else:
+            entries.append(entry)
+            positions.append(places)
+    owner = np.repeat(np.arange(len(entries)), [len(places) for places in positions[1:]])
+    return _List(tuple(entries), np.concatenate(positions), owner)
 
 
-def _entry(fields: dict[str, Any]) -> _Entry:
-    positions = np.frombuffer(base64.b64decode(fields["positions"]), "<u8")
-    return _Entry(str(fields["date"]), str(fields["file"]), str(fields["sha256_after"]), positions.astype(np.uint64))
+def _entry(fields: dict[str, Any]) -> tuple[_Entry, HashArray]:
+    positions = np.frombuffer(base64.b64decode(fields["positions"]), "<u8").astype(np.uint64)
+    return _Entry(str(fields["date"]), str(fields["file"]), str(fields["sha256_after"])), positions

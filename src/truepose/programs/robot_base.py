@@ -76,7 +76,8 @@ def _within(folder: Path, wanted: str) -> Iterator[Path]:
 
 def _named(folder: Path, wanted: str) -> list[Path]:
     try:
-        return [file for file in sorted(folder.iterdir()) if file.name.lower() == wanted and file.is_file()]
+        with os.scandir(folder) as entries:
+            return sorted(Path(entry) for entry in entries if entry.name.lower() == wanted and entry.is_file())
     except OSError:
         return []
 
