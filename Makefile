@@ -17,10 +17,12 @@ $(BIN)/uv:
 # what users need; the tests' tools are in $(STAMP)
 $(RUNTIME): $(BIN)/uv pyproject.toml uv.lock
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --no-default-groups --compile-bytecode
+	$(BIN)/truepose warm-up
 	touch $(RUNTIME)
 
 $(STAMP): $(BIN)/uv pyproject.toml uv.lock
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --compile-bytecode
+	$(BIN)/truepose warm-up
 	touch $(STAMP) $(RUNTIME)
 
 demo: $(RUNTIME)

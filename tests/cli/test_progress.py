@@ -47,6 +47,7 @@ def commands(folder: Path, out: Path) -> dict[str, tuple[tuple[object, ...], str
     corrected, readings = folder / "corrected" / "panel.src", folder / "panel_corrected_readings.txt"
     raw, plan = folder / "fit_readings.txt", folder / "fit_plan.csv"
     return {
+        "warm-up": ((), "Compiling"),
         "plan": ((cell, "--n", 6, "--method", "sobol", "--out", out / "plan"), "Choosing poses"),
         "import": ((cell, raw, "--plan", plan, "--out", out / "samples.csv"), "Registering"),
         "similarity": ((cell, samples, "--space", "cartesian"), "Looking for similarity"),

@@ -44,6 +44,7 @@ app = typer.Typer(
 _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
     "Start": {
         "demo": demo.demo,
+        "warm-up": setup.warm_up,
         "robots": setup.robots,
         "init": setup.init,
         "check-point": setup.check_point,

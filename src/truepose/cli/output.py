@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 _BRACKET: Final = re.compile(r"(?<!\\)\[(?!(?:/|bold|dim|red|green|yellow)\])")
 """A bracket that is not markup, such as one in a file name."""
 
+COMPILING: Final = (
+    "truepose: compiling the numerical kernels that this needs, which happens once; "
+    "'truepose warm-up' compiles all of them"
+)
+"""What is said before the first kernel is compiled."""
+
 
 def overwrite(force: bool, *outputs: Path) -> None:
     """Let the command overwrite existing files if `force`; refuse outputs early that it must not write."""
@@ -64,15 +70,24 @@ class Steps:
 def working(step: str = "Reading", *, quiet: bool) -> Iterator[Steps]:
     """Show the current step and the time on stderr if it is a terminal and not `quiet`; the line disappears at the end.
 
-    Every command that can take more than two seconds uses it. `quiet` is the command's --json.
+    Every command that can take more than two seconds uses it. `quiet` is the command's --json. A line says so when
+    kernels must be compiled.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from truepose.numerics.first_use import announced
+
     console = Console(stderr=True)
+
+    def announce() -> None:
+        if not quiet:
+            console.print(COMPILING, highlight=False, soft_wrap=True)
+
     texts = (TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}"))
     columns = (SpinnerColumn(), *texts, TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+    hidden = quiet or not console.is_terminal
+    with announced(announce), Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         yield Steps(bar, bar.add_task(step, total=None, count=""))
 
 

@@ -1,4 +1,4 @@
-"""Commands that set up a cell: robots, init, check-point."""
+"""Commands that set up the installation and a cell: warm-up, robots, init, check-point."""
 
 from __future__ import annotations
 
@@ -8,11 +8,30 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from truepose.cli.options import CellPath, Force, Json, parse_numbers
-from truepose.cli.output import emit_json, overwrite, say, table
+from truepose.cli.output import emit_json, overwrite, say, table, working
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
     from truepose.robots import Robot
+
+
+def warm_up(as_json: Json = False) -> None:
+    """Compile the numerical kernels, once after an installation, so that no other command has to wait for it."""
+    from truepose.numerics.warm_up import GROUPS, warm_up
+
+    made: list[str] = []
+    with working("Compiling", quiet=as_json) as progress:
+        progress.count(0, len(GROUPS))
+        for done, (_, names) in enumerate(warm_up(), start=1):
+            made += names
+            progress.count(done, len(GROUPS))
+    kernels = sorted(set(made))
+    if as_json:
+        emit_json({"compiled": kernels})
+    elif kernels:
+        say(f"Compiled {len(kernels)} kernels; commands now start without compiling.")
+    else:
+        say("All kernels have been compiled before; there is nothing to do.")
 
 
 def robots(

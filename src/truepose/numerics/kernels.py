@@ -18,6 +18,7 @@ import numpy as np
 from numba import prange
 
 from truepose._typing import FloatArray
+from truepose.numerics.first_use import register
 
 SPHERICAL: Final = 0
 EXPONENTIAL: Final = 1
@@ -68,8 +69,9 @@ BLOCK: Final = 256
 
 
 def compiled(**options: Any) -> Callable[[F], F]:
-    """Return numba's `njit` with this project's options, typed."""
-    return cast("Callable[[F], F]", numba.njit(cache=True, error_model="numpy", **options))
+    """Return numba's `njit` with this project's options, typed; `truepose.numerics.warm_up` calls each kernel."""
+    made = numba.njit(cache=True, error_model="numpy", **options)
+    return cast("Callable[[F], F]", lambda function: register(made(function)))
 
 
 def pack(columns: FloatArray) -> FloatArray:

@@ -277,7 +277,7 @@ class CovarianceForm:
 
 def _turns_and_levers(design: Design, joints: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return cosine and sine of half of each joint's angle (m, k, 2), and levers (m, k, r) [mm/rad]."""
-    half = 0.5 * design.q[:, joints]
+    half = np.ascontiguousarray(0.5 * design.q[:, joints])  # one memory layout: compiled once
     lever = np.ascontiguousarray(np.swapaxes(design.lever[:, :, joints], 1, 2))
     return np.stack([np.cos(half), np.sin(half)], axis=2), lever
 
