@@ -27,8 +27,8 @@ from truepose.predictors.abilities import (
     ("model", "abilities"),
     [
         (InverseDistance(), set()),
-        (OrdinaryKriging(), {Differentiable}),
-        (LocalKriging(), {Differentiable}),
+        (OrdinaryKriging(), {Differentiable, Startable}),
+        (LocalKriging(), {Differentiable, Startable}),
         (VectorKriging(), {Differentiable}),
         (KinematicCalibration(), set()),
         (KinematicKriging(), {Updatable, Startable, JointlyPredicting}),

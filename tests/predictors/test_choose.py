@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing import parent_process
 from pathlib import Path
@@ -98,6 +99,22 @@ def test_workers_change_nothing(virtual, samples):
     np.testing.assert_array_equal(one.predictor.predict(samples.q), two.predictor.predict(samples.q))
     assert sum(line.startswith("Cross-validation: ") for line in lines) == 24
     assert any(line.startswith("Cross-validation: 24 of 24 fits") for line in lines)
+
+
+@pytest.mark.parametrize(("n", "processes"), [(80, 1), (2500, 2)])
+def test_processes_are_started_only_where_they_pay(errors, monkeypatch, n, processes):
+    used = []
+
+    def runner(job, workers):
+        used.append(workers)
+        return nullcontext(lambda fits: (job.run(*fit) for fit in fits))
+
+    monkeypatch.setattr(cross_validation, "_runner", runner)
+    many = PositionalErrors(
+        {"cartesian": np.resize(errors.coordinates["cartesian"], (n, 3))}, np.resize(errors.e, (n, 3))
+    )
+    rank_predictors(["registration"], many, workers=0, splits=["points"])
+    assert used == [processes]
 
 
 def test_a_candidate_that_fails_says_why(errors):
@@ -196,6 +213,14 @@ def test_figures(held_out):
     assert found["mean_mm"] == pytest.approx(expected, rel=0.05)
     assert found["mean_interval_mm"][0] < found["mean_mm"] < found["mean_interval_mm"][1]
     assert set(found["splits"]) == {"points", "blocks"}
+
+
+def test_intervals_are_those_of_resampled_means(held_out):
+    found = difference_intervals(held_out, 0, rng=5)
+    length = held_out.length.mean(axis=1)
+    draw, n = np.random.default_rng(5), length.shape[1]
+    means = [(length - length[0])[:, draw.integers(0, n, n)].mean(axis=1) for _ in range(1000)]
+    np.testing.assert_allclose(found, np.percentile(means, [2.5, 97.5], axis=0).T, atol=1e-14)
 
 
 @pytest.mark.promise("An interrupt leaves no worker process behind")

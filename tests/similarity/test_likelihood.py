@@ -9,7 +9,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from truepose.errors import DataError, KrigingError, VariogramWarning
-from truepose.similarity import VariogramModel, fit_likelihood
+from truepose.similarity import VariogramModel, fit_likelihood, likelihood
 from truepose.similarity.likelihood import _Problem
 from truepose.similarity.parametrisation import Parametrisation
 from truepose.similarity.trend import polynomial
@@ -218,3 +218,29 @@ def test_refusals(rng):
         fit_likelihood(rng.random((20, 6)), e, "spherical")
     with pytest.raises(DataError, match=r"drift has shape \(3, 1\)"):
         fit_likelihood(x, e, drift=np.ones((3, 1)))
+
+
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
+@pytest.mark.parametrize("ranges", ["one", "each"])
+def test_a_start_finds_the_same_optima_with_fewer_evaluations(rng, monkeypatch, ranges):
+    x = rng.uniform(0, 1000, (120, 3))
+    e = np.sin(x / 200) + rng.normal(scale=0.1, size=x.shape)
+    whole = fit_likelihood(x, e, ranges=ranges).fit
+    calls = []
+    counted = likelihood.judge
+    monkeypatch.setattr(likelihood, "judge", lambda *arguments: (calls.append(1), counted(*arguments))[1])
+    alone = fit_likelihood(x[20:], e[20:], ranges=ranges)
+    many = len(calls)
+    told = fit_likelihood(x[20:], e[20:], ranges=ranges, start=whole)
+    assert len(calls) - many < many / 2
+    assert told.family == alone.family
+    assert told.range == pytest.approx(alone.range, rel=1e-3)
+    assert told.fit.candidates == pytest.approx(alone.fit.candidates, abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::truepose.errors.VariogramWarning")
+def test_a_start_of_another_kind_is_not_used(rng):
+    x = rng.uniform(0, 1000, (40, 2))
+    e = np.sin(x / 200)
+    other = fit_likelihood(x, e, ranges="each").fit
+    assert fit_likelihood(x, e, start=other) == fit_likelihood(x, e)

@@ -33,7 +33,7 @@ def fit(
     splits: Annotated[
         str, typer.Option(help="Cross-validation of auto: points, blocks, branches, separated by commas.")
     ] = "points,blocks",
-    workers: Annotated[int, typer.Option(help="Number of processes for auto; 0: one per processor.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Number of processes for auto; 0: as many as pay.", min=0)] = 0,
     accept_campaign: AcceptCampaign = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="Show also the identified parameters.")] = False,
     force: Force = False,
@@ -43,7 +43,6 @@ def fit(
     from truepose.cell import load_cell
     from truepose.error_map.fit import fit_cell
     from truepose.error_map.rivals import better_predictor
-    from truepose.numerics.threads import cores
     from truepose.samples import read_samples
 
     overwrite(force, out)
@@ -54,7 +53,7 @@ def fit(
             predictor,
             candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
             splits=splits.split(","),
-            workers=workers or cores(),
+            workers=workers,
             progress=progress,
             accept_campaign=accept_campaign,
         )

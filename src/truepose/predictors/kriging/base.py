@@ -18,7 +18,7 @@ from truepose.predictors.repeats import Points
 from truepose.similarity.experimental import experimental_variogram
 from truepose.similarity.fit import fit_variogram
 from truepose.similarity.gstools_models import as_variogram, is_covmodel
-from truepose.similarity.likelihood import fit_likelihood
+from truepose.similarity.likelihood import LikelihoodFit, fit_likelihood
 from truepose.similarity.model import VariogramModel, without_warning
 from truepose.similarity.trend import DriftBasis, DriftLike
 
@@ -48,6 +48,7 @@ class Kriging(Predictor):
 
     variogram: VariogramLike
     exact: bool
+    _known: LikelihoodFit | None = None
 
     # --- methods of a subclass ----------------------------------------------------------------------------------------
 
@@ -90,15 +91,26 @@ class Kriging(Predictor):
         self._drift = None if kind is None else DriftBasis.of(kind, self._points.x)
         self._check_parameters(u, k)
         given = given_models(self.variogram, k)
+        self._optimum: LikelihoodFit | None = None
         if given:
             self._assemble(given, noise)
             self.variogram_ = mean_model(given)
             return
         x, drift = self._coordinates(X), self._basis(X)
-        found = estimate_model(self.variogram, x, e, drift, noise, self._points, self.exact)
+        found = estimate_model(self.variogram, x, e, drift, noise, self._points, self.exact, self._known)
+        self._optimum = found.fit if isinstance(found.fit, LikelihoodFit) else None
         self.variogram_ = self._refined(found, noise)
         self._assemble((self.variogram_,) * k, noise)
         self._assemble(own_scales(self.variogram_, self._scale()), noise)
+
+    def optimum(self) -> LikelihoodFit | None:
+        """Return the record of the fitted variogram for `start_from`; None where it was not fitted by likelihood."""
+        self._check_fitted()
+        return self._optimum
+
+    def start_from(self, optimum: LikelihoodFit | None) -> None:
+        """Let searches for the variogram start at the `optimum` of a model of similar samples and equal parameters."""
+        self._known = optimum
 
     def _assemble(self, models: tuple[VariogramModel, ...], noise: FloatArray) -> None:
         """Store what a prediction needs, given the models of all components and the variance of the readings."""
@@ -219,7 +231,14 @@ def _correlation_of(model: VariogramModel) -> list[tuple[object, ...]]:
 
 
 def estimate_model(
-    variogram: Any, x: FloatArray, e: FloatArray, drift: FloatArray, noise: FloatArray, points: Points, exact: bool
+    variogram: Any,
+    x: FloatArray,
+    e: FloatArray,
+    drift: FloatArray,
+    noise: FloatArray,
+    points: Points,
+    exact: bool,
+    start: LikelihoodFit | None = None,
 ) -> VariogramModel:
     """Fit the variogram of the components' mean.
 
@@ -241,13 +260,15 @@ def estimate_model(
         The distinct points of the samples.
     exact : bool
         Whether the nugget belongs to the error and not to the readings.
+    start : LikelihoodFit, optional
+        The `start` of the fit by likelihood.
     """
     n, k = e.shape
     if drift.shape[1] > 1:
         e = e - drift @ np.linalg.lstsq(drift, e)[0]
     with without_warning():  # a predictor is fitted many times; its variogram keeps the remarks
         if variogram is None:
-            model = fit_likelihood(x, e)
+            model = fit_likelihood(x, e, start=start)
         else:
             bins = max(4, min(20, n * (n - 1) // 60))
             families = cast("str | Sequence[str]", variogram)

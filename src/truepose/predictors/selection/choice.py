@@ -13,6 +13,7 @@ import numpy as np
 from truepose._io.tables import data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.numerics.threads import blas_threads
 from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.folds import split_samples
@@ -153,7 +154,7 @@ def rank_predictors(
     rng : int
         The seed of the splits and of the bootstrap.
     workers : int
-        The number of processes, see `cross_validate`; it does not change the result.
+        The number of processes; it does not change the result. 0: as many as pay, see `cross_validate`.
     progress : callable
         A function that receives a line after each fit.
 
@@ -177,9 +178,18 @@ def rank_predictors(
     names = _names(candidates, errors)
     robot = None if errors.arm is None else errors.arm.robot
     labels = split_samples(splits, errors.coordinates, robot=robot, folds=folds, rng=rng)
-    fitted = _startable(names, errors, progress)
-    optima = {name: model.optimum() for name, (model, _) in fitted.items() if isinstance(model, Startable)}
-    results = cross_validate(Job(samples, labels, optima), names, workers=workers, progress=progress)
+    fitted: dict[str, tuple[Predictor, FloatArray]] = {}
+
+    def optimum(name: str) -> Any:
+        """Return the optimum of a candidate with all samples, from which its folds start."""
+        if not issubclass(predictor_spec(name).family, Startable):
+            return None
+        progress(f"Fitting {name}")
+        with suppress(*FAILURES), blas_threads(0):  # the folds say why; they run at the same time
+            fitted[name] = errors.fit(name)
+        return fitted[name][0].optimum() if name in fitted else None
+
+    results = cross_validate(Job(samples, labels), names, optimum=optimum, workers=workers, progress=progress)
     notes = {result.fit.candidate: result.note for result in results if result.note}
     if len(notes) == len(names):
         raise DataError(f"no candidate could be fitted; {names[0]} {notes[names[0]]}")
@@ -208,19 +218,6 @@ def _names(candidates: str | Sequence[str], errors: PositionalErrors) -> list[st
     if not names:
         raise DataError(f"none of {', '.join(candidates) or 'no candidates'} can be fitted without joints or the arm")
     return names
-
-
-def _startable(
-    names: Sequence[str], errors: PositionalErrors, progress: Callable[[str], Any]
-) -> dict[str, tuple[Predictor, FloatArray]]:
-    """Return the fits with all samples whose optimum is a start for the folds; failed ones are left out."""
-    fitted = {}
-    for name in names:
-        if issubclass(predictor_spec(name).family, Startable):
-            progress(f"Fitting {name}")
-            with suppress(*FAILURES):  # the folds say why
-                fitted[name] = errors.fit(name)
-    return fitted
 
 
 def _joined(results: Sequence[FoldResult], labels: Mapping[str, IntArray], names: Sequence[str]) -> CandidateResiduals:

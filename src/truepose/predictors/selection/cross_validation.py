@@ -5,12 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import multiprocessing.context
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from itertools import starmap
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from truepose.predictors.registry import ArmContext, make_predictor, predictor_s
 
 FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 """What a fit may raise where samples do not suffice."""
+
+_WORTH_PROCESSES: Final = 2000
+"""Samples times candidates from which processes save more time than their start takes, about 2 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,33 +141,29 @@ class Job:
         The samples.
     splits : mapping of str to (n,) array of int
         The fold of each sample in each split.
-    optima : mapping of str to object
-        What `Startable` candidates start from: their optimum with all samples. It saves most of the search; the folds
-        do not depend on it where the likelihood has one optimum.
     """
 
     samples: Registrable
     splits: Mapping[str, IntArray]
-    optima: Mapping[str, Any] = field(default_factory=dict)
     _registered: dict[tuple[str, int], PositionalErrors] = field(default_factory=dict)  # shared by all candidates
 
-    def run(self, fit: FoldFit) -> FoldResult:
-        """Fit, and predict the held-out samples."""
+    def run(self, fit: FoldFit, optimum: Any = None) -> FoldResult:
+        """Fit, and predict the held-out samples; a `Startable` candidate starts at `optimum`."""
         label = self.splits[fit.split]
         out, known = np.flatnonzero(label == fit.fold), np.flatnonzero(label != fit.fold)
         nothing = np.full((len(out), 3), np.nan)
         try:
             with blas_threads(0):  # one thread, in workers and without them: the sums are the same
-                return self._result(fit, out, known)
+                return self._result(fit, optimum, out, known)
         except FAILURES as error:
             return FoldResult(fit, out, nothing, nothing, note=f"failed: {error}")
 
-    def _result(self, fit: FoldFit, out: IntArray, known: IntArray) -> FoldResult:
+    def _result(self, fit: FoldFit, optimum: Any, out: IntArray, known: IntArray) -> FoldResult:
         key = fit.split, fit.fold
         if key not in self._registered:
             self._registered[key] = self.samples.registered_by(known)
         errors = self._registered[key]
-        model, gross = errors.fit(fit.candidate, known, self.optima.get(fit.candidate))
+        model, gross = errors.fit(fit.candidate, known, optimum)
         x = errors.coordinates[predictor_spec(fit.candidate).space]
 
         def held_out(rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -187,7 +187,12 @@ class Job:
 
 
 def cross_validate(
-    job: Job, candidates: Sequence[str], *, workers: int = 1, progress: Callable[[str], Any] = str
+    job: Job,
+    candidates: Sequence[str],
+    *,
+    optimum: Callable[[str], Any] = lambda _: None,
+    workers: int = 1,
+    progress: Callable[[str], Any] = str,
 ) -> list[FoldResult]:
     """Run every candidate on every fold of every split; the result does not depend on the number of workers.
 
@@ -197,9 +202,13 @@ def cross_validate(
         The samples and their splits.
     candidates : sequence of str
         The names of the predictors.
+    optimum : callable
+        A function that returns what the fits of a candidate start from, see `Startable`. It runs in this process, while
+        others run fits.
     workers : int
         The number of processes, each with one thread; never more than the processors available to this process.
-        A script that asks for more than one needs the usual ``if __name__ == "__main__":``.
+        A script that asks for more than one needs the usual ``if __name__ == "__main__":``. 0: all processors if the
+        fits take longer than the start of processes.
     progress : callable
         A function that receives a line after each fit.
 
@@ -213,32 +222,34 @@ def cross_validate(
     DataError
         If a worker process died.
     """
-    fits = [
-        FoldFit(name, split, int(fold))
+    fits = {
+        name: [FoldFit(name, split, int(fold)) for split, label in job.splits.items() for fold in np.unique(label)]
         for name in candidates
-        for split, label in job.splits.items()
-        for fold in np.unique(label)
-    ]
+    }
+    count = sum(len(some) for some in fits.values())
+    if not workers:
+        n = len(next(iter(job.splits.values())))
+        workers = cores() if n * len(candidates) > _WORTH_PROCESSES else 1
     found: dict[FoldFit, FoldResult] = {}
-    with _runner(job, min(workers, cores(), len(fits))) as run:
-        for result in run(fits):
+    with _runner(job, min(workers, cores(), count)) as run:
+        # the last candidates are the slowest: start them first, so that no worker waits for them at the end
+        for result in run((fit, start) for name in reversed(fits) for start in [optimum(name)] for fit in fits[name]):
             found[result.fit] = result
-            progress(f"Cross-validation: {len(found)} of {len(fits)} fits, {result.fit.candidate}")
-    return [found[fit] for fit in fits]
+            progress(f"Cross-validation: {len(found)} of {count} fits, {result.fit.candidate}")
+    return [found[fit] for some in fits.values() for fit in some]
 
 
 @contextmanager
-def _runner(job: Job, workers: int) -> Iterator[Callable[[Sequence[FoldFit]], Iterator[FoldResult]]]:
+def _runner(job: Job, workers: int) -> Iterator[Callable[[Iterable[tuple[FoldFit, Any]]], Iterator[FoldResult]]]:
     """Yield a function that runs fits in any order; all worker processes have ended when the context is left."""
     if workers <= 1:
-        yield lambda fits: map(job.run, fits)
+        yield lambda fits: starmap(job.run, fits)
         return
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, _context(), _start, (job,))
 
-    def run(fits: Sequence[FoldFit]) -> Iterator[FoldResult]:
-        # the last candidates are the slowest: start them first, so that no worker waits for them at the end
-        futures = [pool.submit(_work, fit) for fit in reversed(fits)]
+    def run(fits: Iterable[tuple[FoldFit, Any]]) -> Iterator[FoldResult]:
+        futures = [pool.submit(_work, *fit) for fit in fits]
         return (future.result() for future in as_completed(futures))
 
     try:
@@ -283,6 +294,6 @@ def _start(job: Job) -> None:
     _job = job
 
 
-def _work(fit: FoldFit) -> FoldResult:
+def _work(fit: FoldFit, optimum: Any) -> FoldResult:
     assert _job is not None
-    return _job.run(fit)
+    return _job.run(fit, optimum)

@@ -10,6 +10,7 @@ import numpy as np
 from truepose._typing import BoolArray, FloatArray
 
 _BOOTSTRAPS: Final = 1000
+_CHUNK: Final = 1_000_000  # samples drawn at once
 _GROSS: Final = 10.0  # times the median of the best candidate
 _LEVEL: Final = 0.05
 _INSIDE_95: Final = 1.95996
@@ -121,5 +122,9 @@ def residual_figures(residual: FloatArray, std: FloatArray, splits: tuple[str, .
 def _intervals(values: FloatArray, rng: int) -> FloatArray:
     """Return 95 % bootstrap intervals of the mean of each row of (c, n): (c, 2)."""
     generator, n = np.random.default_rng(rng), values.shape[1]
-    means = np.stack([values[:, generator.integers(0, n, n)].mean(axis=1) for _ in range(_BOOTSTRAPS)])
-    return np.asarray(np.percentile(means, [2.5, 97.5], axis=0).T)
+    means = []
+    for draws in np.array_split(np.arange(_BOOTSTRAPS), -(-n * _BOOTSTRAPS // _CHUNK)):
+        drawn = generator.integers(0, n, (len(draws), n)) + n * np.arange(len(draws))[:, None]
+        times = np.bincount(drawn.reshape(-1), minlength=drawn.size).reshape(drawn.shape)
+        means.append(times.astype(float) @ values.T / n)
+    return np.asarray(np.percentile(np.concatenate(means), [2.5, 97.5], axis=0).T)
