@@ -318,7 +318,7 @@ def test_a_correction_changes_the_digits_of_corrected_targets_alone(
             if abs(wanted[axis]) < 0.499e-3:
                 assert new == old
             if dialect.columns and old.startswith(b"   "):
-                assert len(new) == len(old)
+                assert len(new) == max(len(old), len(new.strip()) + 1)  # wider only where the digits need it
 
 
 def whole(dialect: Dialect) -> bytes:
