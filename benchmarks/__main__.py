@@ -15,8 +15,8 @@ FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "validation"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 NO_TOPICS = {"harness", "held_out", "plain", "trust_cells", "__main__"}
-WITH_THREADS = ("kriging", "similarity")
-"""Topics whose peers use all cores, too; the others are compared in one thread."""
+WITH_THREADS = ("frozen", "kriging", "similarity")
+"""Topics that use all cores, as their peers do; the others are compared in one thread."""
 
 
 def main() -> int:

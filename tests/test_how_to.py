@@ -130,6 +130,13 @@ def script(name: str, *arguments: object) -> str:
     return done.stdout
 
 
+def test_the_control_loop(tmp_path: Path) -> None:
+    told = script("control_loop.py", tmp_path)
+    assert told.startswith("<FrozenMap of kuka-kr210-r2700-extra: kinematic-kriging, within 0.")
+    assert "1000 set points, largest error " in told
+    assert (tmp_path / "cell.frozen").stat().st_size < 500_000
+
+
 def test_the_production_cell(practice: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(practice, tmp_path / "cell")
     assert " mm before, 0.0" in script("production_cell.py", folder)

@@ -13,7 +13,7 @@ from truepose._version import __version__
 
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
-    from truepose.error_map import ErrorMap, load_map, recheck, update_map
+    from truepose.error_map import ErrorMap, FrozenMap, load_map, recheck, update_map
     from truepose.error_map.arm_check import check_point
     from truepose.error_map.fit import fit_cell
     from truepose.error_map.selection import choose
@@ -50,6 +50,7 @@ _HOME = {
     "Cell": "cell",
     "ErrorMap": "error_map",
     "FrameTable": "programs",
+    "FrozenMap": "error_map",
     "GridCell": "predictors",
     "InverseDistance": "predictors",
     "KinematicCalibration": "predictors",
@@ -107,6 +108,7 @@ __all__ = [
     "Cell",
     "ErrorMap",
     "FrameTable",
+    "FrozenMap",
     "GridCell",
     "InverseDistance",
     "KinematicCalibration",

@@ -29,6 +29,7 @@ from truepose.errors import DataError, FileError
 
 FORMAT: Final = "truepose map"
 SCHEMA: Final = 1
+FROZEN: Final = "truepose frozen map"
 LARGEST_MAP: Final = 2**30
 """The largest size of a map file in bytes, packed or unpacked."""
 
@@ -39,6 +40,7 @@ _MOST_MEMBERS: Final = 100
 _METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _END: Final = 22  # bytes of the end record of a zip without comment; bytes 12 to 16 are the size of the directory
 _WIDEST: Final = 1000  # columns of an array; its rows are bounded by the file's size
+_WRITTEN_BY: Final = {FORMAT: "'truepose fit'", FROZEN: "FrozenMap.save"}
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _HEADER: Final = re.compile(
     rb"\x93NUMPY\x01\x00(..)\{'descr': '(<f8|<i8|\|b1|<U[1-9][0-9]{0,3})', 'fortran_order': False, "
@@ -48,8 +50,8 @@ _HEADER: Final = re.compile(
 _TYPES: Final = ("f8", "i8", "b1")
 
 
-def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return the bytes of a map file.
+def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], form: str = FORMAT) -> bytes:
+    """Return the bytes of a map file, or of another form of file in the same container.
 
     Parameters
     ----------
@@ -57,6 +59,8 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byte
         The values that JSON can represent; NaN and infinity are refused.
     arrays : mapping of str to array
         The arrays of finite floats, integers, booleans or text.
+    form : str
+        The format that the manifest names.
 
     Raises
     ------
@@ -69,7 +73,7 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byte
         np.lib.format.write_array(buffer, np.ascontiguousarray(_native(name, array)), allow_pickle=False)
         members[f"arrays/{name}.npy"] = buffer.getvalue()
     manifest = {
-        "format": FORMAT,
+        "format": form,
         "schema": SCHEMA,
         "written_by": f"truepose {__version__}",
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
@@ -81,7 +85,7 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byte
     return out.getvalue()
 
 
-def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def unpack(data: bytes, path: str | Path, form: str = FORMAT) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the content and the arrays of a map file; the inverse of `pack`.
 
     Parameters
@@ -90,17 +94,19 @@ def unpack(data: bytes, path: str | Path) -> tuple[dict[str, Any], dict[str, NDA
         The content of the file.
     path : str or Path
         The file, for messages.
+    form : str
+        The format that the manifest must name.
 
     Raises
     ------
     FileError
-        If the file is not a map, is truncated, was changed after it was written, is of a newer version, or would
-        unpack to more than `LARGEST_MAP` bytes or 100 times its own size.
+        If the file is not of this format, is truncated, was changed after it was written, is of a newer version, or
+        would unpack to more than `LARGEST_MAP` bytes or 100 times its own size.
     """
     try:
         _check_directory(data)
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = _read_members(archive, path, len(data))
+            members = _read_members(archive, path, len(data), form)
     except FileError:
         raise
     # zlib.error is not an OSError, and damaged headers raise errors of struct and codecs
@@ -134,7 +140,7 @@ def _check_directory(data: bytes) -> None:
         raise zipfile.BadZipFile(f"more than {_MOST_MEMBERS} members")
 
 
-def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int) -> dict[str, bytes]:
+def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int, form: str) -> dict[str, bytes]:
     """Return the members of the manifest by name."""
     infos = {info.filename: info for info in archive.infolist()}
     if len(infos) != len(archive.infolist()):
@@ -144,7 +150,7 @@ def _read_members(archive: zipfile.ZipFile, path: str | Path, size: int) -> dict
         raise FileError(path, f"would unpack from {size} to {unpacked} bytes: not a truepose map")
     if any(info.compress_type not in _METHODS for info in infos.values()):
         raise FileError(path, "uses an unknown compression method: it was not written by truepose")
-    hashes = _hashes(_member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b"", path)
+    hashes = _hashes(_member(archive, infos[_MANIFEST]) if _MANIFEST in infos else b"", path, form)
     if stray := sorted(infos.keys() - hashes.keys() - {_MANIFEST}):
         raise FileError(path, f"was changed after it was written ({stray[0]} was added); fit and save the map again")
     members = {name: _member(archive, infos[name]) for name in hashes if name in infos}
@@ -161,11 +167,11 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
         return member.read(info.file_size + 1)
 
 
-def _hashes(manifest: bytes, path: str | Path) -> dict[str, str]:
+def _hashes(manifest: bytes, path: str | Path, form: str) -> dict[str, str]:
     """Return the SHA-256 of each member by the manifest."""
     found = _parse(manifest, path, _MANIFEST)
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise FileError(path, "is a zip but not a truepose map; name the file that 'truepose fit' wrote")
+    if not isinstance(found, dict) or found.get("format") != form:
+        raise FileError(path, f"is a zip but not a {form}; name the file that {_WRITTEN_BY[form]} wrote")
     if (schema := found.get("schema")) != SCHEMA or isinstance(schema, bool):
         raise FileError(
             path,

@@ -23,6 +23,7 @@ from truepose.cell import Cell
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
+from truepose.error_map.frozen import FrozenMap, freeze
 from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.validation import Validation, validate
@@ -84,6 +85,27 @@ class ErrorMap(PredictingMap):
     def save(self, path: str | Path) -> None:
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
+
+    def freeze(self, tf_flange_tool: ArrayLike | None = None) -> FrozenMap:
+        """Return the map's predictions as plain arrays, which predict one pose in some microseconds.
+
+        Parameters
+        ----------
+        tf_flange_tool : (4, 4) array_like [mm], optional
+            The tool whose point is predicted; default: that of the map.
+
+        Returns
+        -------
+        FrozenMap
+            It equals the predictions of the map to 1 µm, and knows the map's hash.
+
+        Raises
+        ------
+        DataError
+            If the predictor does not know the arm, as Kriging and interpolators do not; if it knows backlash; or if
+            the frozen map would differ by more than 1 µm.
+        """
+        return freeze(self, self.hash, tf_flange_tool)
 
     def validate(self, held_out: Samples, *, rivals: bool = True) -> Validation:
         """Compare errors before and after on samples that took no part in the fit.

@@ -50,6 +50,13 @@ def blas_threads(n: int, large: float = LARGE) -> Iterator[None]:
             library.set_num_threads(before)
 
 
+def kernel_count() -> int:
+    """Return how many threads may run compiled kernels at once: `threads`, or fewer where numba has a limit."""
+    import numba
+
+    return min(int(numba.get_num_threads()), threads())
+
+
 @contextmanager
 def kernel_threads(n: int, large: int = LARGE) -> Iterator[None]:
     """Let compiled kernels over n² pairs work in one thread where n is small; their results are the same."""

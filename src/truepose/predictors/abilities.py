@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray, IntArray
+from truepose.numerics.frozen import Constants
 
 
 @runtime_checkable
@@ -43,6 +44,14 @@ class JointlyPredicting(Protocol):
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and the covariance of all of them, (3m, 3m) [mm²]."""
+
+
+@runtime_checkable
+class Freezable(Protocol):
+    """A predictor whose errors follow from arrays alone, see `truepose.numerics.frozen`."""
+
+    def constants(self) -> Constants:
+        """Return the arrays of the fitted model's mean, at the measured point."""
 
 
 @runtime_checkable

@@ -26,6 +26,8 @@ from truepose.identification import (
     poses_to_add,
 )
 from truepose.identification.batch import LOSSES, Loss
+from truepose.identification.frozen import constants_of
+from truepose.numerics.frozen import Constants
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.orientation import PosePredictor, at_offset
@@ -244,6 +246,17 @@ class KinematicCalibration(PosePredictor):
         columns = self._arm.jacobian(q, x, approach)
         variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
         return e, np.sqrt(variance)
+
+    def constants(self) -> Constants:
+        """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean.
+
+        Raises
+        ------
+        DataError
+            If backlash is among the terms: it depends on the approach, which a frozen map does not know.
+        """
+        self._check_fitted()
+        return constants_of(self._arm, self.solution_.x, self.tf_flange_tool)
 
     def _nugget_variance(self) -> FloatArray:
         return np.full(3, self.misfit_std_**2)

@@ -147,6 +147,18 @@ class Chain:
         after = np.concatenate([self.tf_base_first[None], self.link_after])
         return np.asarray(after @ before)
 
+    def links(self, tool: FloatArray) -> FloatArray:
+        """Return L of T = L_0 Rz(sign_1 q_1) L_1 … L_n, offsets and a tool (4, 4) included: (dof + 1, 4, 4) [mm]."""
+        links = self.fixed.copy()
+        links[1:] = axis_rotation(2, self.offset) @ links[1:]
+        links[-1] = links[-1] @ tool
+        return links
+
+    @cached_property
+    def link_points(self) -> FloatArray:
+        """The origin of each frame of `frames` after the joint, before the offset has turned it: (dof, 3) [mm]."""
+        return np.asarray((axis_rotation(2, self.offset) @ self.link_after)[:, :3, 3])
+
     def theta(self, q: FloatArray) -> FloatArray:
         """Return the angles of theory (1), sign · q + offset: (…, dof) [rad]."""
         return self.sign * q + self.offset

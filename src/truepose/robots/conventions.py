@@ -67,10 +67,7 @@ def parametrise(robot: Chain, convention: str = "hayati", tool: ArrayLike | None
     tf_flange_tool = tool_transform(tool)
     if convention == "hayati":
         return _hayati(robot if robot.convention == "mdh" else to_mdh(robot), tf_flange_tool)
-    links = robot.fixed.copy()
-    links[1:] = axis_rotation(2, robot.offset) @ links[1:]
-    links[-1] = links[-1] @ tf_flange_tool
-    return parametrise_links(robot, links, convention)
+    return parametrise_links(robot, robot.links(tf_flange_tool), convention)
 
 
 def parametrise_links(robot: Chain, links: FloatArray, convention: str) -> Parametrisation:

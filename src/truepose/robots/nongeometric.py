@@ -135,6 +135,27 @@ class JointTerms:
                 out[:, k] = wave(int(parameter.group[len(kind) :]) * ratio * q[:, j])
         return out
 
+    def frozen(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return moment, mass and harmonics of `truepose.numerics.frozen.Constants` at coefficients (k,).
+
+        `basis` times the coefficients is the deviation that these arrays describe; they know no backlash.
+        """
+        robot, dof, load = self.robot, self.robot.dof, self.load
+        newton = np.append(rough_masses(robot) if load.link_kg is None else load.link_kg, load.payload_kg) * GRAVITY
+        flange = robot.links(np.eye(4))
+        mass = np.concatenate([flange[1:, :3, 3] / 2.0, flange[-1:, :3, 3]])  # in the middle between two joints
+        mass[-1] += flange[-1, :3, :3] @ np.asarray(load.p_flange_payload, float)
+        moment, harmonics = np.zeros((dof, dof + 1)), []
+        for parameter, j, value in zip(self.parameters, self.joint.tolist(), coefficients.tolist(), strict=True):
+            kind = parameter.group.rstrip("0123456789")
+            if kind == "compliance":
+                moment[j, j:] = -value * robot.sign[j] * newton[j:] * 1e-3
+            elif kind != "backlash":
+                factor = int(parameter.group[len(kind) :]) * (self.gear_ratio[j] if kind.startswith("gear") else 1.0)
+                wave = (value, 0.0) if kind.endswith("sin") else (0.0, value)
+                harmonics.append((float(j), factor, *wave))
+        return moment, mass, np.array(harmonics).reshape(-1, 4)
+
     def spread(self, per_term: FloatArray) -> FloatArray:
         """Return the sums over each joint of values of terms (…, k): (…, dof)."""
         return np.asarray(per_term @ (self.joint[:, None] == np.arange(self.robot.dof)))

@@ -204,13 +204,28 @@ class BasisForm:
 
     def joint_error(self, i: int, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return f_j of the i-th joint seen at angles (m,) [rad]: mean (m,) [rad] and covariance (m, m) [rad²]."""
-        counts = [count for _, count in self.basis.groups]
-        start = sum(counts[: len(GROUPS) + i])
         own, length = self.basis.joint_columns(i, angle), float(self.hyper.joint_length[i])
-        part = slice(start, start + own.shape[1])
+        part = self._part(len(GROUPS) + i)
         half = own @ self.root[part]
         left = matern32(joint_chord(angle, angle), length)[0] - own @ own.T
         return own @ self.weight[part], half @ half.T + self.hyper.joint_std[i] ** 2 * left
+
+    def _part(self, group: int) -> slice:
+        """Return the weights of one of `Basis.groups`."""
+        edges = np.cumsum([0, *(count for _, count in self.basis.groups)]).tolist()
+        return slice(edges[group], edges[group + 1])
+
+    def joint_mean(self, i: int, angle: FloatArray) -> FloatArray:
+        """Return the mean of f_j of the i-th joint seen at angles (m,) [rad], (m,) [rad]."""
+        return self.basis.joint_columns(i, angle) @ self.weight[self._part(len(GROUPS) + i)]
+
+    def rest_mean(self) -> tuple[FloatArray, FloatArray]:
+        """Return coordinates over ranges (a, d) and weights (a, 3) [mm]: Z is the sum of correlations times weights."""
+        anchor, terms = self.basis.anchor, self.basis.terms
+        if anchor is None:
+            return np.empty((0, len(terms.range_of))), np.empty((0, 3))
+        weight = self.weight[self._part(len(self.basis.groups) - 1)].reshape(3, -1)
+        return anchor.place / self.basis.rest_range[terms.range_of], self.basis.anchor_map @ weight.T
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (n, 3) and covariances (n, 3, 3) with the samples of each block left out together."""

@@ -193,10 +193,26 @@ class CovarianceForm:
     def joint_error(self, i: int, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return f_j of the i-th joint seen at angles (m,) [rad]: mean (m,) [rad] and covariance (m, m) [rad²]."""
         j, std, length = self.joints[i], float(self.hyper.joint_std[i]), float(self.hyper.joint_length[i])
-        rho = std**2 * matern32(joint_chord(angle, self.design.q[:, j]), length)[0]
+        rho = self._joint_covariance(i, angle)
         cross = (rho[:, :, None] * self.design.lever[None, :, :, j]).reshape(len(angle), -1)
         half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
         return cross @ self.alpha, std**2 * matern32(joint_chord(angle, angle), length)[0] - half.T @ half
+
+    def _joint_covariance(self, i: int, angle: FloatArray) -> FloatArray:
+        """Return the prior covariances of f_j at angles (m,) and at the samples, (m, n) [rad²]."""
+        chord = joint_chord(angle, self.design.q[:, self.joints[i]])
+        return np.asarray(self.hyper.joint_std[i] ** 2 * matern32(chord, float(self.hyper.joint_length[i]))[0])
+
+    def joint_mean(self, i: int, angle: FloatArray) -> FloatArray:
+        """Return the mean of f_j of the i-th joint seen at angles (m,) [rad], (m,) [rad]."""
+        lever = self.design.lever[:, :, self.joints[i]]
+        weight = np.einsum("na,na->n", lever, self.alpha.reshape(-1, 3))
+        return np.asarray(self._joint_covariance(i, angle) @ weight)
+
+    def rest_mean(self) -> tuple[FloatArray, FloatArray]:
+        """Return coordinates over ranges (n, d) and weights (n, 3) [mm]: Z is the sum of correlations times weights."""
+        place = _over_ranges(self.design.place, self.terms.range_of, self.hyper)
+        return place, self.hyper.rest_std**2 * self.alpha.reshape(-1, 3)
 
     def left_out(self, block: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals and covariances with the samples of each block left out together.

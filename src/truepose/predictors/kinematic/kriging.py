@@ -13,11 +13,13 @@ from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
+from truepose.numerics.frozen import Constants
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts
+from truepose.predictors.kinematic.frozen import constants_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, fold_residuals
 from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
@@ -386,6 +388,11 @@ class KinematicKriging(PosePredictor):
             axis[:, 3:] = design.lever[:, 3:, self.unseen_]
             columns.append(axis * np.sqrt(np.mean(np.square(self.hyper_.joint_std))) if len(self.joints_) else 0 * axis)
         return np.concatenate(columns, axis=2)
+
+    def constants(self) -> Constants:
+        """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
+        check_is_fitted(self)
+        return constants_of(self._form, self._terms, self.joints_, self.hyper_)
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""

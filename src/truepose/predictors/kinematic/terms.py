@@ -135,8 +135,7 @@ class Terms:
         self.shift = np.zeros(len(self.names)) if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(chosen)]
-        self._nominal_links = robot.fixed.copy()
-        self._nominal_links[-1] = robot.fixed[-1] @ self.tf_flange_tool
+        self._nominal_links = robot.links(self.tf_flange_tool)
         self._links = self._model.fixed(self._values)
         parameters = self._model.twists(self._values)[..., self._chosen]
         self._twists = np.concatenate([joint_twists(robot.sign), parameters], axis=2)
@@ -144,6 +143,19 @@ class Terms:
         position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
         self.range_of = np.concatenate([joints, position]).astype(np.int64)
         self.range_names = [f"joint {j + 1}" for j in np.unique(joints)] + (["position"] if len(position) else [])
+
+    @property
+    def linearised(self) -> tuple[FloatArray, FloatArray, int]:
+        """The links (dof + 1, 4, 4) [mm] and the twists (dof + 1, 6, p) of the p columns that are no compliance; p."""
+        twists = self._twists[:, :, self.robot.dof :]
+        return self._links, twists, twists.shape[2]
+
+    def moments(self, estimate: FloatArray) -> FloatArray:
+        """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1) [rad/mm]."""
+        moment = np.zeros((self.robot.dof, self.robot.dof + 1))
+        for (j, k), value in zip(self._pairs, estimate[len(estimate) - len(self._pairs) :], strict=True):
+            moment[j, k] = value / _MOMENT_ARM
+        return moment
 
     def shifted(self, shift: FloatArray) -> Terms:
         """Return the same terms with registration and geometry changed by `shift` (p,)."""
@@ -159,7 +171,7 @@ class Terms:
 
     def curvature(self, design: Design) -> FloatArray:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
-        nominal = end_poses(self.robot.theta(design.q), self._nominal_links)
+        nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
         moved: FloatArray = design.p - nominal[:, :3, 3]
         if design.rows == 6:
             turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(
