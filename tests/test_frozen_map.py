@@ -229,11 +229,11 @@ LIES = {
 
 @pytest.mark.promise("No array of a frozen map's file that contradicts its predictions is believed, hashes or not")
 def test_files_that_lie_are_refused(maps, tmp_path):
-    """Each array wrong in several ways, with right hashes; what remains harmless predicts the same."""
-    path, good = tmp_path / "lie.frozen", maps["hard"].freeze()
-    good.save(path)
+    """Each array wrong in several ways, with right hashes."""
+    path = tmp_path / "lie.frozen"
+    maps["hard"].freeze().save(path)
     content, arrays = archive.unpack(path.read_bytes(), path, archive.FROZEN)
-    harmless, q = [], joints(maps["hard"].robot, 500)
+    believed = []
     for name, array in arrays.items():
         for lie, alter in LIES.items():
             altered = alter(array)
@@ -241,12 +241,11 @@ def test_files_that_lie_are_refused(maps, tmp_path):
                 continue
             path.write_bytes(archive.pack(content, arrays | {name: altered}, archive.FROZEN))
             try:
-                read = tp.FrozenMap.load(path)
+                tp.FrozenMap.load(path)
             except FileError:
                 continue
-            harmless.append((name, lie))
-            assert np.abs(read.predict(q) - good.predict(q)).max() < 1e-3
-    assert set(harmless) <= {("constants.place_scale", "moved"), ("constants.mass", "moved")}, harmless
+            believed.append((name, lie))
+    assert not believed
 
 
 @pytest.mark.parametrize(

@@ -248,6 +248,8 @@ class FrozenMap:
             raise ValueError(f"it holds {min(arrays)}, which is not part of a frozen map")
         if not all(array.dtype == np.float64 for array in (*given.values(), *fields.values())):
             raise TypeError("an array is not one of floating-point numbers")
+        if given["links"].ndim != 3:
+            raise ValueError(f"links has shape {given['links'].shape}, expected (2 dof + 2, 3, 4)")
         given["links"] = given["links"].reshape(2, -1, 3, 4)
         given["tables"] = np.ascontiguousarray(given["tables"].T)
         constants = Constants(**given)

@@ -130,7 +130,7 @@ def predict(q: FloatArray, out: FloatArray, constants: Constants, memory: Scratc
     beyond = 0
     for i in range(len(q)):
         if _within(q[i], constants.limits):
-            _error(q[i], constants, memory)
+            error_at(q[i], constants, memory)
             out[i] = memory.error[: out.shape[1]]
         else:
             out[i] = np.nan
@@ -147,7 +147,7 @@ def _within(q: FloatArray, limits: FloatArray) -> bool:
 
 
 @compiled()
-def _error(q: FloatArray, constants: Constants, memory: Scratch) -> None:
+def error_at(q: FloatArray, constants: Constants, memory: Scratch) -> None:
     """Set memory.error (6,) [mm, rad] to the error at joints q (d,) [rad]."""
     nominal, real = memory.frames[0], memory.frames[1]
     linear = constants.linear[0] == 1.0
@@ -207,18 +207,24 @@ def _deviate(q: FloatArray, constants: Constants, frames: FloatArray, tool: Floa
     for row in constants.harmonics:
         angle = row[1] * q[int(row[0])]
         deviation[int(row[0])] += row[2] * math.sin(angle) + row[3] * math.cos(angle)
-    linear = constants.linear[0] == 1.0
     for j in range(dof):
-        z0, z1 = frames[j + 1, 0, 2], frames[j + 1, 1, 2]
         for k in range(j, dof + 1):
-            factor = constants.moment[j, k]
-            if factor != 0.0:
-                x, y = tool[0, 3], tool[1, 3]
-                if k < dof or not linear:
-                    frame, mass = frames[min(k + 1, dof)], constants.mass[k]
-                    x = frame[0, 0] * mass[0] + frame[0, 1] * mass[1] + frame[0, 2] * mass[2] + frame[0, 3]
-                    y = frame[1, 0] * mass[0] + frame[1, 1] * mass[1] + frame[1, 2] * mass[2] + frame[1, 3]
-                deviation[j] += factor * (z0 * (y - frames[j + 1, 1, 3]) - z1 * (x - frames[j + 1, 0, 3]))
+            if constants.moment[j, k] != 0.0:
+                deviation[j] += constants.moment[j, k] * horizontal_lever(j, k, constants, frames, tool)
+
+
+@compiled()
+def horizontal_lever(j: int, k: int, constants: Constants, frames: FloatArray, tool: FloatArray) -> float:
+    """Return the horizontal lever of mass k about the axis of joint j, (z × r)_z [mm], gravity along z of the base."""
+    dof = len(constants.sign)
+    x, y = tool[0, 3], tool[1, 3]
+    if k < dof or constants.linear[0] != 1.0:
+        frame, mass = frames[min(k + 1, dof)], constants.mass[k]
+        x = frame[0, 0] * mass[0] + frame[0, 1] * mass[1] + frame[0, 2] * mass[2] + frame[0, 3]
+        y = frame[1, 0] * mass[0] + frame[1, 1] * mass[1] + frame[1, 2] * mass[2] + frame[1, 3]
+    axis = frames[j + 1]
+    lever: float = axis[0, 2] * (y - axis[1, 3]) - axis[1, 2] * (x - axis[0, 3])
+    return lever
 
 
 @compiled()
@@ -278,8 +284,7 @@ def _add_levers(constants: Constants, frames: FloatArray, deviation: FloatArray,
 @compiled()
 def _add_rest(constants: Constants, memory: Scratch, tool: FloatArray) -> None:
     """Add Z (3,) [mm] at the turned joints and the tool point: the anchors' weights times their correlation."""
-    place, near, by_joints = memory.place, memory.near, int(constants.by_joints[0])
-    own = 0.0
+    place, by_joints = memory.place, int(constants.by_joints[0])
     for c in range(len(place)):
         if c < by_joints:
             value = memory.turns[c // 2, c % 2]
@@ -290,12 +295,20 @@ def _add_rest(constants: Constants, memory: Scratch, tool: FloatArray) -> None:
         else:
             value = 0.0
         place[c] = value * constants.place_scale[c]
-        own += place[c] * place[c]
     for b in range(len(constants.anchors)):
-        _squared_distances(place, own, constants.anchors[b], near)
-        correlate(MATERN52, 0.0, near)
+        correlate_block(constants, memory, b)
         for a in range(3):
-            memory.error[a] += _dot(constants.weights[b, a], near)
+            memory.error[a] += _dot(constants.weights[b, a], memory.near)
+
+
+@compiled()
+def correlate_block(constants: Constants, memory: Scratch, b: int) -> None:
+    """Set memory.near to the correlations of Z at memory.place with the anchors of one block."""
+    own = 0.0
+    for value in memory.place:
+        own += value * value
+    _squared_distances(memory.place, own, constants.anchors[b], memory.near)
+    correlate(MATERN52, 0.0, memory.near)
 
 
 @compiled(fastmath=REORDER)

@@ -219,6 +219,31 @@ class BasisForm:
         """Return the mean of f_j of the i-th joint seen at angles (m,) [rad], (m,) [rad]."""
         return self.basis.joint_columns(i, angle) @ self.weight[self._part(len(GROUPS) + i)]
 
+    @cached_property
+    def _told_root(self) -> FloatArray:
+        """The root (k, p) of Λ½ (I − Λ^(−½) Σ Λ^(−½)) Λ½, prior minus posterior covariance of the weights."""
+        prior = np.sqrt(self.basis.prior(self.hyper))
+        posterior = self.root / prior[:, None]
+        value, vector = np.linalg.eigh(np.eye(len(prior)) - posterior @ posterior.T)
+        return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).T * prior)
+
+    def told(self, design: Design) -> FloatArray:
+        """Return columns (p, r m) whose squared lengths are the variance that the samples remove from the prior's."""
+        return np.asarray(self._told_root @ self.basis.columns(design).T)
+
+    def projected(self, directions: FloatArray, angle: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+        """Return `told` in k directions (p, k), see `CovarianceForm.projected`; with anchors in place of samples."""
+        weight = self._told_root.T @ directions
+        order = np.argsort(self.basis.terms.group, kind="stable")
+        drift = np.empty((len(order), directions.shape[1]))
+        drift[order] = weight[: len(order)]
+        first = len(GROUPS)
+        joints = [
+            self.basis.joint_columns(i, angle) @ weight[self._part(first + i)] for i in range(len(self.basis.joints))
+        ]
+        rest = weight[self._part(len(self.basis.groups) - 1)].reshape(3, -1, directions.shape[1])
+        return drift, joints, self.basis.anchor_map @ rest
+
     def rest_mean(self) -> tuple[FloatArray, FloatArray]:
         """Return coordinates over ranges (a, d) and weights (a, 3) [mm]: Z is the sum of correlations times weights."""
         anchor, terms = self.basis.anchor, self.basis.terms

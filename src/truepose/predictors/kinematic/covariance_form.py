@@ -209,6 +209,41 @@ class CovarianceForm:
         weight = np.einsum("na,na->n", lever, self.alpha.reshape(-1, 3))
         return np.asarray(self._joint_covariance(i, angle) @ weight)
 
+    def told(self, design: Design) -> FloatArray:
+        """Return columns (3n, r m) whose squared lengths are the variance that the samples remove from the prior's."""
+        return np.asarray(
+            solve_triangular(self.factor, self._covariance_with(design).T, lower=True, check_finite=False)
+        )
+
+    def projected(self, directions: FloatArray, angle: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+        """Return `told` in k directions (3n, k), as factors of the columns of the model.
+
+        Parameters
+        ----------
+        directions : (3n, k) array
+            Orthonormal directions among the rows of `told`.
+        angle : (t,) array [rad]
+            The angles of the joints' functions.
+
+        Returns
+        -------
+        drift : (p, k) array
+            The factors of the drift columns, per prior standard deviation.
+        joints : list of (t, k) arrays
+            The factors of the lever of each joint seen, at the angles.
+        rest : (3, n, k) array
+            The factors of Z's correlations with the samples, for each component.
+        """
+        n, k = len(self.design.q), directions.shape[1]
+        weight = solve_triangular(self.factor, directions, lower=True, trans="T", check_finite=False)
+        drift = (self.design.drift * tolerances(self.terms, self.hyper) ** 2).reshape(3 * n, -1).T @ weight
+        weight = weight.reshape(n, 3, k)
+        levers = [self.design.lever[:, :, j] for j in self.joints]
+        joints = [
+            self._joint_covariance(i, angle) @ np.einsum("na,nak->nk", lever, weight) for i, lever in enumerate(levers)
+        ]
+        return drift, joints, self.hyper.rest_std**2 * np.swapaxes(weight, 0, 1)
+
     def rest_mean(self) -> tuple[FloatArray, FloatArray]:
         """Return coordinates over ranges (n, d) and weights (n, 3) [mm]: Z is the sum of correlations times weights."""
         place = _over_ranges(self.design.place, self.terms.range_of, self.hyper)

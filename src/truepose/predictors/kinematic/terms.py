@@ -151,8 +151,14 @@ class Terms:
         return self._links, twists, twists.shape[2]
 
     def moments(self, estimate: FloatArray) -> FloatArray:
-        """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1) [rad/mm]."""
-        moment = np.zeros((self.robot.dof, self.robot.dof + 1))
+        """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1, …) [rad/mm].
+
+        Parameters
+        ----------
+        estimate : (p, …) array [rad/m]
+            The coefficients of all drift columns.
+        """
+        moment = np.zeros((self.robot.dof, self.robot.dof + 1, *estimate.shape[1:]))
         for (j, k), value in zip(self._pairs, estimate[len(estimate) - len(self._pairs) :], strict=True):
             moment[j, k] = value / _MOMENT_ARM
         return moment
