@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Literal, Protocol, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose._io import archive, files
 from truepose._typing import FloatArray
+from truepose.error_map.frozen_parts import from_arrays, to_arrays
 from truepose.error_map.prediction import PredictingMap
 from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry import check_transforms
-from truepose.numerics.frozen import UNROLLED, Constants, Scratch, predict, scratch
-from truepose.numerics.threads import kernel_count
-from truepose.predictors.abilities import Freezable
+from truepose.numerics.frozen import Constants, Scratch, predict, scratch
+from truepose.numerics.frozen_deviation import Deviation, deviations
+from truepose.numerics.threads import blas_threads, kernel_count
+from truepose.predictors.abilities import DeviationFreezable, Freezable
 
 LARGEST_DIFFERENCE_MM: Final = 1e-3
 """The largest difference between a frozen map and its map [mm]; a map that differs more is not frozen."""
@@ -27,7 +30,9 @@ _LARGEST_FILE: Final = 2**28  # bytes
 _PROBES: Final = 2000  # random poses at which a frozen map is compared with its map
 _KEPT: Final = 50  # of these in the file, which is compared with them when it is read
 _SAME_MM: Final = 1e-7  # processors differ by less
-_CHUNK: Final = 4096  # poses of a thread
+_CHUNK: Final = 4096  # poses at a time of a thread
+_CHUNK_STD: Final = 512
+_ARRAYS: Final = ("tf_flange_tool", "probes", "probed", "probed_std")
 _KEYS: Final = ("difference_mm", "map_sha256", "predictor", "robot")
 
 
@@ -43,8 +48,9 @@ class Hashed(Protocol):
 class FrozenMap:
     """The predicted errors of an error map as plain arrays; made by `ErrorMap.freeze`.
 
-    It predicts the mean only, for one tool point, and equals `ErrorMap.predict` to `difference_mm`. It has neither the
-    guards of `ErrorMap.correct` nor a standard deviation: check the poses of a process with the map first.
+    It predicts for one tool point, and its mean equals that of `ErrorMap.predict` to `difference_mm`. It has no guards
+    as `ErrorMap.correct` has: check the poses of a process with the map first. Its standard deviation, where it was
+    frozen too, is an upper bound: never below that of the map, and rarely more than 1 % above it among the samples.
 
     Attributes
     ----------
@@ -62,6 +68,10 @@ class FrozenMap:
         The arrays, see `truepose.numerics.frozen.Constants`.
     probes, probed : (50, dof) array [rad], (50, 3) array [mm]
         Some of the random poses, and the predictions there, with which a file is compared when it is read.
+    deviation : Deviation, optional
+        The arrays of the standard deviation, see `truepose.numerics.frozen_deviation.Deviation`.
+    probed_std : (50, 3) array [mm]
+        The standard deviations at the probes; (0, 3) without `deviation`.
 
     Examples
     --------
@@ -83,11 +93,14 @@ class FrozenMap:
     constants: Constants
     probes: FloatArray
     probed: FloatArray
+    deviation: Deviation | None = None
+    probed_std: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __repr__(self) -> str:
+        std = "" if self.deviation is None else ", with standard deviation"
         return (
             f"<FrozenMap of {self.robot}: {self.predictor}, within {1e3 * self.difference_mm:.2g} µm of the map "
-            f"{self.map_sha256[:12]}>"
+            f"{self.map_sha256[:12]}{std}>"
         )
 
     @property
@@ -95,22 +108,31 @@ class FrozenMap:
         """The number of joints."""
         return len(self.constants.sign)
 
-    def predict(self, q: ArrayLike) -> FloatArray:
+    @overload
+    def predict(self, q: ArrayLike, return_std: Literal[False] = ...) -> FloatArray: ...
+    @overload
+    def predict(self, q: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+    def predict(self, q: ArrayLike, return_std: bool = False) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Return the predicted positional errors, measured − commanded.
 
         Parameters
         ----------
         q : (n, dof) or (dof,) array_like [rad]
             The commanded joints.
+        return_std : bool
+            Whether to return the standard deviation as well.
 
         Returns
         -------
-        (n, 3) or (3,) array [mm], base frame
+        e : (n, 3) or (3,) array [mm], base frame
+            The errors.
+        std : (n, 3) or (3,) array [mm], base frame
+            Upper bounds of the standard deviation of `ErrorMap.predict_errors`; only with `return_std`.
 
         Raises
         ------
         DataError
-            If the shape is wrong, or a number is not finite.
+            If the shape is wrong, a number is not finite, or the map was frozen without standard deviation.
         RobotError
             If joints are beyond the limits of the robot; the row is named.
         """
@@ -119,20 +141,21 @@ class FrozenMap:
             raise DataError(f"expected joints of shape (n, {self.dof}) for {self.robot}, got {joints.shape}")
         rows = joints.reshape(-1, self.dof)
         out = np.empty((len(rows), 3))
-        starts, count = range(0, len(rows), _CHUNK), kernel_count()
+        std = np.empty_like(out) if return_std else None
+        if std is not None and self.deviation is None:
+            raise DataError("the map was frozen without its standard deviation; use error_map.freeze(std=True)")
 
-        def part(start: int) -> int:
-            here = slice(start, start + _CHUNK)
-            return predict(rows[here], out[here], self.constants, scratch(self.constants))
+        def part(here: slice) -> int:
+            beyond = predict(rows[here], out[here], self.constants, scratch(self.constants))
+            if std is not None and self.deviation is not None and not beyond:
+                std[here] = deviations(rows[here], self.constants, self.deviation)
+            return beyond
 
-        if len(starts) > 1 and count > 1:
-            with ThreadPoolExecutor(count) as pool:
-                beyond = sum(pool.map(part, starts))
-        else:
-            beyond = sum(map(part, starts))
-        if beyond:
-            raise self._refused(rows)
-        return out.reshape(*joints.shape[:-1], 3)
+        with blas_threads(1):
+            if any(_in_parts(part, len(rows), _CHUNK if std is None else _CHUNK_STD)):
+                raise self._refused(rows)
+        shape = (*joints.shape[:-1], 3)
+        return out.reshape(shape) if std is None else (out.reshape(shape), std.reshape(shape))
 
     def predict_into(self, q: FloatArray, out: FloatArray) -> None:
         """Write the predicted errors into an array, in some microseconds and without new memory: for control loops.
@@ -162,6 +185,8 @@ class FrozenMap:
                 )
         if q.ndim == 1:
             q, out = q[None], out[None]
+        if not out.flags.writeable:
+            raise DataError("out cannot be written; predict_into needs an array of its own")
         if not q.flags.writeable:  # numba would compile another function for it
             q = q.copy()
         if predict(q, out, self.constants, self._scratch):
@@ -204,10 +229,7 @@ class FrozenMap:
         files.write_atomic(path, archive.pack(content, self._arrays(), archive.FROZEN))
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        arrays = {f"constants.{name}": array for name, array in self.constants._asdict().items()}
-        arrays["constants.links"] = self.constants.links.reshape(-1, 3, 4)
-        arrays["constants.tables"] = self.constants.tables.T
-        return arrays | {"tf_flange_tool": self.tf_flange_tool, "probes": self.probes, "probed": self.probed}
+        return to_arrays(self.constants, self.deviation) | {name: getattr(self, name) for name in _ARRAYS}
 
     @classmethod
     def load(cls, path: str | Path, error_map: Hashed | None = None) -> Self:
@@ -242,19 +264,13 @@ class FrozenMap:
         """Return the frozen map of a file's parts; raise ValueError, TypeError or KeyError where they are wrong."""
         if sorted(content) != sorted(_KEYS):
             raise ValueError(f"it has the parts {', '.join(sorted(content))}, expected {', '.join(_KEYS)}")
-        given = {name: arrays.pop(f"constants.{name}") for name in Constants._fields}
-        fields: dict[str, Any] = {name: arrays.pop(name) for name in ("tf_flange_tool", "probes", "probed")}
+        constants, deviation = from_arrays(arrays)
+        fields: dict[str, Any] = {name: arrays.pop(name) for name in _ARRAYS}
         if arrays:
             raise ValueError(f"it holds {min(arrays)}, which is not part of a frozen map")
-        if not all(array.dtype == np.float64 for array in (*given.values(), *fields.values())):
+        if not all(array.dtype == np.float64 for array in fields.values()):
             raise TypeError("an array is not one of floating-point numbers")
-        if given["links"].ndim != 3:
-            raise ValueError(f"links has shape {given['links'].shape}, expected (2 dof + 2, 3, 4)")
-        given["links"] = given["links"].reshape(2, -1, 3, 4)
-        given["tables"] = np.ascontiguousarray(given["tables"].T)
-        constants = Constants(**given)
-        _check(constants)
-        frozen = cls(**content, **fields, constants=constants)
+        frozen = cls(**content, **fields, constants=constants, deviation=deviation)
         frozen._check_facts()
         return frozen
 
@@ -266,12 +282,28 @@ class FrozenMap:
         check_transforms("tf_flange_tool", self.tf_flange_tool[None])
         if self.probes.shape != (_KEPT, self.dof) or self.probed.shape != (_KEPT, 3):
             raise ValueError(f"it has probes of shape {self.probes.shape}, expected {(_KEPT, self.dof)}")
-        off = float(np.abs(self.predict(self.probes) - self.probed).max())
-        if not off <= _SAME_MM:
-            raise ValueError(f"its arrays predict other errors than the file states, by up to {off:.3g} mm")
+        found, stated = [self.predict(self.probes)], [self.probed]
+        if self.deviation is not None:
+            found, stated = list(self.predict(self.probes, return_std=True)), [self.probed, self.probed_std]
+        elif self.probed_std.shape != (0, 3):
+            raise ValueError("it has standard deviations of probes, and no arrays that predict them")
+        for one, other in zip(found, stated, strict=True):
+            if one.shape != other.shape or not np.abs(one - other).max() <= _SAME_MM:
+                raise ValueError("its arrays predict other errors or standard deviations than the file states")
 
 
-def freeze(error_map: PredictingMap, sha256: str, tf_flange_tool: ArrayLike | None = None) -> FrozenMap:
+def _in_parts(work: Callable[[slice], int], n: int, size: int) -> list[int]:
+    """Return what the work on rows of at most `size` returns, in threads where there are several parts."""
+    parts, count = [slice(start, start + size) for start in range(0, n, size)], kernel_count()
+    if len(parts) == 1 or count == 1:
+        return [work(part) for part in parts]
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(work, parts))
+
+
+def freeze(
+    error_map: PredictingMap, sha256: str, tf_flange_tool: ArrayLike | None = None, *, std: bool = False
+) -> FrozenMap:
     """Return the frozen form of the map whose file has this SHA-256; see `ErrorMap.freeze`."""
     predictor, name = error_map.predictor, error_map.predictor_name
     if not isinstance(predictor, Freezable):
@@ -294,44 +326,39 @@ def freeze(error_map: PredictingMap, sha256: str, tf_flange_tool: ArrayLike | No
             f"the frozen map would differ from the map by {difference:.3g} mm, more than {LARGEST_DIFFERENCE_MM:g} mm: "
             "joint errors change too fast with the angle; predict with the map itself"
         )
-    return replace(frozen, difference_mm=difference, probes=probes[:_KEPT].copy(), probed=predicted[:_KEPT].copy())
+    kept = probes[:_KEPT].copy()
+    frozen = replace(frozen, difference_mm=difference, probes=kept, probed=predicted[:_KEPT].copy())
+    if not std:
+        return frozen
+    frozen = replace(frozen, deviation=_deviation(error_map, frozen, probes))
+    return replace(frozen, probed_std=frozen.predict(kept, return_std=True)[1])
 
 
-def _check(constants: Constants) -> None:
-    """Require the shapes and values with which the compiled loop stays within its arrays; ValueError otherwise."""
-    dof, places = len(constants.sign), len(constants.place_scale)
-    blocks, width = len(constants.anchors), constants.anchors.shape[-1]
-    shapes = {
-        "links": (2, dof + 1, 3, 4),
-        "sign": (dof,),
-        "limits": (dof, 2),
-        "twist": (dof + 1, 6),
-        "tables": (dof, constants.tables.shape[-1]),
-        "harmonics": (len(constants.harmonics), 4),
-        "moment": (dof, dof + 1),
-        "mass": (dof + 1, 3),
-        "anchors": (blocks, places + 1, width),
-        "weights": (blocks, 3, width),
-        "place_scale": (places,),
-        "by_joints": (1,),
-        "away": (3,),
-        "linear": (1,),
-    }
-    for name, shape in shapes.items():
-        found = getattr(constants, name).shape
-        if found != shape:
-            raise ValueError(f"{name} has shape {found}, expected {shape}")
-    for links in constants.links:
-        check_transforms("links", np.concatenate([links, np.tile([0.0, 0.0, 0.0, 1.0], (dof + 1, 1, 1))], axis=1))
-    joint, by_joints = constants.harmonics[:, 0], float(constants.by_joints[0])
-    fits = {
-        "sign": dof > 0 and bool(np.isin(constants.sign, (-1.0, 1.0)).all()),
-        "limits": bool((constants.limits[:, 0] < constants.limits[:, 1]).all()),
-        "tables": constants.tables.shape[1] != 1,
-        "harmonics": bool(np.isin(joint, np.arange(dof)).all()),
-        "place_scale": places % UNROLLED == 0,
-        "by_joints": by_joints in (0.0, 2.0 * dof) and by_joints <= max(places, 0),
-        "linear": bool(constants.linear[0] in (0.0, 1.0)),
-    }
-    if wrong := [name for name, right in fits.items() if not right]:
-        raise ValueError(f"{wrong[0]} has impossible values")
+def _deviation(error_map: PredictingMap, frozen: FrozenMap, probes: FloatArray) -> Deviation:
+    """Return the arrays of the standard deviation, with a margin for the error of their tables.
+
+    The error is measured at the random probes and among the samples; twice the largest found is the margin.
+
+    Raises
+    ------
+    DataError
+        If the predictor has none, or the tool point is not the measured one.
+    """
+    predictor, samples = error_map.predictor, error_map.samples
+    if not isinstance(predictor, DeviationFreezable):
+        raise DataError(
+            f"a map of {error_map.predictor_name!r} has no frozen standard deviation, only kinematic-kriging has: "
+            "freeze without std, or use ErrorMap.predict_errors"
+        )
+    if frozen.constants.away.any():
+        raise DataError("the standard deviation is frozen at the measured point only: omit std, or the tool")
+    assert samples.q is not None
+    rng = np.random.default_rng(1)
+    one, other = rng.integers(len(samples), size=(2, 2 * _PROBES))
+    among = samples.q[one] + rng.uniform(size=(2 * _PROBES, 1)) * (samples.q[other] - samples.q[one])
+    deviation = predictor.deviation(frozen.constants, among[:_PROBES], error_map.unexplained)
+    tried = np.concatenate([probes, among[_PROBES:]])
+    bound = replace(frozen, deviation=deviation).predict(tried, return_std=True)[1]
+    below = float((error_map.predict_at(tried)[1] - bound).max())
+    margin = np.array([2.0 * max(below, 0.0)])
+    return Deviation(**deviation._asdict() | {"margin": margin})

@@ -86,26 +86,29 @@ class ErrorMap(PredictingMap):
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
 
-    def freeze(self, tf_flange_tool: ArrayLike | None = None) -> FrozenMap:
+    def freeze(self, tf_flange_tool: ArrayLike | None = None, *, std: bool = False) -> FrozenMap:
         """Return the map's predictions as plain arrays, which predict one pose in some microseconds.
 
         Parameters
         ----------
         tf_flange_tool : (4, 4) array_like [mm], optional
             The tool whose point is predicted; default: that of the map.
+        std : bool
+            Whether to freeze the standard deviation as well (kinematic Kriging, at the measured point): some MB, and
+            an upper bound of that of the map.
 
         Returns
         -------
         FrozenMap
-            It equals the predictions of the map to 1 µm, and knows the map's hash.
+            Its mean equals the predictions of the map to 1 µm, and knows the map's hash.
 
         Raises
         ------
         DataError
-            If the predictor does not know the arm, as Kriging and interpolators do not; if it knows backlash; or if
-            the frozen map would differ by more than 1 µm.
+            If the predictor does not know the arm, as Kriging and interpolators do not; if it knows backlash; if the
+            frozen map would differ by more than 1 µm; or if `std` is wanted where it is not available.
         """
-        return freeze(self, self.hash, tf_flange_tool)
+        return freeze(self, self.hash, tf_flange_tool, std=std)
 
     def validate(self, held_out: Samples, *, rivals: bool = True) -> Validation:
         """Compare errors before and after on samples that took no part in the fit.

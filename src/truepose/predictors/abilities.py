@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
+from truepose.numerics.frozen_deviation import Deviation
 
 
 @runtime_checkable
@@ -52,6 +53,14 @@ class Freezable(Protocol):
 
     def constants(self) -> Constants:
         """Return the arrays of the fitted model's mean, at the measured point."""
+
+
+@runtime_checkable
+class DeviationFreezable(Protocol):
+    """A predictor whose standard deviation has a bound that follows from arrays alone."""
+
+    def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
+        """Return the arrays of the bound, tight at poses such as these (m, dof) [rad]; a variance (3,) is added."""
 
 
 @runtime_checkable

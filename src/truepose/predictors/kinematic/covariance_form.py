@@ -235,9 +235,9 @@ class CovarianceForm:
             The factors of Z's correlations with the samples, for each component.
         """
         n, k = len(self.design.q), directions.shape[1]
-        weight = solve_triangular(self.factor, directions, lower=True, trans="T", check_finite=False)
-        drift = (self.design.drift * tolerances(self.terms, self.hyper) ** 2).reshape(3 * n, -1).T @ weight
-        weight = weight.reshape(n, 3, k)
+        flat = solve_triangular(self.factor, directions, lower=True, trans="T", check_finite=False)
+        drift = (self.design.drift * tolerances(self.terms, self.hyper) ** 2).reshape(3 * n, -1).T @ flat
+        weight = flat.reshape(n, 3, k)
         levers = [self.design.lever[:, :, j] for j in self.joints]
         joints = [
             self._joint_covariance(i, angle) @ np.einsum("na,nak->nk", lever, weight) for i, lever in enumerate(levers)

@@ -14,12 +14,14 @@ from sklearn.utils.validation import check_is_fitted
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
 from truepose.numerics.frozen import Constants
+from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts
 from truepose.predictors.kinematic.frozen import constants_of
+from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import MOST, factor, fold_residuals
 from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
@@ -393,6 +395,23 @@ class KinematicKriging(PosePredictor):
         """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
         check_is_fitted(self)
         return constants_of(self._form, self._terms, self.joints_, self.hyper_)
+
+    def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
+        """Return the arrays from which `truepose.numerics.frozen_deviation.deviations` bounds the deviation.
+
+        Parameters
+        ----------
+        constants : Constants
+            The arrays of the mean.
+        poses : (m, dof) array [rad]
+            Poses like those at which the bound is tight.
+        added : (3,) array [mm²]
+            The variance that is added to the field's.
+        """
+        check_is_fitted(self)
+        return deviation_of(
+            self._form, self._terms, self.joints_, self.hyper_, constants, poses, self.inflation_, added
+        )
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
