@@ -78,6 +78,7 @@ class Scratch(NamedTuple):
     frames: FloatArray
     turns: FloatArray
     deviation: FloatArray
+    masses: FloatArray
     place: FloatArray
     near: FloatArray
     error: FloatArray
@@ -90,6 +91,7 @@ def scratch(constants: Constants) -> Scratch:
         np.zeros((2, dof + 2, 3, 4)),
         np.zeros((dof, 2)),
         np.zeros(dof),
+        np.zeros((dof + 1, 2)),
         np.zeros(len(constants.place_scale)),
         np.zeros(constants.anchors.shape[2]),
         np.zeros(6),
@@ -155,7 +157,7 @@ def error_at(q: FloatArray, constants: Constants, memory: Scratch) -> None:
     _walk(memory.turns, constants.links[0], nominal)
     if linear:
         _walk(memory.turns, constants.links[1], real)
-    _deviate(q, constants, nominal, real[-1] if linear else nominal[-1], memory.deviation)
+    _deviate(q, constants, memory, nominal, real[-1] if linear else nominal[-1])
     if not linear:
         for j in range(len(q)):
             memory.deviation[j] += q[j]
@@ -199,31 +201,37 @@ def _walk(turns: FloatArray, links: FloatArray, frames: FloatArray) -> None:
 
 
 @compiled()
-def _deviate(q: FloatArray, constants: Constants, frames: FloatArray, tool: FloatArray, deviation: FloatArray) -> None:
-    """Set the deviation (d,) [rad] of each joint: table, harmonics, and gravity at the nominal frames."""
-    dof, points = constants.tables.shape
+def _deviate(q: FloatArray, constants: Constants, memory: Scratch, frames: FloatArray, tool: FloatArray) -> None:
+    """Set memory.deviation (d,) [rad] of the joints: table, harmonics, and gravity at the nominal frames."""
+    (dof, points), deviation = constants.tables.shape, memory.deviation
     for j in range(dof):
         deviation[j] = _interpolated(constants.tables[j], q[j]) if points else 0.0
     for row in constants.harmonics:
         angle = row[1] * q[int(row[0])]
         deviation[int(row[0])] += row[2] * math.sin(angle) + row[3] * math.cos(angle)
+    _place_masses(constants.mass, frames, tool, constants.linear[0] == 1.0, memory.masses)
     for j in range(dof):
         for k in range(j, dof + 1):
             if constants.moment[j, k] != 0.0:
-                deviation[j] += constants.moment[j, k] * horizontal_lever(j, k, constants, frames, tool)
+                deviation[j] += constants.moment[j, k] * horizontal_lever(frames[j + 1], memory.masses[k])
 
 
 @compiled()
-def horizontal_lever(j: int, k: int, constants: Constants, frames: FloatArray, tool: FloatArray) -> float:
-    """Return the horizontal lever of mass k about the axis of joint j, (z × r)_z [mm], gravity along z of the base."""
-    dof = len(constants.sign)
-    x, y = tool[0, 3], tool[1, 3]
-    if k < dof or constants.linear[0] != 1.0:
-        frame, mass = frames[min(k + 1, dof)], constants.mass[k]
-        x = frame[0, 0] * mass[0] + frame[0, 1] * mass[1] + frame[0, 2] * mass[2] + frame[0, 3]
-        y = frame[1, 0] * mass[0] + frame[1, 1] * mass[1] + frame[1, 2] * mass[2] + frame[1, 3]
-    axis = frames[j + 1]
-    lever: float = axis[0, 2] * (y - axis[1, 3]) - axis[1, 2] * (x - axis[0, 3])
+def _place_masses(mass: FloatArray, frames: FloatArray, tool: FloatArray, linear: bool, masses: FloatArray) -> None:
+    """Set masses (d + 1, 2) to x and y of the masses [mm], base frame; the last at the tool point if `linear`."""
+    dof = len(mass) - 1
+    for k in range(dof + 1):
+        frame = frames[min(k + 1, dof)]
+        for r in range(2):
+            masses[k, r] = frame[r, 0] * mass[k, 0] + frame[r, 1] * mass[k, 1] + frame[r, 2] * mass[k, 2] + frame[r, 3]
+    if linear:
+        masses[dof] = tool[:2, 3]
+
+
+@compiled()
+def horizontal_lever(axis: FloatArray, mass: FloatArray) -> float:
+    """Return (z × r)_z [mm] from the axis of a joint, a frame (3, 4), to a mass at x, y; gravity is along z."""
+    lever: float = axis[0, 2] * (mass[1] - axis[1, 3]) - axis[1, 2] * (mass[0] - axis[0, 3])
     return lever
 
 

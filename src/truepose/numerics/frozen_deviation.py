@@ -102,7 +102,17 @@ def _features(
         told[:, i] = 0.0
         prior[i] = 0.0
         for j in range(len(q[i])):
-            _joint(j, q[i, j], constants, deviation, nominal, real[-1], moved[:, i, 6 * j + 11], told[:, i], prior[i])
+            lever = constants.sign[j] * moved[:, i, 6 * j + 11]
+            variance = deviation.prior_joint[j]
+            if variance > 0.0:
+                _add_table(deviation.tables[j], q[i, j], lever, told[:, i])
+            for k in range(j, len(constants.mass)):
+                if deviation.prior_gravity[j, k] > 0.0:
+                    horizontal = horizontal_lever(nominal[j + 1], memory.masses[k])
+                    variance += deviation.prior_gravity[j, k] * horizontal * horizontal
+                    _add_row(deviation.gravity[j, k], horizontal, lever, told[:, i])
+            for r in range(3):
+                prior[i, r] += variance * lever[r] * lever[r]
 
 
 @compiled()
@@ -118,49 +128,31 @@ def _columns(frame: FloatArray, tool: FloatArray, out: FloatArray) -> None:
 
 
 @compiled(fastmath=REORDER)
-def _joint(
-    j: int,
-    angle: float,
-    constants: Constants,
-    deviation: Deviation,
-    nominal: FloatArray,
-    tool: FloatArray,
-    turned: FloatArray,
-    told: FloatArray,
-    prior: FloatArray,
-) -> None:
-    """Add the covariances and the prior variance of joint j, whose turn about z moves the tool point by turned (3,)."""
-    dof, m = len(constants.sign), told.shape[1]
-    l0, l1, l2 = constants.sign[j] * turned[0], constants.sign[j] * turned[1], constants.sign[j] * turned[2]
-    variance = deviation.prior_joint[j]
-    if variance > 0.0:
-        points = deviation.tables.shape[1] - 3
-        x = (angle / (2.0 * math.pi) + 0.5 - math.floor(angle / (2.0 * math.pi) + 0.5)) * points
-        i = min(int(x), points - 1)
-        t = x - i
-        w0, w1 = -t * (t - 1.0) * (t - 2.0) / 6.0, (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
-        w2, w3 = -(t + 1.0) * t * (t - 2.0) / 2.0, (t + 1.0) * t * (t - 1.0) / 6.0
-        a, b, c, d = (
-            deviation.tables[j, i],
-            deviation.tables[j, i + 1],
-            deviation.tables[j, i + 2],
-            deviation.tables[j, i + 3],
-        )
-        for s in range(m):
-            value = w0 * a[s] + w1 * b[s] + w2 * c[s] + w3 * d[s]
-            told[0, s] += l0 * value
-            told[1, s] += l1 * value
-            told[2, s] += l2 * value
-    for k in range(j, dof + 1):
-        if deviation.prior_gravity[j, k] > 0.0:
-            horizontal = horizontal_lever(j, k, constants, nominal, tool)
-            variance += deviation.prior_gravity[j, k] * horizontal * horizontal
-            row = deviation.gravity[j, k]
-            for s in range(m):
-                value = horizontal * row[s]
-                told[0, s] += l0 * value
-                told[1, s] += l1 * value
-                told[2, s] += l2 * value
-    prior[0] += variance * l0 * l0
-    prior[1] += variance * l1 * l1
-    prior[2] += variance * l2 * l2
+def _add_table(table: FloatArray, angle: float, lever: FloatArray, told: FloatArray) -> None:
+    """Add lever (3,) times a table (t + 3, m) at an angle [rad] to told (3, m); cubic through four points."""
+    points = len(table) - 3
+    turns = angle / (2.0 * math.pi) + 0.5
+    x = (turns - math.floor(turns)) * points
+    i = min(int(x), points - 1)
+    t = x - i
+    w0, w1 = -t * (t - 1.0) * (t - 2.0) / 6.0, (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
+    w2, w3 = -(t + 1.0) * t * (t - 2.0) / 2.0, (t + 1.0) * t * (t - 1.0) / 6.0
+    a, b, c, d = table[i], table[i + 1], table[i + 2], table[i + 3]
+    l0, l1, l2 = lever
+    x_row, y_row, z_row = told[0], told[1], told[2]
+    for s in range(told.shape[1]):
+        value = w0 * a[s] + w1 * b[s] + w2 * c[s] + w3 * d[s]
+        x_row[s] += l0 * value
+        y_row[s] += l1 * value
+        z_row[s] += l2 * value
+
+
+@compiled(fastmath=REORDER)
+def _add_row(row: FloatArray, factor: float, lever: FloatArray, told: FloatArray) -> None:
+    """Add factor times lever (3,) times a row (m,) to told (3, m)."""
+    l0, l1, l2 = factor * lever[0], factor * lever[1], factor * lever[2]
+    x_row, y_row, z_row = told[0], told[1], told[2]
+    for s in range(len(row)):
+        x_row[s] += l0 * row[s]
+        y_row[s] += l1 * row[s]
+        z_row[s] += l2 * row[s]

@@ -14,7 +14,8 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.summary import Form
 from truepose.predictors.kinematic.terms import Terms
 
-_ANGLES: Final = 1024  # of a table; cubic between them
+_ANGLES: Final = (1024, 4096)  # fewest and most of a table; cubic between them
+_PER_LENGTH: Final = 58.0  # of the shortest length of a joint's error: the variance is off by about 1e-7 mm²
 _MOST: Final = 256  # combinations of the readings
 _STEP: Final = 32
 _ABOVE: Final = 1.01  # the ratio of standard deviations that is good enough
@@ -54,12 +55,15 @@ def deviation_of(
     vector = np.linalg.eigh(told @ told.T)[1][:, ::-1][:, :_MOST]
     full = np.maximum(np.einsum("maa->ma", form.covariance(design)), 0.0) + added / inflation
     kept = _enough(vector.T @ told, told, full.reshape(-1))
-    drift, tables, rest = form.projected(vector[:, :kept], table_angles(_ANGLES))
+    wanted = _PER_LENGTH * 2.0 * np.pi / hyper.joint_length.min(initial=np.pi)
+    angle = table_angles(int(np.clip(2 ** np.ceil(np.log2(wanted)), *_ANGLES)))
+    drift, tables, rest = form.projected(vector[:, :kept], angle)
     links, p = terms.linearised[1], terms.linearised[2]
     std = terms.prior_std * tolerances(terms, hyper)
     rows = links.reshape(-1, p)
-    every = np.zeros((dof, _ANGLES + 3, kept))
-    every[joints] = tables
+    every = np.zeros((dof, len(angle), kept))
+    for j, table in zip(joints, tables, strict=True):
+        every[j] = table
     prior_joint = np.zeros(dof)
     prior_joint[joints] = hyper.joint_std**2
     wide = np.zeros((3, constants.anchors.shape[0] * constants.anchors.shape[2], kept))
