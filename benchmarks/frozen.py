@@ -33,7 +33,8 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page.say("## One pose")
     page.say(
         f"{CALLS if not quick else 100:,} calls at random poses in {TURNS} turns; a tenth or less of slow sides. "
-        "Wanted of `predict_into`: at most 20 µs (half of the calls) and 50 µs (99 %); of `predict_measured`: at most 1 ms."
+        "Wanted of `predict_into`: at most 20 µs (half of the calls) and 50 µs (99 %); of `predict_measured`: at most "
+        "1 ms."
     )
     page.head(["map", "n", "by", "minimum", "median", "99 %", "times ours"])
     for (name, n), error_map in maps.items():

@@ -287,7 +287,7 @@ def test_frozen_map_is_plain(maps):
     assert "kinematic-kriging" in repr(frozen)
 
 
-@pytest.mark.promise("The standard deviation of a frozen map is not below that of its map")
+@pytest.mark.promise("The standard deviation of a frozen map is not below that of its map by more than 1 nm")
 @pytest.mark.parametrize("name", ["paper", "hard", "ur10"])
 def test_the_frozen_deviation_is_an_upper_bound(maps, name):
     """At 20,000 poses within the limits and 20,000 among the samples; there it is seldom more than 2 % above."""
@@ -299,7 +299,7 @@ def test_the_frozen_deviation_is_an_upper_bound(maps, name):
         e, std = frozen.predict(q, return_std=True)
         true = error_map.predict_errors(tp.Poses(q=q))[1]
         np.testing.assert_array_equal(e, frozen.predict(q))
-        assert (std - true).min() > -1e-7
+        assert (std - true).min() > -1e-6
     assert np.quantile(std / true, 0.99) < 1.02
     assert np.median(std / true) < 1.005
 

@@ -50,7 +50,8 @@ class FrozenMap:
 
     It predicts for one tool point, and its mean equals that of `ErrorMap.predict` to `difference_mm`. It has no guards
     as `ErrorMap.correct` has: check the poses of a process with the map first. Its standard deviation, where it was
-    frozen too, is an upper bound: never below that of the map, and rarely more than 1 % above it among the samples.
+    frozen too, is an upper bound: below that of the map by less than 1 nm, and rarely more than 1 % above it among the
+    samples.
 
     Attributes
     ----------
@@ -337,7 +338,7 @@ def freeze(
 def _deviation(error_map: PredictingMap, frozen: FrozenMap, probes: FloatArray) -> Deviation:
     """Return the arrays of the standard deviation, with a margin for the error of their tables.
 
-    The error is measured at the random probes and among the samples; twice the largest found is the margin.
+    The error is measured at the random probes and among the samples; four times the largest found is the margin.
 
     Raises
     ------
@@ -360,5 +361,5 @@ def _deviation(error_map: PredictingMap, frozen: FrozenMap, probes: FloatArray) 
     tried = np.concatenate([probes, among[_PROBES:]])
     bound = replace(frozen, deviation=deviation).predict(tried, return_std=True)[1]
     below = float((error_map.predict_at(tried)[1] - bound).max())
-    margin = np.array([2.0 * max(below, 0.0)])
+    margin = np.array([4.0 * max(below, 0.0)])
     return Deviation(**deviation._asdict() | {"margin": margin})
