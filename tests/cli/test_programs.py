@@ -108,7 +108,10 @@ def test_keep_going_corrects_the_others_and_names_the_refused(run, cell_files, n
     bad.write_text("DEF bad()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n")
     broken = tmp_path / "broken.src"
     broken.write_text("DEF broken()\nLIN {X 1.2.3}\nEND\n")
-    assert run("correct", cell_files.map, good, bad, *options).failed()
+    for others in ((bad,), (broken,)):
+        failed = run("correct", cell_files.map, good, *others, *options).failed()
+        assert failed.endswith("; --keep-going corrects the other programs\n")
+    assert "--keep-going" not in run("correct", cell_files.map, bad, *options).failed()
     assert not (tmp_path / "out").exists()
     done = run("correct", cell_files.map, good, bad, broken, *options, "--keep-going")
     assert done.code == 1

@@ -111,7 +111,7 @@ def main() -> None:
             finally:
                 sys.stdout.flush()
     except TrueposeError as error:
-        _fail(str(error))
+        _fail("; ".join([str(error), *getattr(error, "__notes__", [])]))
     except BrokenPipeError:
         _end_at_broken_pipe()
     except (KeyboardInterrupt, SystemExit) as end:

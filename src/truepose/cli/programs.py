@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -209,20 +210,21 @@ def correct(
         progress("Reading the programs")
         # correct all before writing any, so that a refusal leaves no program half done
         found = read_programs(paths, frames, reading.options(orientation=orientation))
-        if found.unreadable and not keep_going:
-            raise _unread(found.unreadable)
-        corrected, refused = correct_read(
-            _announced(found.programs, progress),
-            error_map,
-            cell,
-            keep_going=keep_going,
-            on_guard=policy,
-            orientation=orientation,
-            require=require,
-            other_maker=other_maker,
-            accept_weak_map=accept_weak_map,
-            progress=progress.count,
-        )
+        with _others_named(len(found.programs) + len(found.unreadable)):
+            if found.unreadable and not keep_going:
+                raise _unread(found.unreadable)
+            corrected, refused = correct_read(
+                _announced(found.programs, progress),
+                error_map,
+                cell,
+                keep_going=keep_going,
+                on_guard=policy,
+                orientation=orientation,
+                require=require,
+                other_maker=other_maker,
+                accept_weak_map=accept_weak_map,
+                progress=progress.count,
+            )
         unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
         batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
         check_names(corrected, in_place=in_place)
@@ -236,6 +238,19 @@ def correct(
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))
+
+
+@contextmanager
+def _others_named(programs: int) -> Iterator[None]:
+    """Say how the other programs are corrected if one of several is refused."""
+    from truepose.errors import TrueposeError
+
+    try:
+        yield
+    except TrueposeError as error:
+        if programs > 1:
+            error.add_note("--keep-going corrects the other programs")
+        raise
 
 
 def _announced(programs: Sequence[Program], progress: Steps) -> Iterator[Program]:
