@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import TrueposeError
@@ -130,5 +130,5 @@ def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOu
 def _interval(difference: FloatArray) -> tuple[float, float]:
     """Return the 95 % interval of the mean of paired differences."""
     n, mean = len(difference), float(difference.mean())
-    half = float(student_t.ppf(0.975, n - 1) * difference.std(ddof=1) / np.sqrt(n))
+    half = float(stdtrit(n - 1, 0.975) * difference.std(ddof=1) / np.sqrt(n))
     return mean - half, mean + half

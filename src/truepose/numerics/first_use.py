@@ -1,4 +1,4 @@
-"""The kernels of the package, and a message before the first one that is compiled; numba is imported with the kernels."""
+"""The kernels of the package, and a message before the first that is compiled; numba is imported with the kernels."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.basis import Basis
@@ -116,8 +116,10 @@ class Prior:
         The expected length of normal vectors with the predicted covariance, repeatability and reading noise included.
         """
         factor = np.linalg.cholesky(self.noise(columns @ np.swapaxes(columns, 1, 2) + left_out))
+        from scipy.stats import qmc  # takes longer to import than the rest of the package
+
         uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]
-        white = norm.ppf(uniform + 0.5 / _DRAWS)
+        white = ndtri(uniform + 0.5 / _DRAWS)
         return float(np.linalg.norm(np.einsum("nab,db->nda", factor, white), axis=2).mean())
 
 

@@ -15,12 +15,11 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeGuard, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.numerics.threads import LARGE, blas_threads
+from truepose.predictors.estimator import Estimator
 
 
 class LeaveOneOut(NamedTuple):
@@ -38,7 +37,7 @@ class LeaveOneOut(NamedTuple):
     std: FloatArray
 
 
-class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+class Predictor(Estimator):
     """Base of error models: predicts positional errors, with a standard deviation, at new positions or joints.
 
     Attributes
@@ -205,8 +204,7 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def with_fitted_parameters(self) -> Self:
         """Return an unfitted copy whose parameters are the fitted hyperparameters: fitting it estimates nothing."""
         self._check_fitted()
-        copy: Self = clone(self).set_params(**self._fitted_parameters())
-        return copy
+        return self._unfitted().set_params(**self._fitted_parameters())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fitted parameters as plain values, without those of the arm: see `arm_parameters`."""
@@ -263,6 +261,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _check_fitted(self) -> None:
         if not hasattr(self, "_given"):  # scikit-learn's check alone takes a tenth of a small prediction
+            from sklearn.utils.validation import check_is_fitted
+
             check_is_fitted(self)
 
     def _shaped(self, values: FloatArray) -> FloatArray:
@@ -273,6 +273,8 @@ class Predictor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         none = np.empty(0)
         if _is_table(X) and (y is None or (_is_table(y, 1) and len(y) == len(X))) and self._has_plain_columns(X, y):
             return X, none if y is None else y
+        from sklearn.utils.validation import validate_data
+
         options: dict[str, Any] = {"dtype": np.float64, "ensure_all_finite": False, "reset": y is not None}
         if y is not None:
             _check_finite("y", y)  # before scikit-learn, which does not name the row

@@ -7,7 +7,6 @@ from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import FloatArray
 from truepose.predictors.base import Predictor
@@ -126,7 +125,7 @@ class PosePredictor(Predictor):
         DataError
             If X is not valid, see `predict`.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         x = self._validate(X)[0]
         error, std = self._predict_pose(x, return_std, offset)
         if std is None:

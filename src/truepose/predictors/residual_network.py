@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import clone
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
@@ -156,8 +155,7 @@ class ResidualNetwork(Predictor):
         }
 
     def _to_fit_again(self) -> Self:
-        copy: Self = clone(self)
-        return copy  # trained weights have seen the samples left out
+        return self._unfitted()  # trained weights have seen the samples left out
 
     def _inputs(self, X: FloatArray) -> FloatArray:
         """Return cosine and sine of each joint, and the approach signs if there are any."""

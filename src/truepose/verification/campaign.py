@@ -21,9 +21,9 @@ from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
+from scipy.special import chdtri, fdtrc
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.geometry.transforms import cross_matrix
@@ -213,7 +213,7 @@ class _Model:
         """Return the p-value of further columns to first order: with the variances of the model without them."""
         explained, k = _explained(*self.against(columns)), columns.shape[2]
         left = max(self.freedom - explained, 1e-9)
-        return min(1.0, tries * float(stats.f.sf(explained / k / left * self.freedom, k, self.freedom)))
+        return min(1.0, tries * float(fdtrc(k, self.freedom, max(explained, 0.0) / k / left * self.freedom)))
 
     def against(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return Hᵀ P H and Hᵀ P e of further columns (n, 3, k), P the precision after the model's own columns."""
@@ -349,7 +349,7 @@ def _sound(campaign: Campaign) -> BoolArray:
 
 def _gross(model: _Model) -> BoolArray:
     distance = _left_out(model)
-    return np.asarray(distance > _GROSS * max(float(np.median(distance)) / stats.chi2.median(3), 1e-12))
+    return np.asarray(distance > _GROSS * max(float(np.median(distance)) / chdtri(3, 0.5), 1e-12))
 
 
 def _left_out(model: _Model) -> FloatArray:

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import solve_triangular
+from scipy.special import chdtrc, fdtrc, ndtr
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
@@ -140,8 +140,8 @@ def check_consistency(
     return ConsistencyTest(
         n=n,
         ratio=float(np.sqrt(z @ z / len(z))),
-        p_chi_square=float(stats.chi2.sf(z @ z / wider, dof)),
-        p_white=float(2.0 * stats.norm.sf(abs(alike))),
+        p_chi_square=float(chdtrc(dof, z @ z / wider)),
+        p_white=float(2.0 * ndtr(-abs(alike))),
         far=np.flatnonzero(own > _NOTABLE**2 * 3.0).tolist(),
     )
 
@@ -164,7 +164,7 @@ def explanations(residual: FloatArray, covariance: FloatArray, causes: Mapping[s
             continue
         estimate, std, left = _least_squares(white(columns.reshape(len(z), -1)), z)
         evidence = float(z @ z) - left - columns.shape[2] * np.log(len(z))
-        chance = float(stats.chi2.sf(left, len(z) - columns.shape[2]))
+        chance = float(chdtrc(len(z) - columns.shape[2], left))
         found.append(Explanation(cause, estimate, std, 1.0 - left / float(z @ z), chance, float(evidence)))
     return sorted((e for e in found if e.evidence > 0), key=lambda e: -e.evidence)
 
@@ -225,7 +225,7 @@ def drift(residual: FloatArray, covariance: FloatArray, quantity: FloatArray) ->
     estimate, std, left = _least_squares(white(columns.reshape(3 * n, 6)), z)
     _, _, without = _least_squares(white(level.reshape(3 * n, 3)), z)
     spread = max(1.0, left / (3 * n - 6))
-    chance = stats.f.sf((without - left) / 3.0 / spread, 3, 3 * n - 6)
+    chance = fdtrc(3, 3 * n - 6, max(without - left, 0.0) / 3.0 / spread)
     return Drift(estimate[3:] / quantity.std(), np.sqrt(spread) * std[3:] / quantity.std(), float(chance))
 
 

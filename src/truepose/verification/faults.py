@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from truepose._typing import FloatArray, IntArray
 from truepose.geometry.transforms import cross_matrix
@@ -138,7 +138,7 @@ def fault(
     """
     k = len(theta)
     squares = float(theta @ np.linalg.solve(covariance, theta))
-    chance = min(1.0, tries * float(stats.f.sf(squares / k, k, freedom)))
+    chance = min(1.0, tries * float(fdtrc(k, freedom, squares / k)))
     mean_square = np.einsum("nap,naq->pq", columns, columns) / len(columns)
     size = float(np.sqrt(theta @ mean_square @ theta))
     slope = mean_square @ theta / max(size, 1e-12)

@@ -8,8 +8,6 @@ from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import clone
-from sklearn.utils.validation import check_is_fitted
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError
@@ -188,7 +186,7 @@ class KinematicKriging(PosePredictor):
 
     def optimum(self) -> tuple[IntArray, Start]:
         """Return the joints and the hyperparameters of this fit, for `start_from`."""
-        check_is_fitted(self)
+        self._check_fitted()
         return self.joints_, self._optimum
 
     def start_from(self, optimum: tuple[IntArray, Start]) -> None:
@@ -224,9 +222,9 @@ class KinematicKriging(PosePredictor):
         DataError
             If shapes disagree with those of `fit`, or a number is not finite.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         old_x, old_e, old_noise = self._given
-        new = clone(self)
+        new = self._unfitted()
         x, e = new._validate(X, y)
         if x.shape[1] != old_x.shape[1] or e.shape[1:] != (3,):
             raise DataError(f"new samples {x.shape}, {e.shape}: expected (m, {old_x.shape[1]}) joints, (m, 3) errors")
@@ -353,7 +351,7 @@ class KinematicKriging(PosePredictor):
 
     def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
-        check_is_fitted(self)
+        self._check_fitted()
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
         e, covariance = self._form.posterior(design)
@@ -415,7 +413,7 @@ class KinematicKriging(PosePredictor):
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
-        check_is_fitted(self)
+        self._check_fitted()
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
         e = self._form.mean(design) + self._terms.curvature(design)
@@ -435,7 +433,7 @@ class KinematicKriging(PosePredictor):
             The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``; their sum is the
             prediction.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         assert self.robot is not None
         design = self._terms.at(self.robot.check_joints(X))
         part = self._form.contributions(design)
@@ -444,7 +442,7 @@ class KinematicKriging(PosePredictor):
 
     def joint_curves(self, points: int = 181) -> list[JointCurve]:
         """Return the error curve of each visible joint over the sampled angles."""
-        check_is_fitted(self)
+        self._check_fitted()
         return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
