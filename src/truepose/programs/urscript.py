@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -18,6 +18,7 @@ from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
+from truepose.programs.core.forms import BLANKS, NUMBER, Lines, RunFinder, is_run
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
@@ -58,6 +59,20 @@ _TAKES_POSES: Final = re.compile(
     r"textmsg|to_str|track_conveyor_circular|track_conveyor_linear|wrench_trans"
 )
 """The language's own functions that may be given a pose and move nowhere; motions apart."""
+_RUN: Final = re.compile(
+    BLANKS
+    + rb"move[lpj]"
+    + BLANKS
+    + rb"\("
+    + BLANKS
+    + rb"p\["
+    + rb",".join([BLANKS + b"(" + NUMBER + b")" + BLANKS] * 6)
+    + rb"\]"
+    + (rb"(?:[ \t]*+,[ \t]*+[avtr][ \t]*+=[ \t]*+([0-9]{1,6}+(?:\.[0-9]{0,15}+)?+))?+" * 4)
+    + BLANKS
+    + rb"\)[ \t]*+\r?+\n"
+)
+"""A motion to a pose in the motion itself, which may be one of many; the general reader reads the first of them."""
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _BASE: Final = Frame("base", 0)
 
@@ -68,6 +83,8 @@ class _Statement(NamedTuple):
     end: int
     code: bytes
     """With texts and comments blanked, byte by byte in place."""
+    run: Lines | None = None
+    """The run whose first line this is."""
 
 
 class _Named(NamedTuple):
@@ -85,6 +102,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
+        self._runs: list[tuple[Point, Lines]] = []
         self._named: dict[str, _Named] = {}
         self._inline: list[tuple[Point, Use, int]] = []
         self._goals: list[list[Point | str]] = []
@@ -104,18 +122,18 @@ class _Reader(Reader):
         for name, body in routines.items():
             self._routine = name
             self.flow.begin_routine(name or "(file)", outside=name not in self._threads)
-            self.body(body, self._statement)
+            self.body(body, self._take)
         self.flow.handlers, self.flow.concurrent = self._threads, True
         self._attach(self.flow.solve())
         circles = [[self._point(goal) for goal in circle] for circle in self._goals]
         self.circles = [[p for p in circle if p is not None] for circle in circles]
-        return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE)
+        return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE, runs=self._runs)
 
     def _routines(self) -> dict[str, list[_Statement]]:
         """Return the statements of each routine, those of the file itself under an empty name."""
         routines: dict[str, list[_Statement]] = {"": []}
         stack: list[tuple[str, str, int]] = []
-        for statement in _statements(self.source):
+        for statement in _statements(self.source, RunFinder(self.source, _RUN).find):
             code, line = statement.code, statement.line
             owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
             word = m[1] if (m := _WORD.match(code)) else b""
@@ -177,6 +195,25 @@ class _Reader(Reader):
             self._named.setdefault(self._key(name), _Named([], [], [], [])).points.append(pose)
         else:
             self._assigned.append((self._key(name), statement.line, "component set" if m[3] else "assigned"))
+
+    def _take(self, statement: _Statement) -> None:
+        """Take a statement, or a run of them."""
+        lines = statement.run
+        before = self._marks()
+        self._statement(statement)
+        if lines is None:
+            return
+        if self._marks() == (*before[:-1], before[-1] + 1):
+            point = self._inline[-1][0]
+            if is_run(lines, self.source.data, "ur", point.values, point.spans):
+                self._runs.append((point, lines))
+                return
+        for one in _statements(self.source, start=statement.end, end=lines.end):
+            self._statement(one)
+
+    def _marks(self) -> tuple[int, ...]:
+        """Return how much has been read, to see what a statement adds; the last is the number of inline poses."""
+        return self.flow.node, len(self.points), len(self._goals), len(self._inline)
 
     def _statement(self, statement: _Statement) -> None:
         code, line, routines = statement.code, statement.line, self._calls
@@ -313,9 +350,11 @@ class _Reader(Reader):
         return Point(name, self.source, line, tuple(values), tuple(spans))
 
     def _attach(self, ambient: State) -> None:
+        in_runs = {id(point) for point, _ in self._runs}
         for point, use, node in self._inline:
             point.uses.append(self._with_tool(use, node, ambient))
-            self.points.append(point)
+            if id(point) not in in_runs:
+                self.points.append(point)
         for known in self._named.values():
             if not known.uses and not known.reads:
                 continue  # a pose that no motion goes to: a feature, a wrench, a speed
@@ -348,12 +387,32 @@ class _Reader(Reader):
         return goal if isinstance(goal, Point) else self._named[goal].points[0]
 
 
-def _statements(source: Source) -> Iterator[_Statement]:
-    """Yield the statements: a line, or several where brackets are open."""
+def _statements(
+    source: Source, find: Callable[[int], Lines | None] = lambda _: None, start: int = 0, end: int | None = None
+) -> Iterator[_Statement]:
+    """Yield the statements between two bytes: a line, or several where brackets are open, or the first line of a run.
+
+    `find` is a function of a line's start that returns the run that starts there.
+    """
+    position, end = start, len(source.data) if end is None else end
+    while position < end:
+        position, lines = yield from _to_next_run(source, find, position, end)
+        while lines is not None:
+            behind = source.data.find(b"\n", lines.start) + 1
+            yield next(_statements(source, start=lines.start, end=behind))._replace(run=lines)
+            position = lines.end
+            lines = find(position)
+
+
+def _to_next_run(
+    source: Source, find: Callable[[int], Lines | None], start: int, end: int
+) -> Generator[_Statement, None, tuple[int, Lines | None]]:
+    """Yield the statements before the next run; return the byte behind them, and the run."""
     data = source.data
-    start = depth = done = opened = 0
+    depth = opened = 0
+    done = start
     parts: list[bytes] = []
-    for m in _PIECE.finditer(data):
+    for m in _PIECE.finditer(data, start, end):
         if m["open"]:
             raise source.error(
                 source.line(m.start()), f"a text that starts with {m[0].decode()} is not closed; close it"
@@ -371,11 +430,14 @@ def _statements(source: Source) -> Iterator[_Statement]:
             if code.strip():
                 yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, m.end(), code)
             start, parts = m.end(), []
+            if (lines := find(start)) is not None:
+                return start, lines
     if depth:
         raise source.error(source.line(opened), "a bracket is not closed: the file is truncated or broken")
-    code = b"".join([*parts, data[done:]])
+    code = b"".join([*parts, data[done:end]])
     if code.strip():
-        yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, len(data), code)
+        yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, end, code)
+    return end, None
 
 
 def _arguments(code: bytes, start: int) -> list[Span]:

@@ -31,12 +31,16 @@ class Stretch(Protocol):
 
     @property
     def like(self) -> Target:
-        """One of them."""
+        """The first of them."""
+
+    @property
+    def likes(self) -> Sequence[Target]:
+        """One of each kind, the first of them first; all have one verdict."""
 
     def __len__(self) -> int: ...
 
-    def columns(self, alike: Sequence[Target], kind: int) -> TargetColumns:
-        """Return the targets; `kind` is the place of their shared data in `alike`."""
+    def columns(self, alike: Sequence[Target], kinds: Sequence[int]) -> TargetColumns:
+        """Return the targets; `kinds` are the places of the data that they share, those of `likes`, in `alike`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,20 +219,20 @@ class ProgramTargets(Sequence[Target]):
     def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
         self.motions = motions
         self._alike: list[Target] = []
-        self._pieces: list[tuple[TargetColumns | Stretch, int]] = []
+        self._pieces: list[tuple[TargetColumns | Stretch, list[int]]] = []
         known: dict[object, int] = {}
         waiting: list[Target] = []
         for item in items:
             first = item if isinstance(item, Target) else item.like
             if waiting and (first is not item or len(waiting) == CHUNK or first.path != waiting[0].path):
-                self._pieces.append((TargetColumns.of(waiting, self._alike, known), -1))
+                self._pieces.append((TargetColumns.of(waiting, self._alike, known), []))
                 waiting = []
             if isinstance(item, Target):
                 waiting.append(item)
             else:
-                self._pieces.append((item, _kind(first, self._alike, known)))
+                self._pieces.append((item, [_kind(like, self._alike, known) for like in item.likes]))
         if waiting:
-            self._pieces.append((TargetColumns.of(waiting, self._alike, known), -1))
+            self._pieces.append((TargetColumns.of(waiting, self._alike, known), []))
         self._starts = [0, *accumulate(len(piece) for piece, _ in self._pieces)]
 
     def __len__(self) -> int:
@@ -252,8 +256,8 @@ class ProgramTargets(Sequence[Target]):
             yield from map(columns.target, range(len(columns)))
 
     def _columns(self, k: int) -> TargetColumns:
-        piece, kind = self._pieces[k]
-        return piece if isinstance(piece, TargetColumns) else piece.columns(self._alike, kind)
+        piece, kinds = self._pieces[k]
+        return piece if isinstance(piece, TargetColumns) else piece.columns(self._alike, kinds)
 
     def chunks(self, path: Path | None = None) -> Iterator[tuple[int, TargetColumns]]:
         """Yield the targets as columns, each with the place of its first; never beyond a file or some thousands.
@@ -277,8 +281,8 @@ class ProgramTargets(Sequence[Target]):
         """Return the places of the verdicts in `VERDICTS`, (n,)."""
         codes = np.array([VERDICTS.index(target.verdict) for target in self._alike], np.int8)
         parts = [
-            codes[piece.kind] if isinstance(piece, TargetColumns) else np.full(len(piece), codes[kind])
-            for piece, kind in self._pieces
+            codes[piece.kind] if isinstance(piece, TargetColumns) else np.full(len(piece), codes[kinds[0]])
+            for piece, kinds in self._pieces
         ]
         return np.concatenate(parts) if parts else np.empty(0, np.int8)
 

@@ -67,7 +67,12 @@ class Run:
     def __len__(self) -> int:
         return self.count
 
-    def columns(self, alike: Sequence[Target], kind: int) -> TargetColumns:
+    @property
+    def likes(self) -> tuple[Target]:
+        """The first target, which is the only kind."""
+        return (self.like,)
+
+    def columns(self, alike: Sequence[Target], kinds: Sequence[int]) -> TargetColumns:
         """Return the targets, read from the file's bytes."""
         spans = number_spans(self.source.data, self.start, self.end)
         values = values_at(self.source.data, spans.reshape(-1, 2)).reshape(spans.shape[:2])
@@ -75,8 +80,8 @@ class Run:
         whole = values[:, 6:].astype(np.int64)
         status, turn = (whole[:, 0], whole[:, 1]) if whole.size else (nothing, nothing)
         line = np.arange(self.line, self.line + self.count)
-        kinds = np.full(self.count, kind)
-        return TargetColumns(alike, kinds, line, status, turn, values[:, :6], spans[:, :6], [None] * self.count)
+        kind = np.full(self.count, kinds[0])
+        return TargetColumns(alike, kind, line, status, turn, values[:, :6], spans[:, :6], [None] * self.count)
 
 
 def find_run(data: bytes, position: int) -> tuple[int, int]:

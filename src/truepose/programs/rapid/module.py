@@ -10,12 +10,14 @@ from typing import Final
 from truepose.errors import FileError
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import UNSET, BlockError, InForce
+from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import frame_data, robtarget
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import Datum, ModuleNames, RapidTask, RobtargetVariable, Routine, Scope, late_bound
+from truepose.programs.rapid.runs import inline_runs
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -47,8 +49,9 @@ class RapidModule:
     def __init__(self, source: Source, task: RapidTask) -> None:
         self.source, self._task = source, task
         self._options, self._flow = task.options, task.flow
-        self._statements = list(syntax.statements(source))
-        self.name = next((_module_name(s) for s in self._statements if "MODULE" in [t.text for t in s[:2]]), "")
+        self._pieces = list(syntax.pieces(source, inline_runs(source).find))
+        heads = (s for s in self._pieces if isinstance(s, list) and "MODULE" in [t.text for t in s[:2]])
+        self.name = next(map(_module_name, heads), "")
         if not self.name:
             raise FileError(source.path, "has no MODULE: it is no RAPID module")
         self._names = ModuleNames(source, task)
@@ -59,7 +62,9 @@ class RapidModule:
 
     def declare(self) -> None:
         """Read the declarations of the module; values that name other data are kept for `read`."""
-        for statement in self._statements:
+        for statement in self._pieces:
+            if isinstance(statement, Lines):
+                continue  # motions declare nothing
             outside = not self._routine()
             self._structure(statement)
             if outside:
@@ -75,12 +80,30 @@ class RapidModule:
             self._names.read_by(tokens, line)
         line = 1
         try:
-            for statement in self._statements:
-                line = self.source.line(statement[0].start)
-                self._structure(statement)
-                self._statement(statement, line)
+            for piece in self._pieces:
+                line = piece.line if isinstance(piece, Lines) else self.source.line(piece[0].start)
+                if isinstance(piece, Lines):
+                    self._run(piece)
+                else:
+                    self._structure(piece)
+                    self._statement(piece, line)
         except BlockError as error:
             raise self.source.error(line, f"{error}; correct the file") from None
+
+    def _run(self, lines: Lines) -> None:
+        """Read the first line of a run; and the others, too, if it is not one motion to numbers."""
+        task, source = self._task, self.source
+        behind = source.data.find(b"\n", lines.start) + 1
+        before = task.marks()
+        for statement in syntax.statements(source, lines.start, behind):
+            self._statement(statement, lines.line)
+        if task.marks() == (before[0] + 1, before[1] + 1, *before[2:]) and task.moves[-1].point is task.points[-1]:
+            point = task.points[-1]
+            if is_run(lines, source.data, "abb", point.values, point.spans):
+                task.runs.append((task.points.pop(), lines))
+                return
+        for statement in syntax.statements(source, behind, lines.end):
+            self._statement(statement, source.line(statement[0].start))
 
     def _routine(self) -> bool:
         return any(word != "MODULE" for word, _ in self._open)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from truepose.programs.core.flow import Flow
+from truepose.programs.core.forms import Lines
 from truepose.programs.core.points import FileLine, Frame, Place, Point, Problem, Use
 from truepose.programs.core.program import Key, ReadOptions, frame_key
 from truepose.programs.core.source import Source, shown
@@ -98,6 +99,8 @@ class RapidTask:
         All routines, LOCAL ones included.
     points : list of Point
         The points in the order of reading.
+    runs : list of (Point, Lines)
+        The runs of motions of one form, each with its first point, which is not among `points`.
     changed : dict of ("tool" or "base", key or None) to place
         The places where a tool or a workobject may be changed; None: some of them.
     loads : str
@@ -113,12 +116,18 @@ class RapidTask:
     routines: list[Routine] = field(default_factory=list)
     variables: list[RobtargetVariable] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
+    runs: list[tuple[Point, Lines]] = field(default_factory=list)
     circles: list[list[Point]] = field(default_factory=list)
     moves: list[RapidMotion] = field(default_factory=list)
     reads: list[Read] = field(default_factory=list)
     read_by_name: list[tuple[str, Place]] = field(default_factory=list)
     changed: dict[tuple[str, Key | None], Place] = field(default_factory=dict)
     loads: str = ""
+
+    def marks(self) -> tuple[int, ...]:
+        """Return how much has been read, to see what a statement adds; points and motions first."""
+        others = len(self.circles), len(self.reads), len(self.read_by_name), len(self.changed), len(self.loads)
+        return len(self.points), len(self.moves), self.flow.node, *others
 
     def procedures(self, name: str, *, exact: bool) -> list[str]:
         """Return the keys of the procedures that a late-bound call may mean."""

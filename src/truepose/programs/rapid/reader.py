@@ -20,6 +20,7 @@ from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
 from truepose.programs.rapid.module import RapidModule
 from truepose.programs.rapid.names import RapidTask, RobtargetVariable
+from truepose.programs.rapid.runs import run_of
 
 _ALONE: Final = Problem(
     "refuse",
@@ -52,7 +53,8 @@ def read_tasks(
     programs = []
     for (path, _), (task, sources) in zip(tasks, found, strict=True):
         judge = Judge(frames, options, "abb", changed=changed)
-        targets, circles = judge.program_targets(task.points, task.circles)
+        runs = [(first.uses[0], run_of(first.source, lines, judge.target(first))) for first, lines in task.runs]
+        targets, circles = judge.program_targets(task.points, task.circles, runs, sources)
         root = path if path.is_dir() else None
         programs.append(Program(path, sources, targets, circles, PLAIN_LEXER, root=root))
     return programs

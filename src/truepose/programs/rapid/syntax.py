@@ -6,9 +6,10 @@ A statement ends at ``;``, or where a structure opens or closes: THEN, DO, ELSE,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Final, NamedTuple
 
+from truepose.programs.core.forms import Lines
 from truepose.programs.core.source import NUMBER, Source
 
 _TOKEN: Final = re.compile(
@@ -20,7 +21,12 @@ _HEADER = re.compile(rb"\s*%%%.*?%%%|(?:\xef\xbb\xbf)?", re.S)
 _CLOSING: Final = ["MODULE", "PROC", "FUNC", "TRAP", "IF", "FOR", "WHILE", "TEST", "RECORD"]
 _ALONE: Final = frozenset([*("END" + word for word in _CLOSING), "ELSE", "UNDO", "BACKWARD"])
 _OPENS: Final = {"(": ")", "[": "]", "{": "}"}
+_INDENT: Final = 64
+"""Largest number of blanks in front of the first line of a run."""
 _OPERATORS: Final = frozenset(["AND", "OR", "NOT", "XOR", "DIV", "MOD"])
+
+
+FindLines = Callable[[int], Lines | None]
 
 
 class Token(NamedTuple):
@@ -43,11 +49,11 @@ Value = list["Value"] | list[Token]
 """A bracketed value: a list of values; or the tokens between two commas."""
 
 
-def tokens(source: Source) -> Iterator[Token]:
-    """Yield all tokens but blanks and comments."""
+def tokens(source: Source, start: int = 0, end: int | None = None) -> Iterator[Token]:
+    """Yield all tokens between two bytes but blanks and comments."""
     data = source.data
-    header = _HEADER.match(data)
-    for m in _TOKEN.finditer(data, header.end() if header else 0):
+    header = None if start else _HEADER.match(data)
+    for m in _TOKEN.finditer(data, header.end() if header else start, len(data) if end is None else end):
         kind = m.lastgroup
         if kind == "blank":
             continue
@@ -57,11 +63,30 @@ def tokens(source: Source) -> Iterator[Token]:
         yield Token(kind or "mark", text.upper() if kind == "word" else text, m.start(), m.end())
 
 
-def statements(source: Source) -> Iterator[list[Token]]:
-    """Yield the statements, without their semicolons."""
+def statements(source: Source, start: int = 0, end: int | None = None) -> Iterator[list[Token]]:
+    """Yield the statements between two bytes, without their semicolons."""
+    for piece in pieces(source, lambda _: None, start, end):
+        assert isinstance(piece, list)
+        yield piece
+
+
+def pieces(source: Source, find: FindLines, start: int = 0, end: int | None = None) -> Iterator[list[Token] | Lines]:
+    """Yield the statements as `statements` does, but runs of lines of one form as one piece.
+
+    `find` is a function of a line's start that returns the run that starts there.
+    """
+    position = start
+    while position >= 0:
+        position = yield from _to_next_run(source, find, position, end)
+
+
+def _to_next_run(
+    source: Source, find: FindLines, start: int, end: int | None
+) -> Generator[list[Token] | Lines, None, int]:
+    """Yield the statements before the next run, and that; return the byte behind it, −1 where there is no run."""
     now: list[Token] = []
     brackets: list[Token] = []
-    for token in tokens(source):
+    for token in tokens(source, start, end):
         if token.text in ("CASE", "DEFAULT", "ENDTEST") and token.kind == "word" and now and now[0].text == "TEST":
             _closed(source, brackets)
             yield now
@@ -69,6 +94,9 @@ def statements(source: Source) -> Iterator[list[Token]]:
         if _header_done(now, brackets, token):
             yield now
             now = []
+        if not now and (lines := _run_at(source, find, token.start)) is not None:
+            yield lines
+            return lines.end
         if token.kind == "mark" and token.text in _OPENS:
             brackets.append(token)
         elif (
@@ -92,6 +120,13 @@ def statements(source: Source) -> Iterator[list[Token]]:
         raise source.error(
             source.line(now[0].start), f"the statement {now[0].text} … has no end: the file is truncated"
         )
+    return -1
+
+
+def _run_at(source: Source, find: FindLines, start: int) -> Lines | None:
+    """Return the run that starts with the line of a byte, if nothing but blanks is in front of the byte."""
+    line = source.data.rfind(b"\n", max(0, start - _INDENT), start) + 1
+    return find(line) if line and not source.data[line:start].strip(b" \t") else None
 
 
 def _closed(source: Source, brackets: list[Token]) -> None:
