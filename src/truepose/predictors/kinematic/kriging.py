@@ -391,7 +391,7 @@ class KinematicKriging(PosePredictor):
 
     def constants(self) -> Constants:
         """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
-        check_is_fitted(self)
+        self._check_fitted()
         return constants_of(self._form, self._terms, self.joints_, self.hyper_)
 
     def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
@@ -406,7 +406,7 @@ class KinematicKriging(PosePredictor):
         added : (3,) array [mm²]
             The variance that is added to the field's.
         """
-        check_is_fitted(self)
+        self._check_fitted()
         return deviation_of(
             self._form, self._terms, self.joints_, self.hyper_, constants, poses, self.inflation_, added
         )

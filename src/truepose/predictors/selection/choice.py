@@ -187,7 +187,8 @@ def rank_predictors(
         progress(f"Fitting {name}")
         with suppress(*FAILURES), blas_threads(0):  # the folds say why; they run at the same time
             fitted[name] = errors.fit(name)
-        return fitted[name][0].optimum() if name in fitted else None
+        model = fitted[name][0] if name in fitted else None
+        return model.optimum() if isinstance(model, Startable) else None
 
     results = cross_validate(Job(samples, labels), names, optimum=optimum, workers=workers, progress=progress)
     notes = {result.fit.candidate: result.note for result in results if result.note}
