@@ -140,7 +140,7 @@ def predict(q: FloatArray, out: FloatArray, constants: Constants, memory: Scratc
     return beyond
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _within(q: FloatArray, limits: FloatArray) -> bool:
     within = True  # NaN is not
     for j in range(len(q)):
@@ -148,7 +148,7 @@ def _within(q: FloatArray, limits: FloatArray) -> bool:
     return within
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def error_at(q: FloatArray, constants: Constants, memory: Scratch) -> None:
     """Set memory.error (6,) [mm, rad] to the error at joints q (d,) [rad]."""
     nominal, real = memory.frames[0], memory.frames[1]
@@ -171,7 +171,7 @@ def error_at(q: FloatArray, constants: Constants, memory: Scratch) -> None:
         _move(nominal[-1], constants.away, memory.error)
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _turn(q: FloatArray, sign: FloatArray, turns: FloatArray) -> None:
     """Set turns (d, 2) to cosine and sine of the angles of rotation."""
     for j in range(len(q)):
@@ -179,28 +179,29 @@ def _turn(q: FloatArray, sign: FloatArray, turns: FloatArray) -> None:
         turns[j, 1] = sign[j] * math.sin(q[j])
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _walk(turns: FloatArray, links: FloatArray, frames: FloatArray) -> None:
-    """Set frames (d + 2, 3, 4) [mm] to the base, the frame after each joint's rotation, and the last frame."""
+    """Set frames (d + 2, 3, 4) [mm] to the base, the frame after each joint's rotation, and the last frame.
+
+    The rows of the frames do not depend on each other, so each is carried along the chain in four numbers.
+    """
     dof = len(turns)
     for r in range(3):
-        frames[0, r] = 0.0
-        frames[0, r, r] = 1.0
-    for k in range(dof + 1):
-        link, cos, sin = links[k], 1.0, 0.0
-        if k < dof:
-            cos, sin = turns[k]
-        for r in range(3):
-            a, b, c = frames[k, r, 0], frames[k, r, 1], frames[k, r, 2]
-            x = a * link[0, 0] + b * link[1, 0] + c * link[2, 0]
-            y = a * link[0, 1] + b * link[1, 1] + c * link[2, 1]
-            frames[k + 1, r, 0] = cos * x + sin * y
-            frames[k + 1, r, 1] = cos * y - sin * x
-            frames[k + 1, r, 2] = a * link[0, 2] + b * link[1, 2] + c * link[2, 2]
-            frames[k + 1, r, 3] = a * link[0, 3] + b * link[1, 3] + c * link[2, 3] + frames[k, r, 3]
+        a, b, c, p = 1.0 * (r == 0), 1.0 * (r == 1), 1.0 * (r == 2), 0.0
+        frames[0, r, 0], frames[0, r, 1], frames[0, r, 2], frames[0, r, 3] = a, b, c, p
+        for k in range(dof + 1):
+            p += a * links[k, 0, 3] + b * links[k, 1, 3] + c * links[k, 2, 3]
+            x = a * links[k, 0, 0] + b * links[k, 1, 0] + c * links[k, 2, 0]
+            y = a * links[k, 0, 1] + b * links[k, 1, 1] + c * links[k, 2, 1]
+            c = a * links[k, 0, 2] + b * links[k, 1, 2] + c * links[k, 2, 2]
+            a, b = x, y
+            if k < dof:
+                a = turns[k, 0] * x + turns[k, 1] * y
+                b = turns[k, 0] * y - turns[k, 1] * x
+            frames[k + 1, r, 0], frames[k + 1, r, 1], frames[k + 1, r, 2], frames[k + 1, r, 3] = a, b, c, p
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _deviate(q: FloatArray, constants: Constants, memory: Scratch, frames: FloatArray, tool: FloatArray) -> None:
     """Set memory.deviation (d,) [rad] of the joints: table, harmonics, and gravity at the nominal frames."""
     (dof, points), deviation = constants.tables.shape, memory.deviation
@@ -216,26 +217,27 @@ def _deviate(q: FloatArray, constants: Constants, memory: Scratch, frames: Float
                 deviation[j] += constants.moment[j, k] * horizontal_lever(frames[j + 1], memory.masses[k])
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _place_masses(mass: FloatArray, frames: FloatArray, tool: FloatArray, linear: bool, masses: FloatArray) -> None:
     """Set masses (d + 1, 2) to x and y of the masses [mm], base frame; the last at the tool point if `linear`."""
     dof = len(mass) - 1
     for k in range(dof + 1):
-        frame = frames[min(k + 1, dof)]
+        j = min(k + 1, dof)
         for r in range(2):
-            masses[k, r] = frame[r, 0] * mass[k, 0] + frame[r, 1] * mass[k, 1] + frame[r, 2] * mass[k, 2] + frame[r, 3]
+            shift = frames[j, r, 0] * mass[k, 0] + frames[j, r, 1] * mass[k, 1] + frames[j, r, 2] * mass[k, 2]
+            masses[k, r] = frames[j, r, 3] + shift
     if linear:
         masses[dof] = tool[:2, 3]
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def horizontal_lever(axis: FloatArray, mass: FloatArray) -> float:
     """Return (z × r)_z [mm] from the axis of a joint, a frame (3, 4), to a mass at x, y; gravity is along z."""
     lever: float = axis[0, 2] * (mass[1] - axis[1, 3]) - axis[1, 2] * (mass[0] - axis[0, 3])
     return lever
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _interpolated(table: FloatArray, angle: float) -> float:
     """Return a table over −π to π at an angle [rad], linear between its points."""
     turns = angle / (2.0 * math.pi) + 0.5
@@ -245,7 +247,7 @@ def _interpolated(table: FloatArray, angle: float) -> float:
     return value
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _difference(nominal: FloatArray, real: FloatArray, away: FloatArray, linear: bool, error: FloatArray) -> None:
     """Set error (6,) to the shift and the rotation vector of R_real R_nominalᵀ between two frames (3, 4).
 
@@ -268,28 +270,31 @@ def _difference(nominal: FloatArray, real: FloatArray, away: FloatArray, linear:
             error[r] *= factor
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _add_levers(constants: Constants, frames: FloatArray, deviation: FloatArray, error: FloatArray) -> None:
     """Add the effect (6,) [mm, rad] of the links' twists, and of the joints' deviations as a twist about z."""
-    tool = frames[-1]
-    for k in range(len(constants.twist)):
-        frame, twist = frames[k], constants.twist[k]
-        spin = twist[5]
+    twist, last = constants.twist, len(frames) - 1
+    for k in range(len(twist)):
+        spin = twist[k, 5]
         if k:
             spin += constants.sign[k - 1] * deviation[k - 1]
-        w0 = frame[0, 0] * twist[3] + frame[0, 1] * twist[4] + frame[0, 2] * spin
-        w1 = frame[1, 0] * twist[3] + frame[1, 1] * twist[4] + frame[1, 2] * spin
-        w2 = frame[2, 0] * twist[3] + frame[2, 1] * twist[4] + frame[2, 2] * spin
-        x, y, z = tool[0, 3] - frame[0, 3], tool[1, 3] - frame[1, 3], tool[2, 3] - frame[2, 3]
-        error[0] += frame[0, 0] * twist[0] + frame[0, 1] * twist[1] + frame[0, 2] * twist[2] + w1 * z - w2 * y
-        error[1] += frame[1, 0] * twist[0] + frame[1, 1] * twist[1] + frame[1, 2] * twist[2] + w2 * x - w0 * z
-        error[2] += frame[2, 0] * twist[0] + frame[2, 1] * twist[1] + frame[2, 2] * twist[2] + w0 * y - w1 * x
+        w0 = frames[k, 0, 0] * twist[k, 3] + frames[k, 0, 1] * twist[k, 4] + frames[k, 0, 2] * spin
+        w1 = frames[k, 1, 0] * twist[k, 3] + frames[k, 1, 1] * twist[k, 4] + frames[k, 1, 2] * spin
+        w2 = frames[k, 2, 0] * twist[k, 3] + frames[k, 2, 1] * twist[k, 4] + frames[k, 2, 2] * spin
+        x = frames[last, 0, 3] - frames[k, 0, 3]
+        y = frames[last, 1, 3] - frames[k, 1, 3]
+        z = frames[last, 2, 3] - frames[k, 2, 3]
+        error[0] += w1 * z - w2 * y
+        error[1] += w2 * x - w0 * z
+        error[2] += w0 * y - w1 * x
         error[3] += w0
         error[4] += w1
         error[5] += w2
+        for r in range(3):
+            error[r] += frames[k, r, 0] * twist[k, 0] + frames[k, r, 1] * twist[k, 1] + frames[k, r, 2] * twist[k, 2]
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _add_rest(constants: Constants, memory: Scratch, tool: FloatArray) -> None:
     """Add Z (3,) [mm] at the turned joints and the tool point: the anchors' weights times their correlation."""
     place, by_joints = memory.place, int(constants.by_joints[0])
@@ -309,7 +314,7 @@ def _add_rest(constants: Constants, memory: Scratch, tool: FloatArray) -> None:
             memory.error[a] += _dot(constants.weights[b, a], memory.near)
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def correlate_block(constants: Constants, memory: Scratch, b: int) -> None:
     """Set memory.near to the correlations of Z at memory.place with the anchors of one block."""
     own = 0.0
@@ -342,7 +347,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@compiled()
+@compiled(forceinline=True, fastmath={"contract"})
 def _move(nominal: FloatArray, away: FloatArray, error: FloatArray) -> None:
     """Add w × r for the vector r to another point of the tool, which `away` is in the nominal frame of the tool."""
     x = nominal[0, 0] * away[0] + nominal[0, 1] * away[1] + nominal[0, 2] * away[2]
