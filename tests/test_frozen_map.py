@@ -14,6 +14,7 @@ from truepose._io import archive
 from truepose.errors import DataError, FileError, RobotError
 from truepose.numerics.frozen import predict, scratch
 from truepose.numerics.frozen_deviation import deviations
+from truepose.predictors.kinematic import frozen_deviation
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 
 ARM7 = tp.Robot(
@@ -329,7 +330,8 @@ def test_one_direction_only_tells_less():
     assert full.drift.shape[1] > 40
 
 
-def test_a_frozen_deviation_has_its_file(maps, tmp_path):
+def test_a_frozen_deviation_has_its_file(maps, tmp_path, monkeypatch):
+    monkeypatch.setattr(frozen_deviation, "_ANGLES", (64, 64))  # short tables, and a margin for them
     error_map, path = maps["hard"], tmp_path / "std.frozen"
     frozen = error_map.freeze(std=True)
     frozen.save(path)
@@ -338,6 +340,7 @@ def test_a_frozen_deviation_has_its_file(maps, tmp_path):
     one = frozen.predict(q[3], return_std=True)
     assert [part.shape for part in one] == [(3,), (3,)]
     assert "with standard deviation" in repr(again)
+    assert frozen.deviation.margin[0] > 0.0
     content, arrays = archive.unpack(path.read_bytes(), path, archive.FROZEN)
     believed = []
     for name, array in arrays.items():

@@ -45,6 +45,8 @@ for name in ("kinematic-kriging", "ordinary-kriging", "ordinary-kriging-joint", 
     error_map = tp.fit_cell(cell.cell, samples, name)
     error_map.predict(q)
     error_map.correct(cell.robot.forward(q, tool=error_map.tf_flange_tool), on_guard="skip")
+    if name in ("kinematic-kriging", "calibration"):
+        error_map.freeze(std=name == "kinematic-kriging").predict(q)
 print(json.dumps({"compiled": compiled_now(), "used": sum(bool(kernel.signatures) for kernel in KERNELS)}))
 """
 

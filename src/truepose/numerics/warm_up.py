@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from truepose.numerics import first_use, kernels, kinematic, pairs, small_systems
+from truepose.numerics import first_use, frozen, frozen_deviation, kernels, kinematic, pairs, small_systems
 from truepose.numerics.threads import become_worker, cores
 
 
@@ -49,7 +49,34 @@ def _kinematic() -> None:
     kinematic.slopes(matrix, np.zeros(3), half, lever, one, one, place, np.zeros(3, dtype=np.int64), 1.0, 1)
 
 
+def _frozen() -> None:
+    shapes = {
+        "links": (2, 2, 3, 4),
+        "sign": (1,),
+        "limits": (1, 2),
+        "twist": (2, 6),
+        "tables": (1, 2),
+        "harmonics": (1, 4),
+        "moment": (1, 2),
+        "mass": (2, 3),
+        "anchors": (1, 5, 16),
+        "weights": (1, 3, 16),
+        "place_scale": (4,),
+        "by_joints": (1,),
+        "away": (3,),
+        "linear": (1,),
+    }
+    constants = frozen.Constants(**{name: np.zeros(shape) for name, shape in shapes.items()})
+    frozen.predict(np.zeros((1, 1)), np.zeros((1, 3)), constants, frozen.scratch(constants))
+    flat = {name: np.zeros(1) for name in ("prior_joint", "prior_rest", "inflation", "added", "margin")}
+    wide = {"drift": np.zeros((12, 1)), "gravity": np.zeros((1, 2, 1)), "tables": np.zeros((1, 4, 1))}
+    prior = {"prior_drift": np.zeros((12, 12)), "prior_gravity": np.zeros((1, 2))}
+    deviation = frozen_deviation.Deviation(**flat, **wide, **prior, rest=np.zeros((3, 16, 1)))
+    frozen_deviation.deviations(np.zeros((1, 1)), constants, deviation)
+
+
 GROUPS: Final[dict[str, Callable[[], None]]] = {
+    "frozen": _frozen,
     "slopes": _slopes,
     "pairs": _pairs,
     "correlations": _correlations,
