@@ -16,9 +16,12 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from benchmarks.harness import Call, Job, Memory, Slow
-from truepose import ErrorMap, VirtualCell, fit_cell
+from truepose import ErrorMap, VirtualCell, choose, fit_cell
+from truepose.error_map.selection import CellSamples
 from truepose.geometry import register
-from truepose.predictors import KinematicKriging
+from truepose.predictors import Choice, KinematicKriging
+from truepose.predictors.folds import split_samples
+from truepose.predictors.selection.choice import QUICK
 from truepose.samples import Poses
 
 TITLE = "Benchmarks: kinematic Kriging"
@@ -45,6 +48,15 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
     )
     for size in sizes:
         yield Job(f"time against n: n = {size:,}", {"truepose": _once(partial(_fit, size))})
+    for size in (60, 100) if quick else (150, 600, 2_000):
+        yield Job(
+            f"choice among the default candidates in one process, n = {size:,}",
+            {
+                "truepose": _once(partial(_choose, size)),
+                "the fits alone, each from scratch": _once(partial(_apart, size)),
+            },
+            target=">= 1",
+        )
     q, p = _samples(m)[0][:m], _samples(m)[1][:m]
     model, process = _fitted(n), _process(n)
     yield Job(
@@ -90,6 +102,22 @@ def _fit(n: int) -> KinematicKriging:
     q, _, e = _samples(n)
     virtual = VirtualCell("hard", seed=100)
     return KinematicKriging(virtual.robot, virtual.tf_flange_tool).fit(q, e)
+
+
+def _choose(n: int) -> Choice:
+    """Fit, predict and compare all candidates on ten folds, and fit the best."""
+    virtual = VirtualCell("hard", seed=100)
+    return choose("quick", virtual.measure(virtual.design(n)), virtual.cell)
+
+
+def _apart(n: int) -> None:
+    """Fit the same candidates to the same ten folds; no fit knows another."""
+    virtual = VirtualCell("hard", seed=100)
+    errors = CellSamples(virtual.cell, virtual.robot, virtual.measure(virtual.design(n))).registered_by()
+    for fold in split_samples(("points", "blocks"), errors.coordinates).values():
+        for out in range(5):
+            for name in QUICK:
+                errors.fit(name, np.flatnonzero(fold != out))
 
 
 def _scikit_learn(n: int) -> GaussianProcessRegressor:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, lapack
 from scipy.spatial import KDTree
 
 from truepose._typing import BoolArray, FloatArray, IntArray
@@ -16,7 +16,7 @@ from truepose.errors import KrigingError
 from truepose.predictors.base import LeaveOneOut
 from truepose.predictors.kriging.base import Kriging, VariogramLike
 from truepose.predictors.kriging.correlation import POINT, Support
-from truepose.predictors.kriging.system import WORST, System, draw
+from truepose.predictors.kriging.system import WORST, System, draw, symmetric
 from truepose.similarity.model import VariogramModel
 from truepose.similarity.trend import DriftLike
 
@@ -461,5 +461,4 @@ def _inverse(precision: FloatArray, label: Any) -> FloatArray:
             f"without block {label} of {len(precision)} points the others do not determine the drift; use "
             "smaller blocks"
         )
-    inverse: FloatArray = cho_solve(factor, np.eye(len(precision)), check_finite=False)
-    return inverse
+    return symmetric(lapack.dpotri(factor[0], lower=1)[0])

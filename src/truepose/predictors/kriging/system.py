@@ -185,7 +185,9 @@ class System:
         """Return P_II: the inverse of the unit covariance of the points I given all others."""
         columns = self.inverse[rows.min() :, rows]  # W is zero above its diagonal
         influence = self.q[rows.min() :].T @ columns
-        return columns.T @ columns - influence.T @ influence
+        lower = blas.dsyrk(1.0, columns, trans=1, lower=1)  # half of the work of a product
+        blas.dsyrk(-1.0, influence, trans=1, beta=1.0, c=lower, lower=1, overwrite_c=1)
+        return symmetric(lower)
 
     def whiten(self, b: FloatArray, transposed: bool = False) -> FloatArray:
         """Return W b, or Wᵀ b."""
@@ -209,6 +211,11 @@ class System:
     def __getstate__(self) -> dict[str, object]:
         with _INVERTING:
             return self.__dict__.copy()
+
+
+def symmetric(lower: FloatArray) -> FloatArray:
+    """Return the symmetric matrix with this lower triangle."""
+    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
 def _solved(triangle: FloatArray, b: FloatArray, *, lower: bool = False, transposed: bool = False) -> FloatArray:
