@@ -148,7 +148,8 @@ def check_transforms(name: str, value: ArrayLike, *, single: bool = True) -> Flo
         )
     x, y, z = rows[:, :3, 0], rows[:, :3, 1], rows[:, :3, 2]
     # columns of unit length, at right angles and right-handed; z = x × y tests the last two together
-    off = np.maximum(np.abs(np.cross(x, y) - z).max(axis=1), np.abs(np.einsum("ni,ni->n", x, x) - 1.0))
+    crossed = x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]]
+    off = np.maximum(np.abs(crossed - z).max(axis=1), np.abs(np.einsum("ni,ni->n", x, x) - 1.0))
     off = np.maximum(off, np.abs(np.einsum("ni,ni->n", x, y))) > 4 * _ROUNDING
     if off.any():
         raise DataError(

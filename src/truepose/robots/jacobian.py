@@ -16,6 +16,7 @@ from truepose.robots.chain import walk
 
 Outputs = Literal["position", "pose"]
 _ROWS: Final = {"position": 3, "pose": 6}
+_FEW: Final = 64  # poses, below which the number of operations costs more than their arrays
 _CHUNK: Final = 2048  # poses at once, so that frames and columns stay in the cache
 
 
@@ -42,6 +43,7 @@ def columns(theta: FloatArray, fixed: FloatArray, twists: FloatArray, outputs: O
     present = np.abs(twists).sum(axis=2) > 0.0  # most twists have few components
     parts, used = twists[present], np.argwhere(present).tolist()
     rotations = [(k, i - 3) for k, i in used if i >= 3]
+    turns = [row for row, (_, i) in enumerate(used) if i >= 3]
     rotated = twists[:, 3:][present[:, 3:]]
     out = np.empty((len(theta), rows, twists.shape[2]))
     memory = np.empty((len(used), 3, min(len(theta), _CHUNK)))
@@ -50,12 +52,16 @@ def columns(theta: FloatArray, fixed: FloatArray, twists: FloatArray, outputs: O
         n = len(part)
         base = np.broadcast_to(np.eye(3)[..., None], (3, 3, n)), np.zeros((3, n))
         frames = [base, *walk(theta[start : start + _CHUNK], fixed)]
+        moved = memory[..., :n]
         arms = {k: frames[-1][1] - frames[k][1] for k, _ in rotations}
         moved = memory[..., :n]
+        if rotations and n < _FEW:  # one product of all instead of one of each
+            axes = np.stack([frames[k][0][i] for k, i in rotations], axis=1)
+            moved[turns] = _cross(axes, np.stack([arms[k] for k, _ in rotations], axis=1)).transpose(1, 0, 2)
         for row, (k, i) in zip(moved, used, strict=True):
             if i < 3:
                 row[:] = frames[k][0][i]
-            else:
+            elif n >= _FEW:
                 _cross(frames[k][0][i - 3], arms[k], row)
         for c in range(3):
             np.matmul(moved[:, c].T, parts, out=part[:, c])
@@ -85,8 +91,10 @@ def count_rows(outputs: Outputs) -> int:
     return _ROWS[outputs]
 
 
-def _cross(axis: FloatArray, arm: FloatArray, out: FloatArray) -> None:
-    """Write axis × arm of (3, n) arrays into another."""
+def _cross(axis: FloatArray, arm: FloatArray, out: FloatArray | None = None) -> FloatArray:
+    """Return axis × arm of (3, …) arrays, in `out` where it is given."""
+    out = np.empty_like(axis) if out is None else out
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.multiply(axis[j], arm[k], out=out[i])
         out[i] -= axis[k] * arm[j]
+    return out

@@ -125,6 +125,7 @@ class Terms:
         ]
         chosen = [self._model.parameters[i] for i in self._chosen]
         self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
+        self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
         self.names = [parameter.name for parameter in chosen]
         self.names += [f"joint {j + 1} under mass {k + 1 if k < dof else 'at tool'}" for j, k in self._pairs]
         self.units = [parameter.unit for parameter in chosen] + ["rad/m"] * len(self._pairs)
@@ -207,7 +208,7 @@ class Terms:
         frames = self.robot.frames(q)
         joint = frames[:, :-1] @ self.robot.link_before
         mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
-        j, k = np.array(self._pairs).T
+        j, k = self._joint_of, self._mass_of
         arm, axis = mass[:, k] - joint[:, :, :3, 3][:, j], joint[:, :, :3, 2][:, j]
         moment = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]  # (z × r)_z, gravity along z of the base
         return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
