@@ -15,10 +15,10 @@ from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
-from numba import prange
 
 from truepose._typing import FloatArray
 from truepose.numerics.first_use import register
+from truepose.numerics.threads import in_threads
 
 SPHERICAL: Final = 0
 EXPONENTIAL: Final = 1
@@ -356,47 +356,79 @@ def _dot_offset(weight: FloatArray, slope: FloatArray, x: float, row: FloatArray
     return total
 
 
-@compiled(parallel=True)
 def cross_correlation(family: int, shape: float, u: FloatArray, samples: FloatArray, out: FloatArray) -> None:
     """Set out (m, n) to rho of targets and points."""
+    in_threads(_cross_correlation, len(u), family, shape, u, samples, out)
+
+
+@compiled(nogil=True)
+def _cross_correlation(
+    start: int, stop: int, family: int, shape: float, u: FloatArray, samples: FloatArray, out: FloatArray
+) -> None:
     n, width = out.shape[1], samples.shape[2]
-    for i in prange(u.shape[0]):
+    for i in range(start, stop):
         for b in range(samples.shape[0]):
             row = out[i, b * width : min(n, (b + 1) * width)]
             squared_distances(u[i], samples[b], row)
             correlate(family, shape, row)
 
 
-@compiled(parallel=True)
 def weighted_sum(family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
     """Return Σ_j rho_ij w_jc, (m, c)."""
-    m, columns = u.shape[0], weights.shape[1]
-    out = np.zeros((m, columns))
-    for tile in prange((m + TARGETS - 1) // TARGETS):
-        r = np.empty(samples.shape[2])
+    out = np.zeros((len(u), weights.shape[1]))
+    in_threads(_weighted_sum, -(-len(u) // TARGETS), family, shape, u, samples, weights, out)
+    return out
+
+
+@compiled(nogil=True)
+def _weighted_sum(
+    start: int,
+    stop: int,
+    family: int,
+    shape: float,
+    u: FloatArray,
+    samples: FloatArray,
+    weights: FloatArray,
+    out: FloatArray,
+) -> None:
+    m, columns = out.shape
+    r = np.empty(samples.shape[2])
+    for tile in range(start, stop):
         for b in range(samples.shape[0]):
             for i in range(tile * TARGETS, min(m, (tile + 1) * TARGETS)):
                 squared_distances(u[i], samples[b], r)
                 correlate(family, shape, r)
                 for c in range(columns):
                     out[i, c] += _dot(weights[b, c], r)
+
+
+def weighted_gradient(family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return ∂/∂u of `weighted_sum`, (m, c, d)."""
+    out = np.zeros((len(u), weights.shape[1], u.shape[1]))
+    in_threads(_weighted_gradient, len(u), family, shape, u, samples, weights, out)
     return out
 
 
-@compiled(parallel=True)
-def weighted_gradient(family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return ∂/∂u of `weighted_sum`, (m, c, d)."""
-    m, d, columns = u.shape[0], u.shape[1], weights.shape[1]
-    out = np.zeros((m, columns, d))
-    for i in prange(m):
-        r = np.empty(samples.shape[2])
+@compiled(nogil=True)
+def _weighted_gradient(
+    start: int,
+    stop: int,
+    family: int,
+    shape: float,
+    u: FloatArray,
+    samples: FloatArray,
+    weights: FloatArray,
+    out: FloatArray,
+) -> None:
+    d, columns = u.shape[1], weights.shape[1]
+    r = np.empty(samples.shape[2])
+    for i in range(start, stop):
         for b in range(samples.shape[0]):
             squared_distances(u[i], samples[b], r)
             slope(family, shape, r)
             for c in range(columns):
                 for a in range(d):
                     out[i, c, a] += _dot_offset(weights[b, c], r, u[i, a], samples[b, a])
-    return out
 
 
 @compiled(fastmath=REORDER)
@@ -416,15 +448,31 @@ def _dot_product(
     return total
 
 
-@compiled(parallel=True)
 def slope_moments(
     family: int, shape: float, u: FloatArray, samples: FloatArray, weights: FloatArray, full: bool
 ) -> FloatArray:
     """Return Σ_(j>i) W_ij (−rho'/r) Δu Δuᵀ for each i, (n, d, d): its lower triangle if `full`, else its diagonal."""
-    (n, d), width = u.shape, samples.shape[2]
+    n, d = u.shape
     out = np.zeros((n, d, d))
-    for i in prange(n):
-        r = np.empty(width)
+    in_threads(_slope_moments, n, family, shape, u, samples, weights, full, out)
+    return out
+
+
+@compiled(nogil=True)
+def _slope_moments(
+    first: int,
+    last: int,
+    family: int,
+    shape: float,
+    u: FloatArray,
+    samples: FloatArray,
+    weights: FloatArray,
+    full: bool,
+    out: FloatArray,
+) -> None:
+    (n, d), width = u.shape, samples.shape[2]
+    r = np.empty(width)
+    for i in range(first, last):
         for b in range(i // width, samples.shape[0]):
             start, stop = max(i + 1 - b * width, 0), min(width, n - b * width)
             squared_distances(u[i], samples[b], r)
@@ -434,4 +482,3 @@ def slope_moments(
                     out[i, a, c] += _dot_product(
                         weights[i], r, u[i, a], samples[b, a], u[i, c], samples[b, c], (b * width, start, stop)
                     )
-    return out

@@ -10,15 +10,17 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.kernels import REORDER, compiled, pack, squared_distances
+from truepose.numerics.threads import in_threads
 
 CellArray = NDArray[np.int32]
 
 TASKS: Final = 64
+ROWS: Final = 64
 CELLS: Final = 1024
 LANES: Final = 4
 """Columns that are summed as one vector."""
@@ -77,7 +79,10 @@ def pair_sums(
     first = np.searchsorted(upper, cells[:-1] * (1 - 1e-12), side="left").astype(np.int32)
     steps = int((np.searchsorted(upper[:-1], cells[1:] * (1 + 1e-12), side="left") - first).max())
     shape = (blocks, block, groups * LANES)
-    distance, sums = _pair_sums(
+    distance, sums = np.zeros((TASKS, upper.size)), np.zeros((TASKS, upper.size, groups * LANES))
+    in_threads(
+        _pair_sums,
+        TASKS,
         points,
         home.reshape(shape),
         values.reshape(shape),
@@ -90,6 +95,8 @@ def pair_sums(
         math.cos(tolerance) ** 2,
         bandwidth**2,
         roots,
+        distance,
+        sums,
     )
     k = len(edges)
     total = sums.sum(axis=0)[:k]
@@ -97,8 +104,22 @@ def pair_sums(
 
 
 def largest_distance(x: FloatArray) -> float:
-    """Return the largest distance between two rows of x (n, d)."""
-    return math.sqrt(_largest_square(pack(x), len(x)).max())
+    """Return the largest distance between two rows of x (n, d).
+
+    Two rows are never farther apart than the sum of their distances from the centre, so the rows far from it are
+    compared with few others, and the rows near it with none.
+    """
+    away = np.linalg.norm(x - x.mean(axis=0), axis=1)
+    order = np.argsort(-away)
+    x, away = x[order], away[order]
+    largest = 0.0
+    for start in range(0, len(x), ROWS):
+        least = largest * (1 - 1e-12) - away[start]  # of the other row; less for rounding
+        stop = int(np.searchsorted(-away, -least, side="right"))
+        if stop <= start:
+            break
+        largest = max(largest, float(cdist(x[start : start + ROWS], x[start:stop]).max()))
+    return largest
 
 
 @compiled()
@@ -201,17 +222,16 @@ def _add_roots(
             sums[q, a] += math.sqrt(abs(theirs[j, a] - mine[a]))
 
 
-@compiled(parallel=True)
+@compiled(nogil=True)
 def _pair_sums(
-    points: FloatArray, home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray, first: CellArray,
-    steps: int, per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    begin: int, end: int, points: FloatArray, home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray,
+    first: CellArray, steps: int, per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool,
+    distance: FloatArray, sums: FloatArray,
+) -> None:  # fmt: skip
     blocks, d, width = points.shape
     lanes = values.shape[2]
-    distance = np.zeros((TASKS, upper.size))
-    sums = np.zeros((TASKS, upper.size, lanes))
-    for task in prange(TASKS):
-        h, along, bins, x = np.empty(width), np.empty(width), np.empty(width, np.int32), np.empty(d)
+    h, along, bins, x = np.empty(width), np.empty(width), np.empty(width, np.int32), np.empty(d)
+    for task in range(begin, end):
         for i in range(task, n, TASKS):
             home, place = i // width, i % width
             x[:] = points[home, :, place]
@@ -229,20 +249,3 @@ def _pair_sums(
                     _add_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
                 else:
                     _add_many_squares(h, bins, mine, values[b], start, stop, distance[task], sums[task])
-    return distance, sums
-
-
-@compiled(parallel=True)
-def _largest_square(points: FloatArray, n: int) -> FloatArray:
-    blocks, d, width = points.shape
-    largest = np.zeros(TASKS)
-    for task in prange(TASKS):
-        square, x = np.empty(width), np.empty(d)
-        best = 0.0
-        for i in range(task, n, TASKS):
-            x[:] = points[i // width, :, i % width]
-            for b in range(i // width, blocks):
-                squared_distances(x, points[b], square)
-                best = max(best, square[: min(width, n - b * width)].max())
-        largest[task] = best
-    return largest

@@ -10,10 +10,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import prange
 
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.kernels import compiled
+from truepose.numerics.threads import in_threads
 
 LANES: Final = 8
 
@@ -38,7 +38,9 @@ def pair_distances(u: FloatArray, targets: FloatArray, near: IntArray) -> FloatA
     """
     m, k = near.shape
     out = np.empty((-(-m // LANES), k * (k + 1) // 2, LANES))
-    _pair_distances(u, targets, np.ascontiguousarray(near), out)  # one memory layout: compiled once
+    in_threads(
+        _pair_distances, len(out), u, targets, np.ascontiguousarray(near), out
+    )  # one memory layout: compiled once
     return out
 
 
@@ -69,16 +71,16 @@ def eliminate(
     """
     s = 1 + right.shape[1]
     out = np.empty((len(near), s, s))
-    _eliminate(rho, np.ascontiguousarray(near), signal, diagonal, at_target, right, out)
+    in_threads(_eliminate, len(rho), rho, np.ascontiguousarray(near), signal, diagonal, at_target, right, out)
     return out
 
 
-@compiled(parallel=True)
-def _pair_distances(u: FloatArray, targets: FloatArray, near: IntArray, out: FloatArray) -> None:
+@compiled(nogil=True)
+def _pair_distances(start: int, stop: int, u: FloatArray, targets: FloatArray, near: IntArray, out: FloatArray) -> None:
     m, k = near.shape
     d = u.shape[1]
-    for b in prange(out.shape[0]):
-        x = np.empty((k + 1, d, LANES))
+    x = np.empty((k + 1, d, LANES))
+    for b in range(start, stop):
         for lane in range(LANES):
             row = min(b * LANES + lane, m - 1)
             for i in range(k):
@@ -114,14 +116,14 @@ def _subtract(row: FloatArray, factor: FloatArray, other: FloatArray) -> None:
         row[t, 4], row[t, 5], row[t, 6], row[t, 7] = r4, r5, r6, r7
 
 
-@compiled(parallel=True)
+@compiled(nogil=True)
 def _eliminate(
-    rho: FloatArray, near: IntArray, signal: float, diagonal: FloatArray, at_target: FloatArray, right: FloatArray,
-    out: FloatArray,
+    start: int, stop: int, rho: FloatArray, near: IntArray, signal: float, diagonal: FloatArray, at_target: FloatArray,
+    right: FloatArray, out: FloatArray,
 ) -> None:  # fmt: skip
     m, k = near.shape
     s = out.shape[1]
-    for b in prange(rho.shape[0]):
+    for b in range(start, stop):
         a = np.zeros((k + s, k + s, LANES))  # rows of U, then minus the Schur complement
         pair, to_target = 0, k * (k - 1) // 2
         for i in range(k):

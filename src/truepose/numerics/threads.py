@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import parent_process
@@ -15,6 +17,9 @@ from threadpoolctl import ThreadpoolController
 
 LARGE: Final = 512
 """Rows of a matrix from which several threads are faster than one."""
+
+RANGES: Final = 4
+"""Ranges of a compiled loop for each thread: a thread that is ready early takes another."""
 
 _is_worker = False
 
@@ -68,6 +73,38 @@ def kernel_threads(n: int, large: int = LARGE) -> Iterator[None]:
         yield
     finally:
         numba.set_num_threads(before)
+
+
+def in_threads(kernel: Callable[..., None], parts: int, *arguments: Any) -> None:
+    """Call ``kernel(start, stop, *arguments)`` for ranges that cover 0 … parts, in the threads that kernels may use.
+
+    The kernel is compiled with ``nogil=True`` and writes its results into arrays. numba's own parallel loops take
+    three times as long to compile.
+    """
+    import numba
+
+    count = min(numba.get_num_threads(), parts)
+    if count <= 1:
+        kernel(0, parts, *arguments)
+        return
+    limits = [parts * i // (count * RANGES) for i in range(count * RANGES + 1)]
+    ranges = iter([(start, stop) for start, stop in itertools.pairwise(limits) if stop > start])
+
+    def work() -> None:
+        while (limit := next(ranges, None)) is not None:
+            kernel(*limit, *arguments)
+
+    others = [_pool().submit(work) for _ in range(count - 1)]
+    work()
+    for other in others:
+        other.result()
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
+    return ThreadPoolExecutor(cores(), "truepose-kernel")
 
 
 def become_worker() -> None:
