@@ -299,6 +299,26 @@ class Noting(PositionalErrors):
 
 @pytest.mark.promise("Linear algebra and compiled kernels use no more threads than the processors given to the process")
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity cannot be set on this system")
+def test_fits_of_the_choice_use_one_thread(errors):
+    used = set()
+
+    class Watching(PositionalErrors):
+        def fit(self, *arguments, **options):
+            used.update(
+                {
+                    numba.get_num_threads(),
+                    *(lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"),
+                }
+            )
+            return super().fit(*arguments, **options)
+
+    with threadpool_limits(2):
+        before = numba.get_num_threads()
+        rank_predictors(["ordinary-kriging"], Watching(errors.coordinates, errors.e), folds=2, splits=["points"])
+        assert used == {1}
+        assert numba.get_num_threads() == before
+
+
 def test_cores_are_those_of_the_affinity():
     code = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
     code += "from truepose.numerics.threads import cores; print(cores())"

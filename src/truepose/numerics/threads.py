@@ -75,6 +75,13 @@ def kernel_threads(n: int, large: int = LARGE) -> Iterator[None]:
         numba.set_num_threads(before)
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let BLAS and compiled kernels work in one thread."""
+    with blas_threads(0), kernel_threads(0):
+        yield
+
+
 def in_threads(kernel: Callable[..., None], parts: int, *arguments: Any) -> None:
     """Call ``kernel(start, stop, *arguments)`` for ranges that cover 0 … parts, in the threads that kernels may use.
 

@@ -13,7 +13,7 @@ import numpy as np
 from truepose._io.tables import data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-from truepose.numerics.threads import blas_threads
+from truepose.numerics.threads import one_thread
 from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.folds import split_samples
@@ -185,7 +185,7 @@ def rank_predictors(
         if not issubclass(predictor_spec(name).family, Startable):
             return None
         progress(f"Fitting {name}")
-        with suppress(*FAILURES), blas_threads(0):  # the folds say why; they run at the same time
+        with suppress(*FAILURES), one_thread():  # the folds say why; they run at the same time
             fitted[name] = errors.fit(name)
         model = fitted[name][0] if name in fitted else None
         return model.optimum() if isinstance(model, Startable) else None

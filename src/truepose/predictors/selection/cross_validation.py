@@ -17,7 +17,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError, TrueposeError
-from truepose.numerics.threads import become_worker, blas_threads, cores
+from truepose.numerics.threads import become_worker, cores, one_thread
 from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
@@ -153,7 +153,7 @@ class Job:
         out, known = np.flatnonzero(label == fit.fold), np.flatnonzero(label != fit.fold)
         nothing = np.full((len(out), 3), np.nan)
         try:
-            with blas_threads(0):  # one thread, in workers and without them: the sums are the same
+            with one_thread():  # in workers and without them: the sums are the same
                 return self._result(fit, optimum, out, known)
         except FAILURES as error:
             return FoldResult(fit, out, nothing, nothing, note=f"failed: {error}")
