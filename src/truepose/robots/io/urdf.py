@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -99,6 +98,8 @@ def to_urdf(robot: Chain) -> str:
     origins = robot.fixed.copy()
     origins[:-1] = origins[:-1] @ axis_rotation(2, robot.offset)
     names = ["base_link", *(f"link_{j}" for j in range(1, robot.dof + 1)), "tool0"]
+    from xml.sax.saxutils import quoteattr  # imports the network modules of Python
+
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     lines += [f"  <link name={quoteattr(name)}/>" for name in names]
     for j in range(robot.dof):
