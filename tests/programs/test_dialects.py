@@ -318,7 +318,8 @@ def test_a_correction_changes_the_digits_of_corrected_targets_alone(
             if abs(wanted[axis]) < 0.499e-3:
                 assert new == old
             if dialect.columns and old.startswith(b"   "):
-                assert len(new) == max(len(old), len(new.strip()) + 1)  # wider only where the digits need it
+                digits = len(new.strip())  # wider only where these need it; one blank may belong to the text before
+                assert max(len(old), digits) <= len(new) <= max(len(old), digits + 1)
 
 
 def whole(dialect: Dialect) -> bytes:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from truepose.errors import TrueposeError
 from truepose.programs import FrameTable, Program, ReadOptions, Target, correct_program, read_program
 from truepose.programs.core import forms
+from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.forms import BLANKS, Form, Run, RunFinder, without_blanks
 from truepose.programs.core.source import Source
 
@@ -80,6 +81,81 @@ def ur_line(draw: Any, wild: bool) -> Callable[[Any], str]:
         return f"{indent}{word}({gap}p[{', '.join(numbers)},{draw(BLANK)}{turn}]{tail}{end}"
 
     return one
+
+
+@st.composite
+def fanuc_parts(draw: Any) -> str:
+    """Return a FANUC program whose positions and motions are alike, or nearly."""
+    wild = draw(st.integers(0, 3)) == 0
+    numbers = draw(st.lists(st.integers(1, 30), unique=True, min_size=1, max_size=12))
+    numbers = sorted(numbers) if draw(st.booleans()) else numbers
+    positions, motions, first = [], [], 1
+    while first <= len(numbers):
+        frames = pick(
+            draw, wild, ["UF : 0, UT : 1"] * 4 + ["UF : 1, UT : 1", "UF : F, UT : 1", "UF : 0, UT : 7"], "UF : 0"
+        )
+        config = draw(st.sampled_from(["N U T, 0, 0, 0", "F U T, 0, 0, -1"]))
+        shape = pick(draw, wild, ["{}"] * 8 + ["{}:x", '{}:"a"', " {}"], "0{}", "R[{}]")
+        more = pick(
+            draw,
+            wild,
+            [""] * 8 + [",\tE1 = 5.0 mm", ",\n\tJ1 = 5.0 deg", "\n  GP2:\n UF : 0, UT : 1,\n J1 = 5 deg"],
+            "X = 1 mm",
+        )
+        units = pick(draw, wild, ["mm"] * 9, "deg", "")
+        group, end = (
+            pick(draw, wild, ["GP1"] * 6 + ["GP2", "gp1"], ""),
+            pick(draw, wild, ["};"] * 6 + ["}", "} ;", "};\n"], ""),
+        )
+        count = draw(st.integers(1, 6))
+        for number in numbers[first - 1 : first - 1 + count]:
+            values = [draw(ODD if wild and draw(st.integers(0, 9)) == 0 else GOOD) for _ in range(6)]
+            values = [
+                "********" if draw(st.integers(0, 40)) == 0 else text.rjust(draw(st.sampled_from([1, 9])))
+                for text in values
+            ]
+            x, y, z, w, p, r = values
+            positions.append(
+                f"P[{shape.format(number)}]{{\n   {group}:\n\t{frames},\t\tCONFIG : '{config}',\n\tX = {x}  {units},"
+                f"\tY = {y}  mm,\tZ = {z}  mm,\n\tW = {w} deg,\tP = {p} deg,\tR = {r} deg{more}\n{end}"
+            )
+        first += count
+    words = ["L P[{}] 100mm/sec FINE    ;", "J P[{}] 50% CNT100 ;", "L P[{}] 9mm/sec CNT 50;"]
+    words = words if draw(st.booleans()) else words[:1]
+    others = [
+        *(
+            "L P[{}] 5mm/sec FINE Offset,PR[1] ;",
+            "C P[{}]\n : P[3] 5mm/sec FINE ;",
+            "A P[{}] 5mm/sec FINE ;",
+            "PR[1]=P[{}] ;",
+        ),
+        *(
+            "P[{}]=LPOS ;",
+            "UTOOL_NUM=2 ;",
+            "UTOOL_NUM=1 ;",
+            "UFRAME_NUM=1 ;",
+            "CALL FAR ;",
+            "L P[R[1]] 5mm/sec FINE ;",
+            "! P[{}] ;",
+        ),
+        *(
+            "LBL[1] ;",
+            "JMP LBL[1] ;",
+            "L P[{}:x] 5mm/sec FINE ;",
+            "R[1]=1",
+            "IF R[1]=1 THEN ;\n : ENDIF ;",
+            "L P[99] 5mm/sec FINE ;",
+        ),
+    ]
+    line, odd = 1, draw(st.sampled_from([0, 0, 1, 8]))
+    for number in numbers if draw(st.booleans()) else draw(st.permutations(numbers)):
+        text = draw(st.sampled_from(others if draw(st.integers(1, 16)) <= odd else words)).format(number)
+        motions.append(f"{line:4d}:{text}")
+        line += 1
+    if draw(st.booleans()):
+        motions.append(f"{line}:{draw(st.sampled_from(words + others)).format(draw(st.sampled_from(numbers)))}")
+    text = "\n".join(["/PROG A", "/MN", "   1:  UFRAME_NUM=0 ;", *motions, "/POS", *positions, "/END", ""])
+    return text.replace("\n", draw(st.sampled_from(["\n", "\r\n", "\r"])))
 
 
 @st.composite
@@ -153,6 +229,14 @@ def test_urscript_runs_and_single_lines_agree(
     assert told(path, make_map, 1) == told(path, make_map, 10**9)
 
 
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=fanuc_parts())
+def test_fanuc_runs_and_single_lines_agree(text: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any) -> None:
+    path = tmp_path_factory.mktemp("runs") / "a.ls"
+    path.write_bytes(text.encode())
+    assert told(path, make_map, 1) == told(path, make_map, 10**9)
+
+
 LINES = {
     "a.mod": (
         RAPID,
@@ -173,6 +257,28 @@ def test_a_long_program_is_read_in_runs(tmp_path: Path, make_map: Any, name: str
     program = read_program(path, FRAMES)
     pieces = [piece for piece, _ in program.targets._pieces]
     assert [type(piece) for piece in pieces if len(piece) > 1] == [Run] * 2
+    assert told(path, make_map, 16) == told(path, make_map, 10**9)
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_a_long_fanuc_program_is_read_in_runs(tmp_path: Path, make_map: Any, ending: str) -> None:
+    n, frames = 2_500, "UF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0'"
+    motions = [f"{k + 3:4d}:L P[{k}] 100mm/sec CNT{k % 100}    ;" for k in range(1, n + 1)]
+    positions = [
+        f"P[{k}]{{\n   GP1:\n\t{frames},\n\tX = {x:9.3f}  mm,\tY = {y:9.3f}  mm,\tZ = {z:9.3f}  mm,\n\t"
+        "W = 180.0 deg,\tP = 0.0 deg,\tR = 0.0 deg\n};"
+        for k, (x, y, z) in enumerate(np.random.default_rng(1).uniform(-1800, 1800, (n, 3)), 1)
+    ]
+    path = tmp_path / "a.ls"
+    motions[1_000] += "\n  :PR[1]=P[7]"
+    text = "\n".join(["/PROG A", "/MN", *motions, "/POS", *positions, "/END", ""])
+    path.write_text(text.replace("\n", ending), newline="")
+    pieces = [piece for piece, _ in read_program(path, FRAMES).targets._pieces]
+    assert [(type(piece), len(piece)) for piece in pieces if len(piece) > 1] == [
+        (TargetColumns, 7),
+        (Run, 2041),
+        (Run, 452),
+    ]
     assert told(path, make_map, 16) == told(path, make_map, 10**9)
 
 

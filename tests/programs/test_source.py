@@ -150,3 +150,14 @@ def test_diff_shows_changed_lines_in_context() -> None:
         "\\ No newline at end of file", "+last ä 2", "\\ No newline at end of file",
     ]  # fmt: skip
     assert unified_diff(Path("a.src"), old, old) == ""
+
+
+@given(st.lists(st.sampled_from([b"a", b"\r", b"\n", b"\r\n", b"xyz"]), max_size=40).map(b"".join), st.integers(1, 9))
+def test_lines_start_behind_every_line_end(data: bytes, block: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truepose.programs.core.source._BLOCK", block)
+        source = Source(Path("a"), data)
+        ends = [m.end() for m in re.finditer(rb"\r\n|\n|\r", data)]
+        assert [source.line(k) for k in range(len(data) + 1)] == [
+            1 + sum(end <= k for end in ends) for k in range(len(data) + 1)
+        ]

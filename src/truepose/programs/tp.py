@@ -7,18 +7,26 @@ are used, unless UFRAME_NUM or UTOOL_NUM is certainly another where a motion goe
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce
-from truepose.programs.core.points import JOINTS, Frame, Point, Problem, not_understood, numbers_at, unknown_motion
+from truepose.programs.core.forms import FoundRun, Lines, RunFinder
+from truepose.programs.core.named import Group
+from truepose.programs.core.points import Point, Problem, Use, not_understood, unknown_motion
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
+from truepose.programs.tp_positions import NAME, VALUES, Positions
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
+_HEAD_WORD = re.compile(rb"/(?:PROG|ATTR|APPL|MN|POS|END)\b", re.I)
+_REST = re.compile(rb"[^\r\n]*+(?:\r\n|[\r\n])")
 _NUMBERED = re.compile(rb"[ \t]*(\d*)[ \t]*:")
 _LABELS = re.compile(rb"'[^']*'|\"[^\"]*\"|\[[^\]\[]*\]")
 """Texts and brackets, whose comments may hold anything."""
@@ -61,15 +69,15 @@ _LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
 _WRITE = re.compile(rb"\s*P\s*\[[^=]*=", re.I)
-_HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
-_GROUP = re.compile(rb"\bGP(\d{1,9})\s*:", re.I)
-_FRAMES = re.compile(rb"\b(UF|UT)\s*:\s*([^\s,]*)", re.I)
-_CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
-_VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
-_AXES: Final = ("X", "Y", "Z", "W", "P", "R")
-_UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
 _WHICH: Final = {b"TOOL": "tool", b"FRAME": "base"}
 _NUMBERS: Final = {"tool": ("UTOOL_NUM", "UT"), "base": ("UFRAME_NUM", "UF")}
+
+
+_CAM_MOTION: Final = re.compile(
+    rb"[ \t]*+([0-9]{1,9}+)[ \t]*+:[ \t]*+[JL][ \t]++P\[([1-9][0-9]{0,8}+)\]"
+    rb"[ \t]++([0-9]{1,9}+)(?:%|mm/sec|cm/min|deg/sec)[ \t]++(?:FINE|CNT[ \t]*+([0-9]{1,3}+))[ \t]*+;[ \t]*+\r?+\n"
+)
+_WHOLE: Final = rb"[0-9]{1,9}+"
 
 
 class _Move(NamedTuple):
@@ -88,8 +96,8 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
-        self._positions: dict[int, Point] = {}
-        self._frames_of: dict[int, tuple[Frame | None, Frame | None]] = {}
+        self._kinds: dict[tuple[str, int], int] = {}
+        self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
         self._indirect: list[tuple[str, int, int]] = []
         self._labels: set[bytes] = set()
@@ -97,45 +105,67 @@ class _Reader(Reader):
 
     def read(self) -> Program:
         instructions, position_start, position_end = self._sections()
-        self._read_positions(position_start, position_end)
-        self._labels = {m[1] for _, code in instructions if (m := _LABEL.match(code))}
+        self._positions = Positions(self.source, self.options, position_start, position_end)
+        codes = (one.code for one in instructions if isinstance(one, Instruction))
+        self._labels = {m[1] for code in codes if (m := _LABEL.match(code))}
         self.flow.begin_routine("MAIN", outside=True)
         if self._tracked:
             self.flow.shift("program", self._tracked)
-        self.body(instructions, self._instruction)
+        self.body(instructions, self._take)
         self.flow.solve()
+        self._settle()
         self._attach()
-        self.points = [*self._positions.values(), *self.points]
-        return self.program("fanuc", finest=1e-3)
+        self.points = [*self._positions.ordered(), *self.points]
+        return self.program("fanuc", finest=1e-3, runs=self._runs)
 
-    def _sections(self) -> tuple[list[Instruction], int, int]:
-        """Return the instructions, and where the positions start and end."""
-        data, section, seen = self.source.data, b"", set()
-        instructions: list[Instruction] = []
+    def _sections(self) -> tuple[list[Instruction | Lines], int, int]:
+        """Return the instructions and runs of motions, and where the positions start and end."""
+        data, seen = self.source.data, set()
+        instructions: list[Instruction | Lines] = []
         start = end = len(data)
-        goes_on = False
-        for line, a, b in self.source.lines():
-            if m := _SECTION.match(data, a, b):
-                section = m[1].upper()
-                if section in seen:
-                    raise self.source.error(line, f"/{section.decode()} is given a second time; keep one")
-                seen.add(section)
-                if section == b"POS":
-                    start = b
-                elif section == b"END":
-                    end = a
-                    break
-            elif section == b"APPL" and (m := _TRACKED.match(data, a, b)) and not self._tracked:
-                self._tracked = f"{m[1].decode().upper()} (line {line})"
+        heads = list(_section_heads(data))
+        for head, border in zip(heads, [*(head.start() for head in heads[1:]), len(data)], strict=False):
+            section = head[1].upper()
+            if section in seen:
+                line = self.source.line(head.start())
+                raise self.source.error(line, f"/{section.decode()} is given a second time; keep one")
+            seen.add(section)
+            first = m.end() if (m := _REST.match(data, head.end())) else len(data)
+            if section == b"POS":
+                start = min(first, border)
+            elif section == b"END":
+                end = head.start()
+                break
+            elif section == b"APPL":
+                lines = ((line, _TRACKED.match(data, a, b)) for line, a, b in self.source.lines(first, border))
+                tracked = next(((line, m[1]) for line, m in lines if m), None)
+                self._tracked = f"{tracked[1].decode().upper()} (line {tracked[0]})" if tracked else ""
             elif section == b"MN":
-                goes_on = self._take_line(instructions, line, data[a:b], goes_on)
+                self._main(instructions, first, border)
         if b"PROG" not in seen:
             raise FileError(self.source.path, "has no /PROG: it is not a FANUC program in text form (.ls)")
         if b"END" not in seen:
             raise FileError(self.source.path, "has no /END: the file is truncated")
         return instructions, min(start, end), end
 
-    def _take_line(self, instructions: list[Instruction], line: int, text: bytes, goes_on: bool) -> bool:
+    def _main(self, instructions: list[Instruction | Lines], start: int, end: int) -> None:
+        """Add the instructions between two starts of lines, and the runs of motions among them."""
+        data, finder = (
+            self.source.data,
+            RunFinder(self.source, _CAM_MOTION, {1: _WHOLE, 2: NAME, 3: _WHOLE, 4: _WHOLE}),
+        )
+        goes_on, position = False, start
+        while position < end:
+            for line, a, b in self.source.lines(position, end):
+                if not goes_on and (lines := finder.find(a)) is not None and lines.end <= end:
+                    instructions.append(lines)
+                    position = lines.end
+                    break
+                goes_on = self._take_line(instructions, line, data[a:b], goes_on)
+            else:
+                break
+
+    def _take_line(self, instructions: list[Instruction | Lines], line: int, text: bytes, goes_on: bool) -> bool:
         """Add a line to the instructions; return whether the last instruction has no ``;`` yet.
 
         A line without a number continues an instruction only if that is open (`goes_on`); else it is one of its own.
@@ -145,9 +175,30 @@ class _Reader(Reader):
         m = _NUMBERED.match(text)
         code = text[m.end() :] if m else text
         if goes_on and not (m and m[1]):
-            line, code = instructions[-1].line, instructions.pop().code + b" " + code
+            before = instructions.pop()
+            assert isinstance(before, Instruction)  # a run is not open
+            line, code = before.line, before.code + b" " + code
         instructions.append(Instruction(line, code))
         return not _REMARK.match(code) and b";" not in _LABELS.sub(b"", code)
+
+    def _take(self, piece: Instruction | Lines) -> None:
+        """Take an instruction, or a run of motions."""
+        if isinstance(piece, Instruction):
+            self._instruction(piece)
+            return
+        data = self.source.data
+        numbered = _NUMBERED.match(data, piece.start)
+        motion = _MOTION.match(data, numbered.end() if numbered else piece.start)
+        assert motion is not None  # of `_CAM_MOTION`
+        kind = self._kinds.setdefault((motion[1].decode(), self.flow.node), len(self._kinds))
+        if self._positions.named.move(piece, 1, kind):
+            self.arc(None)
+            return
+        instructions: list[Instruction | Lines] = []
+        for line, a, b in self.source.lines(piece.start, piece.end):
+            self._take_line(instructions, line, data[a:b], goes_on=False)
+        for one in instructions:
+            self._take(one)
 
     def _instruction(self, instruction: Instruction) -> None:
         line, code = instruction.line, _TEXT.sub(b"''", instruction.code)
@@ -220,10 +271,7 @@ class _Reader(Reader):
         if m[2] is None:
             self._indirect.append((word, line, self.flow.node))
             return self.other(word, line, Problem("skip", "which position is known at run time only"), text)
-        point = self._positions.get(int(m[2]))
-        if point is None:
-            point = self._positions[int(m[2])] = Point(f"P[{int(m[2])}]", self.source, line)
-            point.problem = Problem("skip", "not taught: it is not under /POS")
+        point = self._positions.moved_to(int(m[2]), line)
         self._moves.append(_Move(point, word, line, self.flow.node, problem))
         return point
 
@@ -243,9 +291,7 @@ class _Reader(Reader):
             self.other(word, line, unknown_motion(shown(code)))
             return
         for k, m in enumerate(_POINT.finditer(code)):
-            numbers = [int(m[1])] if m[1] else list(self._positions)
-            for number in numbers:
-                point = self._positions.get(number)
+            for point in [self._positions.get(int(m[1]))] if m[1] else self._positions.all():
                 if point is not None:
                     if written and k == 0:
                         point.writes.append((line, "assigned"))
@@ -266,102 +312,64 @@ class _Reader(Reader):
             which = _WHICH[(m[1] or m[2] or m[4]).upper()]
             self.changed.setdefault((which, int(m[3]) if m[3] else None), line)
 
+    def _settle(self) -> None:
+        """Keep the runs of positions to which motions of one kind go, and take the other positions out of them."""
+        if self._indirect:
+            self._positions.all()
+        before, kinds = self._positions.named.taken.copy(), list(self._kinds)
+        for group, lines in self._positions.named.groups(self._alike):
+            _, point = self._positions.read_at(lines.start)
+            if group.kind >= 0:
+                point.uses = [self._use_in(group, int(group.lines[0]))]
+            self._runs.append(FoundRun(lines, point, VALUES, group.lines, ("P[", "]"), blanks=True))
+        for row in np.flatnonzero(self._positions.named.taken & ~before).tolist():
+            self._positions.take_out(row)
+        moves = list(self._moves)
+        for row, line, kind in self._positions.named.left():
+            word, node = kinds[kind]
+            moves.append(_Move(self._positions.take_out(row), word, line, node, None))
+        self._moves = sorted(moves, key=_line)
+
+    def _alike(self, group: Group) -> bool:
+        """Return whether the motions of a group differ in their lines at most."""
+        if group.kind < 0:
+            return True
+        first, last = (self._use_in(group, int(line)) for line in group.lines[[0, -1]])
+        return first._replace(line=last.line) == last
+
+    def _use_in(self, group: Group, line: int) -> Use:
+        return self._use_at(self._positions.first[group.run], *list(self._kinds)[group.kind], line, None)
+
     def _attach(self) -> None:
         """Give each position the motions to it, now that the frames in force at each are known."""
         for word, line, node in self._indirect:
-            self._moves += [_Move(p, word, line, node, None) for p in self._positions.values() if p.values]
-        number = {id(point): n for n, point in self._positions.items()}
+            self._moves += [_Move(p, word, line, node, None) for p in self._positions.all() if p.values]
         for point, word, line, node, problem in self._moves:
-            tool, base = self._frames_of.get(number[id(point)], (None, None))
-            state = self.flow.states[node]
-            for which, frame in (("tool", tool), ("base", base)):
-                values = getattr(state, which)
-                numbers = {v.number for v in values if v.kind == "number"}
-                if problem is None and frame and numbers and len(numbers) == len(values) and frame.key not in numbers:
-                    other, own = _NUMBERS[which]
-                    reason = f"{other} {min(numbers)} is in force (line {line}), but it was taught in {own} {frame.key}"
-                    problem = Problem("refuse", reason)
-            problem = shifts.problem_of(state.shifts) or problem
-            point.uses.append(self.use(word, line, tool, base, problem))
+            point.uses.append(self._use_at(point, word, node, line, problem))
 
-    def _read_positions(self, start: int, end: int) -> None:
-        data, source = self.source.data, self.source
-        position = start
-        for m in _HEAD.finditer(data, start, end):
-            line = source.line(m.start(1))
-            if data[position : m.start()].strip():
-                raise source.error(
-                    source.line(position + 1), "a position under /POS that is not understood; correct it"
-                )
-            number, close = int(m[1]), data.find(b"}", m.end(), end)
-            if close < 0 or data.find(b"{", m.end(), close) >= 0:
-                raise source.error(line, f"the brace of P[{number}] is not closed: the file is truncated or broken")
-            if number in self._positions:
-                raise source.error(line, f"P[{number}] is given twice, first in line {self._positions[number].line}")
-            self._positions[number] = self._position(number, line, m.end(), close)
-            position = close + 1
-            while data[position : position + 1] in (b" ", b";", b"\t"):
-                position += 1
-        if data[position:end].strip():
-            line = source.line(position + len(data[position:end]) - len(data[position:end].lstrip()))
-            raise source.error(line, "a position under /POS that is not understood; correct it")
-
-    def _position(self, number: int, line: int, start: int, end: int) -> Point:
-        source, data = self.source, self.source.data
-        point = Point(f"P[{number}]", source, line)
-        groups = list(_GROUP.finditer(data, start, end))
-        if groups:
-            ours = [k for k, m in enumerate(groups) if int(m[1]) == 1]
-            if not ours:
-                point.problem = Problem("skip", "no position of group 1, the robot")
-                return point
-            start = groups[ours[0]].end()
-            end = groups[ours[0] + 1].start() if ours[0] + 1 < len(groups) else end
-        frames: dict[bytes, bytes] = {m[1].upper(): m[2] for m in _FRAMES.finditer(data, start, end)}
-        config = _CONFIG.search(data, start, end)
-        point.configuration = config[1].decode("latin-1") if config else ""
-        point.problem = _problem_of(frames)
-        self._frames_of[number] = (_frame(frames, b"UT", "UTOOL"), _frame(frames, b"UF", "UFRAME"))
-        found: dict[str, re.Match[bytes]] = {}
-        for m in _VALUE.finditer(data, start, end):
-            key = m[1].decode().upper()
-            if key in found:
-                raise source.error(source.line(m.start()), f"P[{number}] gives {key} twice; keep one")
-            found[key] = m
-        if any(key.startswith("J") for key in found):
-            point.problem = JOINTS
-            return point
-        missing = [key for key in _AXES if key not in found]
-        if missing:
-            raise source.error(line, f"P[{number}] has no {', '.join(missing)}; correct the file")
-        if any(found[key][2].strip().startswith(b"*") for key in _AXES):
-            point.problem = Problem("skip", "not taught: its numbers are ****")
-            return point
-        for key in _AXES:
-            if (found[key][3] or b"").lower() != _UNIT[key]:
-                at = source.line(found[key].start())
-                raise source.error(
-                    at, f"P[{number}] {key}: expected a number in {_UNIT[key].decode()}; correct the file"
-                )
-        tokens = [found[key][2].strip() for key in _AXES]
-        values, _ = numbers_at(source, source.line(found["X"].start()), _AXES, tokens, [0] * 6)
-        point.values, point.spans = values, tuple([found[key].span(2) for key in _AXES])
-        external = [key for key in found if key.startswith("E")]
-        if external and point.problem is None and not self.options.external_axes:
-            reason = f"external axis {external[0]} in group 1 has no model; allow external_axes if it does not move it"
-            point.problem = Problem("refuse", reason)
-        return point
+    def _use_at(self, point: Point, word: str, node: int, line: int, problem: Problem | None) -> Use:
+        """Return a motion with the frames of its position, refused where others are in force."""
+        tool, base = self._positions.frames_of(point)
+        state = self.flow.states[node]
+        for which, frame in (("tool", tool), ("base", base)):
+            values = getattr(state, which)
+            numbers = {v.number for v in values if v.kind == "number"}
+            if problem is None and frame and numbers and len(numbers) == len(values) and frame.key not in numbers:
+                other, own = _NUMBERS[which]
+                reason = f"{other} {min(numbers)} is in force (line {line}), but it was taught in {own} {frame.key}"
+                problem = Problem("refuse", reason)
+        return self.use(word, line, tool, base, shifts.problem_of(state.shifts) or problem)
 
 
-def _problem_of(frames: dict[bytes, bytes]) -> Problem | None:
-    for key in (b"UF", b"UT"):
-        value = frames.get(key, b"")
-        if not value.isdigit() or len(value) > 4:
-            found = shown(value) or "missing"
-            return Problem("refuse", f"{key.decode()} : {found}: in whatever frame is in force; teach it in a number")
-    return None
+def _section_heads(data: bytes) -> Iterator[re.Match[bytes]]:
+    """Yield the lines that begin a section; the match starts with the line."""
+    for m in _HEAD_WORD.finditer(data):
+        start = m.start()
+        while start and data[start - 1] in b" \t":
+            start -= 1
+        if (not start or data[start - 1] in b"\r\n") and (head := _SECTION.match(data, start)):
+            yield head
 
 
-def _frame(frames: dict[bytes, bytes], key: bytes, name: str) -> Frame | None:
-    value = frames.get(key, b"")
-    return Frame(f"{name}[{int(value)}]", int(value)) if value.isdigit() and len(value) < 5 else None
+def _line(item: Point | _Move) -> int:
+    return item.line

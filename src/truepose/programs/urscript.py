@@ -18,7 +18,7 @@ from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
-from truepose.programs.core.forms import BLANKS, NUMBER, Lines, RunFinder, is_run
+from truepose.programs.core.forms import BLANKS, NUMBER, FoundRun, Lines, RunFinder, is_run
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
@@ -73,6 +73,7 @@ _RUN: Final = re.compile(
     + rb"\)[ \t]*+\r?+\n"
 )
 """A motion to a pose in the motion itself, which may be one of many; the general reader reads the first of them."""
+_VALUES: Final = slice(0, 6)
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _BASE: Final = Frame("base", 0)
 
@@ -102,7 +103,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
 class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
-        self._runs: list[tuple[Point, Lines]] = []
+        self._runs: list[FoundRun] = []
         self._named: dict[str, _Named] = {}
         self._inline: list[tuple[Point, Use, int]] = []
         self._goals: list[list[Point | str]] = []
@@ -205,8 +206,8 @@ class _Reader(Reader):
             return
         if self._marks() == (*before[:-1], before[-1] + 1):
             point = self._inline[-1][0]
-            if is_run(lines, self.source.data, "ur", point.values, point.spans):
-                self._runs.append((point, lines))
+            if is_run(lines, "ur", point, _VALUES):
+                self._runs.append(FoundRun(lines, point, _VALUES))
                 return
         for one in _statements(self.source, start=statement.end, end=lines.end):
             self._statement(one)
@@ -350,7 +351,7 @@ class _Reader(Reader):
         return Point(name, self.source, line, tuple(values), tuple(spans))
 
     def _attach(self, ambient: State) -> None:
-        in_runs = {id(point) for point, _ in self._runs}
+        in_runs = {id(run.point) for run in self._runs}
         for point, use, node in self._inline:
             point.uses.append(self._with_tool(use, node, ambient))
             if id(point) not in in_runs:

@@ -20,6 +20,7 @@ from truepose.errors import DataError
 from truepose.geometry import euler
 from truepose.programs.core.columns import CHUNK, TargetColumns
 from truepose.programs.core.digits import values_at
+from truepose.programs.core.points import Judge, Point, Sweep
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target
 
@@ -55,17 +56,17 @@ class Form:
         one = b"".join(re.escape(text) + pattern for text, pattern in zip(texts, [*patterns, b""], strict=True))
         self._many = re.compile(rb"(?:" + one + rb"){0,%d}+" % CHUNK)
         self.lines = b"".join(texts).count(b"\n")
-        before, seen = [], 0
-        after = []
+        before, after = [], []
+        seen = 0  # of the characters that separate; the last of the item before is the first
         for k, text in enumerate(texts):
             marks = [i for i, c in enumerate(text) if c not in _IN_HOLES]
-            if not marks:
+            if k and not marks:
                 raise ValueError("holes that nothing separates")
             if k:
-                after.append((seen, marks[0]))
+                after.append((seen + 1, marks[0]))
             seen += len(marks)
             if k < len(patterns):
-                before.append((seen - 1, len(text) - marks[-1]))
+                before.append((seen, len(text) - (marks[-1] if marks else -1)))
         self._separators = seen
         self._before, self._behind = np.array(before), np.array(after)
 
@@ -79,6 +80,7 @@ class Form:
         """Return the holes of the items of a run, (items, holes, 2), blanks in front included."""
         text = np.frombuffer(data, np.uint8, end - start, start)
         marks = np.flatnonzero(_SEPARATES[text]).reshape(-1, self._separators) + start
+        marks = np.column_stack([np.append(start - 1, marks[:-1, -1]), marks])
         first = marks[:, self._before[:, 0]] + self._before[:, 1]
         last = marks[:, self._behind[:, 0]] - self._behind[:, 1]
         return np.stack([first, last], axis=2)
@@ -102,10 +104,28 @@ class Lines(NamedTuple):
     items: int
     form: Form
 
-    def columns(self, data: bytes, holes: slice = slice(None)) -> tuple[FloatArray, IntArray]:
-        """Return the values (items, holes) and the spans (items, holes, 2) of some holes, without blanks."""
-        spans = without_blanks(data, self.form.spans(data, self.start, self.end)[:, holes])
-        return values_at(data, spans.reshape(-1, 2)).reshape(spans.shape[:2]), spans
+    def columns(self, data: bytes, holes: slice = slice(None), *, blanks: bool = False) -> tuple[FloatArray, IntArray]:
+        """Return the values (items, holes) and the spans (items, holes, 2) of some holes.
+
+        `blanks`: the spans include the blanks in front.
+        """
+        whole = self.form.spans(data, self.start, self.end)[:, holes]
+        spans = without_blanks(data, whole)
+        values = values_at(data, spans.reshape(-1, 2)).reshape(spans.shape[:2])
+        return values, whole if blanks else spans
+
+    def part(self, data: bytes, first: int, last: int) -> Lines:
+        """Return the items from `first` to the one before `last`."""
+        if last - first == self.items:
+            return self
+        borders = [*self.starts(data), self.end]
+        return Lines(self.line + first * self.form.lines, borders[first], borders[last], last - first, self.form)
+
+    def starts(self, data: bytes) -> list[int]:
+        """Return the first byte of each item."""
+        text = np.frombuffer(data, np.uint8, self.end - self.start, self.start)
+        ends = np.flatnonzero(text == ord("\n"))[self.form.lines - 1 :: self.form.lines] + (self.start + 1)
+        return [self.start, *ends[:-1].tolist()]
 
 
 @dataclass(eq=False)
@@ -170,7 +190,7 @@ class RunFinder:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Targets of one form, whose first holes are their numbers.
+    """Targets of one form.
 
     Attributes
     ----------
@@ -180,17 +200,23 @@ class Run:
         The lines.
     likes : tuple of Target
         The first target, judged; and once more for each other configuration.
-    width : int
-        The number of a target's numbers.
+    holes : slice
+        The holes of a target's numbers.
     which : (n,) array of int, optional
         The place of each target in `likes`; None where there is one.
+    name : tuple of str
+        The text before and behind the first hole in the name of each target; empty where the motion names it.
+    blanks : bool
+        Whether the spans of numbers include the blanks in front.
     """
 
     source: Source
     lines: Lines
     likes: tuple[Target, ...]
-    width: int
+    holes: slice
     which: NDArray[np.int16] | None = None
+    name: tuple[str, str] | tuple[()] = ()
+    blanks: bool = False
 
     def __len__(self) -> int:
         return self.lines.items
@@ -203,18 +229,57 @@ class Run:
     def columns(self, alike: Sequence[Target], kinds: Sequence[int]) -> TargetColumns:
         """Return the targets, read from the file's bytes."""
         n = len(self)
-        values, spans = self.lines.columns(self.source.data, slice(0, self.width))
+        data = self.source.data
+        values, spans = self.lines.columns(data, self.holes, blanks=self.blanks)
         values[:, :3] *= self.like.unit
         kind = np.full(n, kinds[0]) if self.which is None else np.array(kinds)[self.which]
         nothing, line = np.full(n, -1), self.lines.line + self.lines.form.lines * np.arange(n)
-        return TargetColumns(alike, kind, line, nothing, nothing, values, spans, [None] * n)
+        names: list[str | None] = [None] * n
+        if self.name:
+            before, behind = self.name
+            numbers = self.lines.columns(data, slice(0, 1))[1][:, 0].tolist()
+            names = [before + data[a:b].decode() + behind for a, b in numbers]
+        return TargetColumns(alike, kind, line, nothing, nothing, values, spans, names)
 
 
-def is_run(lines: Lines, data: bytes, controller: str, values: Sequence[float], spans: Sequence[Sequence[int]]) -> bool:
-    """Return whether a run is read as the general reader read its first target, and every orientation is one."""
+class FoundRun(NamedTuple):
+    """A run as a reader finds it.
+
+    Attributes
+    ----------
+    lines : Lines
+        The lines.
+    point : Point
+        The first point, with its use if motions go to it.
+    holes : slice
+        The holes of a point's numbers.
+    moved_in : (n,) array of int, optional
+        The line of the motion to each point; without it the points are in the motions themselves.
+    name, blanks
+        As `Run` has them.
+    """
+
+    lines: Lines
+    point: Point
+    holes: slice
+    moved_in: IntArray | None = None
+    name: tuple[str, str] | tuple[()] = ()
+    blanks: bool = False
+
+    def judged(self, judge: Judge) -> tuple[Sweep | None, Run]:
+        """Return the targets, and the motions to them."""
+        point = self.point
+        run = Run(point.source, self.lines, (judge.target(point),), self.holes, name=self.name, blanks=self.blanks)
+        sweep = Sweep.of(point.uses[0], len(run)) if point.uses else None
+        return (sweep if sweep is None or self.moved_in is None else sweep._replace(line=self.moved_in)), run
+
+
+def is_run(lines: Lines, controller: str, point: Point, holes: slice, *, blanks: bool = False) -> bool:
+    """Return whether a run is read as the general reader read its first point, and every orientation is one."""
+    values, spans = point.values, point.spans
     if not values:
         return False
-    found, where = lines.columns(data, slice(0, len(values)))
+    found, where = lines.columns(point.source.data, holes, blanks=blanks)
     if found[0].tolist() != list(values) or where[0].tolist() != [list(span) for span in spans]:
         return False
     try:

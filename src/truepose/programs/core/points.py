@@ -12,7 +12,7 @@ from functools import lru_cache
 from itertools import accumulate
 from typing import Final, NamedTuple
 
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
@@ -62,6 +62,27 @@ class Visit(NamedTuple):
     section: int
     item: int
     word: str
+
+
+class Sweep(NamedTuple):
+    """Motions of one word to consecutive targets, one to each; see `Visit` for the attributes.
+
+    `line` is an array (n,); it need not ascend.
+    """
+
+    file: str
+    line: IntArray
+    order: int
+    section: int
+    word: str
+
+    @classmethod
+    def of(cls, first: Use, n: int) -> Sweep:
+        """Return n motions line after line, from the first one."""
+        import numpy as np
+
+        visit = first.visit(0)
+        return cls(visit.file, np.arange(visit.line, visit.line + n), visit.order, visit.section, visit.word)
 
 
 class Problem(NamedTuple):
@@ -352,7 +373,7 @@ class Judge:
         self,
         points: Sequence[Point],
         circles: Iterable[Sequence[Point]],
-        runs: Sequence[tuple[Use, Stretch]] = (),
+        runs: Sequence[tuple[Sweep | None, Stretch]] = (),
         sources: Sequence[Source] = (),
     ) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
         """Return the targets in the order of the text, and the circles as their indices.
@@ -363,18 +384,18 @@ class Judge:
             The points.
         circles : iterable of sequences of Point
             Points that are corrected together or not at all.
-        runs : sequence of (Use, Stretch)
-            Runs of motions, each with its first motion.
+        runs : sequence of (Sweep or None, Stretch)
+            Runs of targets, each with the motions to them.
         sources : sequence of Source
             The files in their order; by default that of the points.
         """
         place = {id(point): i for i, point in enumerate(points)}
         joined = [[place[id(point)] for point in circle] for circle in circles]
         visits = [use.visit(place[id(point)]) for point in points for use in point.uses]
-        visits += [use.visit(i) for i, (use, _) in enumerate(runs, len(points))]
+        sweeps = [(sweep, i) for i, (sweep, _) in enumerate(runs, len(points)) if sweep is not None]
         sources = sources or list({point.source: None for point in points})
         items: list[Target | Stretch] = [*map(self.target, points), *(stretch for _, stretch in runs)]
-        return in_order(items, joined, sources, visits)
+        return in_order(items, joined, sources, visits, sweeps)
 
 
 @lru_cache(maxsize=256)
@@ -389,11 +410,12 @@ def in_order(
     circles: Iterable[Sequence[int]],
     sources: Sequence[Source],
     visits: Iterable[Visit],
+    sweeps: Sequence[tuple[Sweep, int]] = (),
 ) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
     """Return a program's targets in the order of the text, file by file, and its circles by their places there.
 
-    A target whose circle has another point that is left out is left out, too. `circles` and `visits` refer to places in
-    `items`; `sources` gives the order of the files.
+    A target whose circle has another point that is left out is left out, too. `circles`, `visits` and `sweeps` refer to
+    places in `items`; `sources` gives the order of the files.
     """
     rank = {source.path: k for k, source in enumerate(sources)}
 
@@ -405,27 +427,46 @@ def in_order(
     starts = accumulate([1 if isinstance(item := items[i], Target) else len(item) for i in order], initial=0)
     place = dict(zip(order, starts, strict=False))
     replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
-    motions = _motions(visits, place, items)
+    motions = _motions(list(visits), sweeps, [place[i] for i in range(len(items))])
     targets = ProgramTargets((replaced.get(i, items[i]) for i in order), motions)
     return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
 
 
-def _motions(visits: Iterable[Visit], place: Mapping[int, int], items: Sequence[Target | Stretch]) -> Motions:
-    """Return the motions in the order of the text."""
+def _motions(visits: Sequence[Visit], sweeps: Sequence[tuple[Sweep, int]], places: Sequence[int]) -> Motions:
+    """Return the motions in the order of the text.
+
+    Parameters
+    ----------
+    visits : sequence of Visit
+        Motions to single targets.
+    sweeps : sequence of (Sweep, int)
+        Motions to targets in a row, each with the item that they are.
+    places : sequence of int
+        The place of each item's first target.
+    """
     import numpy as np
 
-    targets, linear, before = [], [], None
-    for visit in sorted(visits):
-        item, first = items[visit.item], place[visit.item]
-        size = 1 if isinstance(item, Target) else len(item)
-        on_path = JOINT_MOTION.fullmatch(visit.word) is None
-        targets.append(np.arange(first, first + size))
-        linear.append(np.full(size, on_path))
-        linear[-1][0] = on_path and before == (visit.file, visit.section)
-        before = (visit.file, visit.section)
-    if not targets:
+    if not visits and not sweeps:
         return NO_MOTIONS
-    return Motions(np.concatenate(targets), np.concatenate(linear))
+    files = {name: k for k, name in enumerate(sorted({v.file for v in visits} | {s.file for s, _ in sweeps}))}
+    words = {word: k for k, word in enumerate(sorted({v.word for v in visits} | {s.word for s, _ in sweeps}))}
+    by_visit = [(files[v.file], v.line, v.order, v.section, v.item, words[v.word]) for v in visits]
+    singles = np.array(by_visit, np.int64).reshape(-1, 6).T
+    targets = [np.array([places[v.item] for v in visits], np.int64)]
+    keys: list[list[IntArray]] = [[key] for key in singles]
+    for sweep, item in sweeps:
+        n = len(sweep.line)
+        one = (files[sweep.file], sweep.line, sweep.order, sweep.section, item, words[sweep.word])
+        for column, value in zip(keys, one, strict=True):
+            column.append(np.broadcast_to(np.asarray(value), n))
+        targets.append(np.arange(places[item], places[item] + n))
+    file, line, order, section, item_, word = (np.concatenate(column).astype(np.int32) for column in keys)
+    sequence = np.lexsort((word, item_, section, order, line, file))
+    on_path = np.array([JOINT_MOTION.fullmatch(text) is None for text in words])[word[sequence]]
+    file, section = file[sequence], section[sequence]
+    on_path[:1] = False
+    on_path[1:] &= (file[1:] == file[:-1]) & (section[1:] == section[:-1])
+    return Motions(np.concatenate(targets)[sequence], on_path)
 
 
 def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, TypeVar
 
 from truepose.programs.core.flow import BlockError, Flow
-from truepose.programs.core.forms import Lines, Run
+from truepose.programs.core.forms import FoundRun
 from truepose.programs.core.points import Frame, Judge, Place, Point, Problem, Use
 from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -106,11 +106,11 @@ class Reader:
         frame: Frame | None = None,
         lexer: re.Pattern[bytes] = PLAIN_LEXER,
         finest: float = 0.0,
-        runs: Iterable[tuple[Point, Lines]] = (),
+        runs: Iterable[FoundRun] = (),
     ) -> Program:
         """Return the program with its verdicts; see `Judge` and `Program` for the parameters.
 
-        `runs` are runs of motions of one form, each with its first point.
+        `runs` are runs of targets of one form.
         """
         self.arc(None)
         judge = Judge(
@@ -122,8 +122,6 @@ class Reader:
             frame_default=frame,
             changed=self.changed,
         )
-        stretches = [
-            (first.uses[0], Run(self.source, lines, (judge.target(first),), len(first.values))) for first, lines in runs
-        ]
+        stretches = [run.judged(judge) for run in runs]
         targets, circles = judge.program_targets(self.points, self.circles, stretches, [self.source])
         return Program(self.source.path, (self.source,), targets, circles, lexer, finest=finest)

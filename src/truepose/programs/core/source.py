@@ -51,6 +51,7 @@ _BROKEN = re.compile(
 )
 _CONTEXT: Final = 3
 _SHOWN: Final = 40
+_BLOCK: Final = 1 << 20
 _REPLACED: ContextVar[Mapping[Path, bytes] | None] = ContextVar("replaced", default=None)
 
 
@@ -89,7 +90,8 @@ class Source:
         """Read a file; see `truepose._io.files.read_bytes` for the errors, and `replaced`."""
         contents = _REPLACED.get() or {}
         source = cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
-        length = np.diff(np.append(np.frombuffer(source._line_starts, np.int64), len(source.data)))
+        starts = np.frombuffer(source._line_starts, np.uint32 if source._line_starts.typecode == "I" else np.uint64)
+        length = np.diff(starts, append=starts.dtype.type(len(source.data)))
         if length.max() > LONGEST_LINE:
             line = int(length.argmax()) + 1
             raise source.error(line, f"has {length[line - 1]} characters, at most {LONGEST_LINE} are read; break it")
@@ -102,20 +104,31 @@ class Source:
 
     @cached_property
     def _line_starts(self) -> array[int]:
-        return array("q", [0]) + array("q", (m.end() for m in _LINE_END.finditer(self.data)))
+        starts = array("I" if len(self.data) < 2**32 else "Q", [0])
+        text = np.frombuffer(self.data, np.uint8)
+        for start in range(0, len(text), _BLOCK):  # one byte more than the block, which shows whether LF follows CR
+            block = text[start : start + _BLOCK + 1]
+            ends = block[:_BLOCK] == ord("\n")
+            returns = block[:_BLOCK] == ord("\r")
+            if returns.any():
+                returns[: len(block) - 1] &= block[1:] != ord("\n")
+                ends |= returns
+            starts.frombytes((np.flatnonzero(ends) + (start + 1)).astype(f"u{starts.itemsize}").tobytes())
+        return starts
 
     def line(self, offset: int) -> int:
         """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
         return bisect.bisect_right(self._line_starts, offset)
 
-    def lines(self) -> Iterator[tuple[int, int, int]]:
-        """Yield each line's number, start and end, without its line end."""
-        start = 0
-        for number, m in enumerate(_LINE_END.finditer(self.data), 1):
+    def lines(self, start: int = 0, end: int | None = None) -> Iterator[tuple[int, int, int]]:
+        """Yield each line's number, start and end, without its line end; `start` and `end` are starts of lines."""
+        end = len(self.data) if end is None else end
+        number = self.line(start)
+        for m in _LINE_END.finditer(self.data, start, end):
             yield number, start, m.start()
-            start = m.end()
-        if start < len(self.data):
-            yield len(self._line_starts), start, len(self.data)
+            start, number = m.end(), number + 1
+        if start < end:
+            yield number, start, end
 
     def error(self, line: int, message: str) -> FileError:
         """Return an error that names the file and a line, itself on one line whatever the message quotes."""

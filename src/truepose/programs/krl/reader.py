@@ -10,7 +10,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.points import Point, Problem, Use
+from truepose.programs.core.points import Point, Problem, Sweep
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl.lexer import LEXER
@@ -150,7 +150,7 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
     of_numbers = {id(numbers): point for numbers in shared.numbers if (point := judge.point(numbers)) is not None}
     of_variables: dict[int, Point] = {}
     points = list(of_numbers.values())
-    runs: list[tuple[Use, Run]] = []
+    runs: list[tuple[Sweep, Run]] = []
     for module in modules:
         if module.src is None:
             continue
@@ -182,12 +182,13 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
     return Program(path, tuple(sources), *ordered, LEXER, root=path if shared.project else None)
 
 
-def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Use, Run]]:
-    """Yield the runs of motions of a module, each with its first motion."""
+def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Sweep, Run]]:
+    """Yield the runs of motions of a module, each with its motions."""
     for first, lines in module.runs:
         point = judge.point(first)
         assert point is not None  # a motion goes to it
-        yield point.uses[0], Run(src, lines.start, lines.end, lines.line, lines.lines, judge.target(point))
+        run = Run(src, lines.start, lines.end, lines.line, lines.lines, judge.target(point))
+        yield Sweep.of(point.uses[0], len(run)), run
 
 
 def _variables(module: KrlModule) -> list[PointVariable]:

@@ -17,7 +17,7 @@ from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import frame_data, robtarget
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import Datum, ModuleNames, RapidTask, RobtargetVariable, Routine, Scope, late_bound
-from truepose.programs.rapid.runs import inline_runs
+from truepose.programs.rapid.runs import NUMBERS, inline_runs
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -99,7 +99,7 @@ class RapidModule:
             self._statement(statement, lines.line)
         if task.marks() == (before[0] + 1, before[1] + 1, *before[2:]) and task.moves[-1].point is task.points[-1]:
             point = task.points[-1]
-            if is_run(lines, source.data, "abb", point.values, point.spans):
+            if is_run(lines, "abb", point, NUMBERS):
                 task.runs.append((task.points.pop(), lines))
                 return
         for statement in syntax.statements(source, behind, lines.end):

@@ -14,7 +14,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
-from truepose.programs.core.points import Judge, Problem, at
+from truepose.programs.core.points import Judge, Problem, Sweep, at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -53,7 +53,10 @@ def read_tasks(
     programs = []
     for (path, _), (task, sources) in zip(tasks, found, strict=True):
         judge = Judge(frames, options, "abb", changed=changed)
-        runs = [(first.uses[0], run_of(first.source, lines, judge.target(first))) for first, lines in task.runs]
+        runs = [
+            (Sweep.of(first.uses[0], lines.items), run_of(first.source, lines, judge.target(first)))
+            for first, lines in task.runs
+        ]
         targets, circles = judge.program_targets(task.points, task.circles, runs, sources)
         root = path if path.is_dir() else None
         programs.append(Program(path, sources, targets, circles, PLAIN_LEXER, root=root))

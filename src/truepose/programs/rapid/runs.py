@@ -1,4 +1,4 @@
-"""Long runs of RAPID lines of one form, such as ``MoveL [[1.5,-2.25,300],[1,0,0,0],[0,0,0,0],[9E9,…]],v100,fine,tool0;``.
+"""Long runs of RAPID lines of one form, such as ``MoveL [[1.5,2,3],[1,0,0,0],[0,0,0,0],[9E9,…]],v100,fine,tool0;``.
 
 The general reader reads the first line of each (tests/programs/test_runs.py compares all).
 """
@@ -32,8 +32,8 @@ _INLINE: Final = re.compile(
     BLANKS + rb"Move[LJ]" + BLANKS + _ROBTARGET + _COMMA + _SPEED + rb"\b[^\r\n\[\](){};!\"%]*+;[ \t]*+\r?+\n", re.I
 )
 _PATTERNS: Final = {**dict.fromkeys(range(8, 12), _PLAIN), 12: rb"[0-9]{1,5}+", 13: rb"[0-9]{1,3}+"}
-_NUMBERS: Final = 7
-_CONFIGURATION: Final = slice(_NUMBERS, _NUMBERS + 4)
+NUMBERS: Final = slice(0, 7)
+_CONFIGURATION: Final = slice(7, 11)
 
 
 def inline_runs(source: Source) -> RunFinder:
@@ -51,4 +51,4 @@ def run_of(source: Source, lines: Lines, like: Target) -> Run:
     place[order] = np.arange(len(order))
     texts = [",".join(map(str, words[i])) for i in first[order].tolist()]
     several = None if len(texts) == 1 else place[which].astype(np.int16)
-    return Run(source, lines, configured(like, texts), _NUMBERS, several)
+    return Run(source, lines, configured(like, texts), NUMBERS, several)

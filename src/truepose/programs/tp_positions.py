@@ -1,0 +1,221 @@
+"""The positions of a FANUC program, under /POS, with their own frame numbers.
+
+Positions of one form that follow each other stay columns (`truepose.programs.core.named`) until something other than a
+plain motion names one of them.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+
+from truepose.errors import FileError
+from truepose.programs.core.forms import NUMBER, RunFinder, is_run
+from truepose.programs.core.named import NamedRuns, code_of
+from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
+from truepose.programs.core.program import ReadOptions
+from truepose.programs.core.source import Source, shown
+
+_HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
+_GROUP = re.compile(rb"\bGP(\d{1,9})\s*:", re.I)
+_FRAMES = re.compile(rb"\b(UF|UT)\s*:\s*([^\s,]*)", re.I)
+_CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
+_VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
+_AXES: Final = ("X", "Y", "Z", "W", "P", "R")
+_UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
+_CAM_POSITION: Final = re.compile(
+    rb"P\[([1-9][0-9]{0,8}+)\][ \t]*+\{[^{}=]{0,200}?"
+    + b"".join(
+        rb"\b%s[ \t]*+=[ \t]*+(" % key.encode() + NUMBER + rb")[ \t]++" + _UNIT[key] + rb"\b[,\s]*+" for key in _AXES
+    )
+    + rb"\}[ \t]*+;?[ \t]*+\r?+\n",
+    re.I,
+)
+"""A position as CAM systems write it, on several lines; the general reader reads the first of many."""
+VALUES: Final = slice(1, 7)
+"""The holes of its numbers, behind that of its name."""
+NAME: Final = rb"[1-9][0-9]{0,8}+"
+NOT_TAUGHT: Final = Problem("skip", "not taught: it is not under /POS")
+
+
+class Positions:
+    """The positions of one program.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    options : ReadOptions
+        The options of reading.
+    start, end : int
+        The bytes between which they stand.
+
+    Attributes
+    ----------
+    named : NamedRuns
+        The positions that are rows of a run.
+    first : list of Point
+        The first position of each run.
+
+    Raises
+    ------
+    FileError
+        If a position is broken or given twice.
+    """
+
+    def __init__(self, source: Source, options: ReadOptions, start: int, end: int) -> None:
+        self._source, self._options = source, options
+        self._frames_of: dict[str, tuple[Frame | None, Frame | None]] = {}
+        if not self._read_in_runs(start, end):
+            self._read(start, end, None)
+            self.named.ready()
+
+    def _read_in_runs(self, start: int, end: int) -> bool:
+        """Read the positions in runs; False where the general reader must name what is broken or given twice."""
+        try:
+            self._read(start, end, RunFinder(self._source, _CAM_POSITION, {1: NAME}))
+        except FileError:
+            return False
+        numbers = np.array([code_of(b"%d" % number) for number in self._points], np.int64)
+        return self.named.ready() and bool((self.named.rows(numbers) < 0).all())
+
+    def ordered(self) -> list[Point]:
+        """Return the positions outside of runs in the order of the file, and then those that are not taught."""
+        points = self._points.values()
+        taught = [point for point in points if point.problem != NOT_TAUGHT]
+        return [*sorted(taught, key=lambda point: point.line), *(p for p in points if p.problem == NOT_TAUGHT)]
+
+    def frames_of(self, point: Point) -> tuple[Frame | None, Frame | None]:
+        """Return the tool and frame in which a position was taught."""
+        return self._frames_of.get(point.name, (None, None))
+
+    def moved_to(self, number: int, line: int) -> Point:
+        """Return the position that a motion goes to, also if it is not taught."""
+        point = self.get(number)
+        if point is None:
+            point = self._points[number] = Point(f"P[{number}]", self._source, line, problem=NOT_TAUGHT)
+        return point
+
+    def get(self, number: int) -> Point | None:
+        """Return a position, taken out of its run."""
+        if number not in self._points and (row := int(self.named.rows(np.array([code_of(b"%d" % number)]))[0])) >= 0:
+            self.take_out(row)
+        return self._points.get(number)
+
+    def take_out(self, row: int) -> Point:
+        """Take a position out of its run."""
+        number, point = self.read_at(self.named.take(row)[1])
+        return self._points.setdefault(number, point)
+
+    def read_at(self, start: int) -> tuple[int, Point]:
+        """Return the number of a position whose text starts at a byte, and the position."""
+        m = _HEAD.match(self._source.data, start)
+        assert m is not None  # it is one of a run
+        number, close = int(m[1]), self._source.data.find(b"}", m.end())
+        return number, self._position(number, self._source.line(start), m.end(), close)
+
+    def all(self) -> list[Point]:
+        """Return all positions, taken out of their runs."""
+        for row in np.flatnonzero(~self.named.taken).tolist():
+            self.take_out(row)
+        return list(self._points.values())
+
+    def _read(self, start: int, end: int, finder: RunFinder | None) -> None:
+        data, source = self._source.data, self._source
+        self._points: dict[int, Point] = {}
+        self.named, self.first = NamedRuns(source), list[Point]()
+        position = start
+        while m := _HEAD.search(data, position, end):
+            line = source.line(m.start(1))
+            if data[position : m.start()].strip():
+                raise source.error(
+                    source.line(position + 1), "a position under /POS that is not understood; correct it"
+                )
+            number, close = int(m[1]), data.find(b"}", m.end(), end)
+            if close < 0 or data.find(b"{", m.end(), close) >= 0:
+                raise source.error(line, f"the brace of P[{number}] is not closed: the file is truncated or broken")
+            if finder is not None and self._run(finder, number, line, m, close, end):
+                position = self.named.end
+                continue
+            if number in self._points:
+                raise source.error(line, f"P[{number}] is given twice, first in line {self._points[number].line}")
+            self._points[number] = self._position(number, line, m.end(), close)
+            position = close + 1
+            while data[position : position + 1] in (b" ", b";", b"\t"):
+                position += 1
+        if data[position:end].strip():
+            line = source.line(position + len(data[position:end]) - len(data[position:end].lstrip()))
+            raise source.error(line, "a position under /POS that is not understood; correct it")
+
+    def _run(self, finder: RunFinder, number: int, line: int, head: re.Match[bytes], close: int, end: int) -> bool:
+        """Take a run of positions; return whether there is one."""
+        if (lines := finder.find(head.start())) is None or lines.end > end:
+            return False
+        first = self._position(number, line, head.end(), close)
+        if not is_run(lines, "fanuc", first, VALUES, blanks=True):
+            return False
+        self.named.declare(lines)
+        self.first.append(first)
+        return True
+
+    def _position(self, number: int, line: int, start: int, end: int) -> Point:
+        source, data = self._source, self._source.data
+        point = Point(f"P[{number}]", source, line)
+        groups = list(_GROUP.finditer(data, start, end))
+        if groups:
+            ours = [k for k, m in enumerate(groups) if int(m[1]) == 1]
+            if not ours:
+                point.problem = Problem("skip", "no position of group 1, the robot")
+                return point
+            start = groups[ours[0]].end()
+            end = groups[ours[0] + 1].start() if ours[0] + 1 < len(groups) else end
+        frames: dict[bytes, bytes] = {m[1].upper(): m[2] for m in _FRAMES.finditer(data, start, end)}
+        config = _CONFIG.search(data, start, end)
+        point.configuration = config[1].decode("latin-1") if config else ""
+        point.problem = _problem_of(frames)
+        self._frames_of[point.name] = (_frame(frames, b"UT", "UTOOL"), _frame(frames, b"UF", "UFRAME"))
+        found: dict[str, re.Match[bytes]] = {}
+        for m in _VALUE.finditer(data, start, end):
+            key = m[1].decode().upper()
+            if key in found:
+                raise source.error(source.line(m.start()), f"P[{number}] gives {key} twice; keep one")
+            found[key] = m
+        if any(key.startswith("J") for key in found):
+            point.problem = JOINTS
+            return point
+        missing = [key for key in _AXES if key not in found]
+        if missing:
+            raise source.error(line, f"P[{number}] has no {', '.join(missing)}; correct the file")
+        if any(found[key][2].strip().startswith(b"*") for key in _AXES):
+            point.problem = Problem("skip", "not taught: its numbers are ****")
+            return point
+        for key in _AXES:
+            if (found[key][3] or b"").lower() != _UNIT[key]:
+                at = source.line(found[key].start())
+                raise source.error(
+                    at, f"P[{number}] {key}: expected a number in {_UNIT[key].decode()}; correct the file"
+                )
+        tokens = [found[key][2].strip() for key in _AXES]
+        values, _ = numbers_at(source, source.line(found["X"].start()), _AXES, tokens, [0] * 6)
+        point.values, point.spans = values, tuple([found[key].span(2) for key in _AXES])
+        external = [key for key in found if key.startswith("E")]
+        if external and point.problem is None and not self._options.external_axes:
+            reason = f"external axis {external[0]} in group 1 has no model; allow external_axes if it does not move it"
+            point.problem = Problem("refuse", reason)
+        return point
+
+
+def _problem_of(frames: dict[bytes, bytes]) -> Problem | None:
+    for key in (b"UF", b"UT"):
+        value = frames.get(key, b"")
+        if not value.isdigit() or len(value) > 4:
+            found = shown(value) or "missing"
+            return Problem("refuse", f"{key.decode()} : {found}: in whatever frame is in force; teach it in a number")
+    return None
+
+
+def _frame(frames: dict[bytes, bytes], key: bytes, name: str) -> Frame | None:
+    value = frames.get(key, b"")
+    return Frame(f"{name}[{int(value)}]", int(value)) if value.isdigit() and len(value) < 5 else None
