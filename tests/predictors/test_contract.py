@@ -204,6 +204,27 @@ def test_bad_noise(model, samples, noise_std, message):
         model.fit(*samples, noise_std=noise_std)
 
 
+def test_parameters_are_set_by_name():
+    model = KinematicCalibration().set_params(robot=ROBOT, method="ekf")
+    assert (model.robot, model.method) == (ROBOT, "ekf")
+    assert repr(InverseDistance(power=3)) == "InverseDistance(power=3)"
+    with pytest.raises(DataError, match="InverseDistance has no parameter 'pover'; expected one of: neighbours, power"):
+        InverseDistance().set_params(pover=3)
+
+
+def test_parameters_of_inner_estimators_are_reached_by_both_names():
+    class Outer(InverseDistance):
+        def __init__(self, inner, power=2.0, neighbours=None):
+            super().__init__(power, neighbours)
+            self.inner = inner
+
+    outer = Outer(InverseDistance(power=3))
+    assert outer.get_params()["inner__power"] == 3
+    copy = clone(outer).set_params(inner__power=5, power=4)
+    assert (copy.power, copy.inner.power, outer.inner.power) == (4, 5, 3)
+    assert repr(copy) == "Outer(inner=InverseDistance(power=5), power=4)"
+
+
 def test_bad_targets(model, samples):
     model.fit(*samples)
     with pytest.raises(DataError, match=r"X has 2 features, but .* is expecting 3"):
