@@ -270,7 +270,7 @@ def test_a_long_fanuc_program_is_read_in_runs(tmp_path: Path, make_map: Any, end
         for k, (x, y, z) in enumerate(np.random.default_rng(1).uniform(-1800, 1800, (n, 3)), 1)
     ]
     path = tmp_path / "a.ls"
-    motions[1_000] += "\n  :PR[1]=P[7]"
+    motions[1_000] += "\n  :PR[1]=P[7] ;"
     text = "\n".join(["/PROG A", "/MN", *motions, "/POS", *positions, "/END", ""])
     path.write_text(text.replace("\n", ending), newline="")
     pieces = [piece for piece, _ in read_program(path, FRAMES).targets._pieces]

@@ -262,7 +262,7 @@ class FoundRun(NamedTuple):
     lines: Lines
     point: Point
     holes: slice
-    moved_in: IntArray | None = None
+    moved_in: NDArray[np.int32] | None = None
     name: tuple[str, str] | tuple[()] = ()
     blanks: bool = False
 

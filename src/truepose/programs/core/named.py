@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truepose._typing import BoolArray, IntArray
 from truepose.programs.core import forms
@@ -46,7 +47,7 @@ class Group(NamedTuple):
     first: int
     last: int
     kind: int
-    lines: IntArray
+    lines: NDArray[np.int32]
 
 
 class NamedRuns:
@@ -67,7 +68,7 @@ class NamedRuns:
         self._data = source.data
         self._runs: list[Lines] = []
         self._codes: list[IntArray] = []
-        self._moves: list[tuple[IntArray, IntArray, int]] = []
+        self._moves: list[tuple[NDArray[np.int32], NDArray[np.int32], int]] = []
         self._last: tuple[int, list[int]] = (-1, [])
         self.taken: BoolArray = np.empty(0, bool)
 
@@ -111,7 +112,7 @@ class NamedRuns:
         rows = self.rows(self._read_codes(lines, hole, prefix))
         if (rows < 0).any():
             return False
-        self._moves.append((rows, lines.line + np.arange(lines.items), kind))
+        self._moves.append((rows.astype(np.int32), lines.line + np.arange(lines.items, dtype=np.int32), kind))
         return True
 
     def groups(self, fits: Callable[[Group], bool]) -> Iterator[tuple[Group, Lines]]:
@@ -120,7 +121,7 @@ class NamedRuns:
         `fits` is a function that returns whether the points of a group have one verdict and reason.
         """
         n = len(self)
-        kind, line, count = np.full(n, -1), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        kind, line, count = np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
         for rows, lines, moved in self._moves:
             kind[rows], line[rows] = moved, lines
             np.add.at(count, rows, 1)

@@ -23,6 +23,8 @@ from truepose.programs.core.target import Target
 DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
 """Verdicts of outcomes by their codes."""
 _CORRECTED: Final = (1, 2)
+_GAP: Final = 1 << 16
+"""Number of bytes without a correction that are a piece of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,10 +195,17 @@ class Outcomes(Sequence[Outcome]):
                 continue
             last = spans[-1][0]
             cut = max(data.rfind(b"\n", done, last), data.rfind(b"\r", done, last)) + 1
+            if spans[0][0] - done > _GAP and (first_line := data.rfind(b"\n", done, spans[0][0]) + 1):
+                yield done, first_line, data[done:first_line], []
+                done = first_line
             ready = bisect.bisect_right(spans, cut, key=_end)
             if ready:
                 yield done, cut, apply_patches(data, spans[:ready], texts[:ready], done, cut), spans[:ready]
                 done, spans, texts = cut, spans[ready:], texts[ready:]
+        cut = data.find(b"\n", spans[-1][1]) + 1 if spans else done
+        if cut > done:
+            yield done, cut, apply_patches(data, spans, texts, done, cut), spans
+            done, spans, texts = cut, [], []
         yield done, len(data), apply_patches(data, spans, texts, done), spans
 
     def _patches(

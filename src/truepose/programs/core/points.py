@@ -12,7 +12,10 @@ from functools import lru_cache
 from itertools import accumulate
 from typing import Final, NamedTuple
 
-from truepose._typing import FloatArray, IntArray
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose._typing import FloatArray
 from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
@@ -71,7 +74,7 @@ class Sweep(NamedTuple):
     """
 
     file: str
-    line: IntArray
+    line: NDArray[np.int32]
     order: int
     section: int
     word: str
@@ -79,10 +82,10 @@ class Sweep(NamedTuple):
     @classmethod
     def of(cls, first: Use, n: int) -> Sweep:
         """Return n motions line after line, from the first one."""
-        import numpy as np
-
         visit = first.visit(0)
-        return cls(visit.file, np.arange(visit.line, visit.line + n), visit.order, visit.section, visit.word)
+        return cls(
+            visit.file, np.arange(visit.line, visit.line + n, dtype=np.int32), visit.order, visit.section, visit.word
+        )
 
 
 class Problem(NamedTuple):
@@ -400,8 +403,6 @@ class Judge:
 
 @lru_cache(maxsize=256)
 def _array(tf: bytes) -> FloatArray:
-    import numpy as np
-
     return np.frombuffer(tf).reshape(4, 4)
 
 
@@ -444,23 +445,21 @@ def _motions(visits: Sequence[Visit], sweeps: Sequence[tuple[Sweep, int]], place
     places : sequence of int
         The place of each item's first target.
     """
-    import numpy as np
-
     if not visits and not sweeps:
         return NO_MOTIONS
     files = {name: k for k, name in enumerate(sorted({v.file for v in visits} | {s.file for s, _ in sweeps}))}
     words = {word: k for k, word in enumerate(sorted({v.word for v in visits} | {s.word for s, _ in sweeps}))}
     by_visit = [(files[v.file], v.line, v.order, v.section, v.item, words[v.word]) for v in visits]
-    singles = np.array(by_visit, np.int64).reshape(-1, 6).T
+    singles = np.array(by_visit, np.int32).reshape(-1, 6).T
     targets = [np.array([places[v.item] for v in visits], np.int64)]
-    keys: list[list[IntArray]] = [[key] for key in singles]
+    keys: list[list[NDArray[np.int32]]] = [[key] for key in singles]
     for sweep, item in sweeps:
         n = len(sweep.line)
         one = (files[sweep.file], sweep.line, sweep.order, sweep.section, item, words[sweep.word])
         for column, value in zip(keys, one, strict=True):
-            column.append(np.broadcast_to(np.asarray(value), n))
+            column.append(np.broadcast_to(np.asarray(value, np.int32), n))
         targets.append(np.arange(places[item], places[item] + n))
-    file, line, order, section, item_, word = (np.concatenate(column).astype(np.int32) for column in keys)
+    file, line, order, section, item_, word = map(np.concatenate, keys)
     sequence = np.lexsort((word, item_, section, order, line, file))
     on_path = np.array([JOINT_MOTION.fullmatch(text) is None for text in words])[word[sequence]]
     file, section = file[sequence], section[sequence]
