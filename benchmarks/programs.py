@@ -23,12 +23,51 @@ PACKAGES = ("truepose", "numpy", "scipy")
 _ROWS = 2048
 _NUMBER = re.compile(rb"[-+]?[0-9]+(?:\.[0-9]*)?")
 
+_READ = (
+    "import numpy as np\n"
+    "from truepose.programs import FrameTable, read_program\n"
+    "read_program(sys.argv[1], FrameTable(tools={0: np.eye(4), 1: np.eye(4)}))\n"
+)
+_CAM = {
+    "RAPID": (
+        ".mod",
+        "MODULE Cam\nPROC main()\n",
+        "  MoveL [[{:.3f},{:.3f},{:.3f}],[0.5,0.5,0.5,0.5],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n",
+        *("", "", "ENDPROC\nENDMODULE\n"),
+    ),
+    "FANUC": (
+        ".ls",
+        "/PROG CAM\n/MN\n",
+        "{k:4d}:L P[{k}] 100mm/sec FINE    ;\n",
+        "/POS\n",
+        (
+            "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',\n\tX = {:9.3f}  mm,\tY = {:9.3f}  mm,\t"
+            "Z = {:9.3f}  mm,\n\tW =   180.000 deg,\tP =     0.000 deg,\tR =     0.000 deg\n}};\n"
+        ),
+        "/END\n",
+    ),
+    "URScript": (
+        ".script",
+        "def prog():\n  set_tcp(p[0,0,0.1,0,0,0])\n",
+        "  movel(p[{:.6f}, {:.6f}, {:.6f}, 0.0, 3.141593, 0.0], a=1.2, v=0.25, r=0.001)\n",
+        *("", "", "end\n"),
+    ),
+    "KRL": (
+        ".src",
+        "DEF CAM( )\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n",
+        "LIN {{X {:.3f},Y {:.3f},Z {:.3f},A 0.000,B 90.000,C 0.000}} C_DIS\n",
+        *("", "", "END\n"),
+    ),
+}
+"""Of each language: ending, head, a motion, text between motions and positions, a position, end."""
+
 
 def jobs(*, quick: bool = False) -> Iterator[Job]:
     """Yield the jobs."""
     n, samples = (1_000, 60) if quick else (1_000_000, 500)
     virtual = VirtualCell("paper", seed=1)
     error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(samples, seed=1)), "ordinary-kriging")
+    yield from _reading(n)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["TRUEPOSE_STATE"] = folder  # what is corrected here is not remembered
         path, out, map_path = Path(folder) / "long.src", Path(folder) / "out", Path(folder) / "map.tpmap"
@@ -77,19 +116,52 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
         )
 
 
+def _reading(n: int) -> Iterator[Job]:
+    """Yield the jobs that read a program of a CAM system in each language; the peaks are those of fresh processes."""
+    for language, (ending, head, line, between, position, end) in _CAM.items():
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"cam{ending}"
+            rows = np.random.default_rng(0).uniform(-900.0, 900.0, (n, 3)) / (1000.0 if ending == ".script" else 1.0)
+            with path.open("w") as file:
+                file.write(head)
+                file.writelines(line.format(*row, k=k) for k, row in enumerate(rows, 1))
+                file.write(between)
+                file.writelines(position.format(*row, k=k) for k, row in enumerate(rows, 1))
+                file.write(end)
+            frames = FrameTable(tools={0: np.eye(4), 1: np.eye(4)})
+
+            def bare(path: Path = path) -> int:
+                return sum(1 for _ in _NUMBER.finditer(path.read_bytes()))
+
+            def ours(path: Path = path, frames: FrameTable = frames) -> None:
+                assert read_program(path, frames).counts()["correct"] == n
+
+            yield Job(
+                f"read {n:,} targets in {language}, {path.stat().st_size / 1e6:.0f} MB; peak of memory of a fresh "
+                f"process {_fresh_peak(_READ, path):.0f} MB",
+                {"truepose": ours, "regular expression over the numbers": bare},
+                items=n,
+                target="at most 4 times the bare pass, below 600 MB",
+            )
+
+
 def fresh_peak(path: Path, map_path: Path, out: Path) -> float:
     """Return the largest resident memory of a process that corrects a program, its imports included [MB]."""
-    # not ru_maxrss, which a new process takes over from the one that started it
     code = (
-        "import re, sys\n"
         "from truepose.error_map import load_map\n"
         "from truepose.programs import FrameTable, correct_program\n"
         "m = load_map(sys.argv[2])\n"
         "frames = FrameTable(tools={1: m.tf_flange_tool})\n"
         "correct_program(sys.argv[1], m, frames=frames, on_guard='skip').write(sys.argv[3], force=True)\n"
-        "print(re.search(r'VmHWM:\\s*(\\d+) kB', open('/proc/self/status').read())[1])\n"
     )
-    command = [sys.executable, "-c", code, str(path), str(map_path), str(out)]
+    return _fresh_peak(code, path, map_path, out)
+
+
+def _fresh_peak(code: str, *arguments: Path) -> float:
+    """Return the largest resident memory of a process that runs code [MB]."""
+    # not ru_maxrss, which a new process takes over from the one that started it
+    code = f"import re, sys\n{code}print(re.search(r'VmHWM:\\s*(\\d+) kB', open('/proc/self/status').read())[1])\n"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout) * 1024 / 1e6
 
 

@@ -148,12 +148,11 @@ def fanuc_parts(draw: Any) -> str:
         ),
     ]
     line, odd = 1, draw(st.sampled_from([0, 0, 1, 8]))
-    for number in numbers if draw(st.booleans()) else draw(st.permutations(numbers)):
+    again = draw(st.lists(st.sampled_from(numbers), max_size=3)) if draw(st.booleans()) else []
+    for number in [*(numbers if draw(st.booleans()) else draw(st.permutations(numbers))), *again]:
         text = draw(st.sampled_from(others if draw(st.integers(1, 16)) <= odd else words)).format(number)
         motions.append(f"{line:4d}:{text}")
         line += 1
-    if draw(st.booleans()):
-        motions.append(f"{line}:{draw(st.sampled_from(words + others)).format(draw(st.sampled_from(numbers)))}")
     text = "\n".join(["/PROG A", "/MN", "   1:  UFRAME_NUM=0 ;", *motions, "/POS", *positions, "/END", ""])
     return text.replace("\n", draw(st.sampled_from(["\n", "\r\n", "\r"])))
 
