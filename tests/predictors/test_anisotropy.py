@@ -82,5 +82,5 @@ def test_near_points_are_judged_along_their_direction(name, rng, record_property
     x[1], e[1] = x[0] + [0.0, 0.0, 0.5], e[0] + 0.3
     record_property("cases", 2)
     MODELS[name](VariogramModel("exponential", sill=1.0, range=(800.0, 800.0, 2.0)), False).fit(x, e)
-    with pytest.raises(KrigingError, match="rows 0, 1 are 0.5 apart"):
+    with pytest.raises(KrigingError, match=r"rows 0, 1 are 0\.5 apart"):
         MODELS[name](VariogramModel("exponential", sill=1.0, range=(2.0, 2.0, 800.0)), False).fit(x, e)
