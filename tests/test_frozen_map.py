@@ -284,7 +284,7 @@ def test_a_map_that_differs_is_not_frozen(maps, monkeypatch):
 def test_frozen_map_is_plain(maps):
     frozen = maps["paper"].freeze()
     assert replace(frozen, robot="x").robot == "x"
-    assert frozen.dof == 6
+    assert frozen.n_joints == 6
     assert "kinematic-kriging" in repr(frozen)
 
 

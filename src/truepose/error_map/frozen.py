@@ -105,7 +105,7 @@ class FrozenMap:
         )
 
     @property
-    def dof(self) -> int:
+    def n_joints(self) -> int:
         """The number of joints."""
         return len(self.constants.sign)
 
@@ -138,9 +138,9 @@ class FrozenMap:
             If joints are beyond the limits of the robot; the row is named.
         """
         joints = np.array(q, np.float64, order="C")  # a copy can be written, as the compiled types state
-        if joints.ndim not in (1, 2) or joints.shape[-1:] != (self.dof,):
-            raise DataError(f"expected joints of shape (n, {self.dof}) for {self.robot}, got {joints.shape}")
-        rows = joints.reshape(-1, self.dof)
+        if joints.ndim not in (1, 2) or joints.shape[-1:] != (self.n_joints,):
+            raise DataError(f"expected joints of shape (n, {self.n_joints}) for {self.robot}, got {joints.shape}")
+        rows = joints.reshape(-1, self.n_joints)
         out = np.empty((len(rows), 3))
         std = np.empty_like(out) if return_std else None
         if std is not None and self.deviation is None:
@@ -177,12 +177,12 @@ class FrozenMap:
         RobotError
             If joints are beyond the limits of the robot.
         """
-        for array, width in ((q, self.dof), (out, 3)):
+        for array, width in ((q, self.n_joints), (out, 3)):
             if not (type(array) is np.ndarray and array.dtype == np.float64 and array.flags.c_contiguous):
                 raise DataError("predict_into needs contiguous arrays of float64; use predict for others")
             if array.shape[-1:] != (width,) or array.ndim != q.ndim or q.ndim > 2 or array.shape[:-1] != q.shape[:-1]:
                 raise DataError(
-                    f"expected q (n, {self.dof}) and out (n, 3), or one row each; got {q.shape}, {out.shape}"
+                    f"expected q (n, {self.n_joints}) and out (n, 3), or one row each; got {q.shape}, {out.shape}"
                 )
         if q.ndim == 1:
             q, out = q[None], out[None]
@@ -281,8 +281,8 @@ class FrozenMap:
         if not all(isinstance(name, str) for name in names) or type(self.difference_mm) is not float:
             raise TypeError("robot, predictor and map_sha256 must be text, difference_mm a number")
         check_transforms("tf_flange_tool", self.tf_flange_tool[None])
-        if self.probes.shape != (_KEPT, self.dof) or self.probed.shape != (_KEPT, 3):
-            raise ValueError(f"it has probes of shape {self.probes.shape}, expected {(_KEPT, self.dof)}")
+        if self.probes.shape != (_KEPT, self.n_joints) or self.probed.shape != (_KEPT, 3):
+            raise ValueError(f"it has probes of shape {self.probes.shape}, expected {(_KEPT, self.n_joints)}")
         found, stated = [self.predict(self.probes)], [self.probed]
         if self.deviation is not None:
             found, stated = list(self.predict(self.probes, return_std=True)), [self.probed, self.probed_std]
