@@ -229,17 +229,14 @@ LIES = {
 }
 
 
-@pytest.mark.promise("No array of a frozen map's file that contradicts its predictions is believed, hashes or not")
-def test_files_that_lie_are_refused(maps, tmp_path):
-    """Each array wrong in several ways, with right hashes."""
-    path = tmp_path / "lie.frozen"
-    maps["hard"].freeze().save(path)
+def lies_believed(path, lies, of=""):
+    """Alter each array whose name begins with `of`, with right hashes; return those that are loaded all the same."""
     content, arrays = archive.unpack(path.read_bytes(), path, archive.FROZEN)
     believed = []
     for name, array in arrays.items():
-        for lie, alter in LIES.items():
-            altered = alter(array)
-            if altered.shape == array.shape and altered.dtype == array.dtype and np.array_equal(altered, array):
+        for lie in lies:
+            altered = LIES[lie](array)
+            if not name.startswith(of) or (altered.dtype == array.dtype and np.array_equal(altered, array)):
                 continue
             path.write_bytes(archive.pack(content, arrays | {name: altered}, archive.FROZEN))
             try:
@@ -247,7 +244,15 @@ def test_files_that_lie_are_refused(maps, tmp_path):
             except FileError:
                 continue
             believed.append((name, lie))
-    assert not believed
+    return believed
+
+
+@pytest.mark.promise("No array of a frozen map's file that contradicts its predictions is believed, hashes or not")
+def test_files_that_lie_are_refused(maps, tmp_path):
+    """Each array wrong in several ways, with right hashes."""
+    path = tmp_path / "lie.frozen"
+    maps["hard"].freeze().save(path)
+    assert lies_believed(path, LIES) == []
 
 
 @pytest.mark.parametrize(
@@ -341,20 +346,8 @@ def test_a_frozen_deviation_has_its_file(maps, tmp_path, monkeypatch):
     assert [part.shape for part in one] == [(3,), (3,)]
     assert "with standard deviation" in repr(again)
     assert frozen.deviation.margin[0] > 0.0
-    content, arrays = archive.unpack(path.read_bytes(), path, archive.FROZEN)
-    believed = []
-    for name, array in arrays.items():
-        for lie in ("cut", "flat", "whole numbers", "moved", "nan"):
-            altered = LIES[lie](array)
-            if not name.startswith("deviation.") or (altered.dtype == array.dtype and np.array_equal(altered, array)):
-                continue
-            path.write_bytes(archive.pack(content, arrays | {name: altered}, archive.FROZEN))
-            try:
-                tp.FrozenMap.load(path)
-            except FileError:
-                continue
-            believed.append((name, lie))
-    assert not believed
+    lies = ("cut", "flat", "whole numbers", "moved", "nan")
+    assert lies_believed(path, lies, of="deviation.") == []
 
 
 def test_where_no_deviation_is_frozen(maps):
