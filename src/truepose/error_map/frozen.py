@@ -294,7 +294,7 @@ class FrozenMap:
 
 
 def _in_parts(work: Callable[[slice], int], n: int, size: int) -> list[int]:
-    """Return what the work on rows of at most `size` returns, in threads where there are several parts."""
+    """Do the work on parts of at most `size` rows, and return the results; several parts run in threads."""
     parts, count = [slice(start, start + size) for start in range(0, n, size)], kernel_count()
     if len(parts) == 1 or count == 1:
         return [work(part) for part in parts]
