@@ -152,7 +152,7 @@ def test_a_drift_along_a_sorted_plan_is_known_badly(virtual: VirtualCell):
     assert in_order.shift == pytest.approx(10.0, abs=4 * in_order.shift_std)
 
 
-@pytest.mark.promise("whoever accepts a faulty campaign gets a map that keeps what was found")
+@pytest.mark.promise("a map that is fitted to a faulty campaign keeps what was found")
 def test_an_accepted_campaign_keeps_its_faults(virtual: VirtualCell, sound: Samples, tmp_path: Path):
     fitted = tp.fit_cell(virtual.cell, moved(sound), "registration", accept_campaign=True)
     fitted.save(tmp_path / "m.truepose")
@@ -272,7 +272,7 @@ def test_times_give_the_order(virtual: VirtualCell, sound: Samples):
     assert "drift" not in [change.kind for change in checked(virtual.cell, replace(mixed, time=None)).changes]
 
 
-@pytest.mark.promise("a gross reading is no fault of the campaign, and hides none")
+@pytest.mark.promise("a gross reading is no fault of the campaign, and faults are found beside it")
 def test_gross_readings(virtual: VirtualCell, sound: Samples):
     gross = np.zeros((60, 3))
     gross[[7, 40], [0, 2]] = [30.0, -4.0]

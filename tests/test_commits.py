@@ -275,7 +275,7 @@ def test_the_next_run_says_what_it_did(fast_folder: Path, monkeypatch: pytest.Mo
             assert not case.leftovers()
 
 
-@pytest.mark.promise("A .src/.dat pair that a killed run left half-corrected is whole again for whoever reads it next.")
+@pytest.mark.promise("A .src/.dat pair that a killed run left half-corrected is whole again when it is read next.")
 def test_readers_see_no_half_corrected_pair(
     fast_folder: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Any]
 ) -> None:
@@ -331,7 +331,7 @@ def test_several_folders(fast_folder: Path, monkeypatch: pytest.MonkeyPatch, fir
     assert not list(fast_folder.rglob(".truepose*"))
 
 
-@pytest.mark.promise("A journal that came with foreign files touches nothing in other folders.")
+@pytest.mark.promise("A journal that came with foreign files changes no file in other folders.")
 @pytest.mark.parametrize("content", ['{"files": 3}', '{"format": "truepose journal 1", "files": [{}]}', "[" * 100_000])
 def test_foreign_journals(fast_folder: Path, content: str) -> None:
     import hashlib

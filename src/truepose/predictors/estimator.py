@@ -74,7 +74,7 @@ class Estimator:
         """
         from sklearn.metrics import r2_score
 
-        return float(r2_score(y, self.predict(X), sample_weight=sample_weight))  # type: ignore[attr-defined]
+        return float(r2_score(y, self.predict(X), sample_weight=sample_weight))  # type: ignore[attr-defined]  # predict is the subclass's
 
     def __repr__(self) -> str:
         default = self._defaults()

@@ -113,7 +113,7 @@ class ResidualNetwork(Predictor):
         if self.weights is None:
             self.weights_ = [self._train(inputs[fold != k], left[fold != k], k) for k in range(_FOLDS)]
         else:
-            self.weights_ = [tuple(np.asarray(layer, float) for layer in net) for net in self.weights]  # type: ignore[misc]
+            self.weights_ = [tuple(np.asarray(layer, float) for layer in net) for net in self.weights]  # type: ignore[misc]  # three arrays
         unseen = np.empty_like(e)
         for k, net in enumerate(self.weights_):
             unseen[fold == k] = _answer(net, inputs[fold == k])

@@ -242,7 +242,7 @@ def dependent(r: FloatArray) -> bool:
 
 def _norm(matrix: FloatArray) -> float:
     """Return the 1-norm of a matrix."""
-    return float(lapack.dlange("1", matrix))  # type: ignore[call-arg]
+    return float(lapack.dlange("1", matrix))  # type: ignore[call-arg]  # the stub asks for the work array
 
 
 def _reciprocal_condition(matrix: FloatArray) -> float:

@@ -26,7 +26,7 @@ def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, li
         if len(sizes) == 4 and 0 in sizes:
             return Point(name, source, line, problem=Problem("skip", "an expression, known at run time only"))
         raise source.error(line, f"{name}: a robtarget has [3, 4, 4, 6] numbers, this has {sizes}; correct the file")
-    leaves: list[list[Token]] = [leaf for group in groups for leaf in group]  # type: ignore[misc]
+    leaves: list[list[Token]] = [leaf for group in groups for leaf in group]  # type: ignore[misc]  # by sizes
     if any(not isinstance(token, Token) for leaf in leaves for token in leaf):
         raise source.error(line, f"{name}: a list inside the numbers of a robtarget; correct the file")
     line = source.line(leaves[0][0].start) if leaves[0] else line

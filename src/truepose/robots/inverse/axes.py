@@ -57,7 +57,7 @@ class Axes:
         """Return directions, points and one more point in the frame tf_base_root."""
         tf_root_base = invert_transform(root)
         seen = (apply_transform(tf_root_base, point) for point in (self.point, p_base))
-        return (self.direction @ root[:3, :3], *seen)  # type: ignore[return-value]
+        return (self.direction @ root[:3, :3], *seen)  # type: ignore[return-value]  # two of them
 
 
 def shoulder_angle(x: FloatArray, y: FloatArray, b: float, branch: FloatArray, bent: float | None = None) -> FloatArray:
