@@ -6,6 +6,10 @@ Each maker's module has three functions; docs/programs.md says what each format 
 - ``contents(root, files)`` sorts the files of one controller into programs and others.
 - ``stored_frames(root, files)`` returns the tools and bases that the controller stores outside of programs.
 
+Where the language's reader needs more of the backup than frames, such as position variables or pulse constants, the
+module has a fourth one. ``for_reader(root, files)`` returns that as keyword arguments of the reader's ``read``, the
+same for every program of the controller.
+
 `files` are all regular files of the backup, in order; `roots` may be called with those of any folder, and returns
 nothing where the folder is no backup of the maker. File names are compared without regard to case.
 """
