@@ -42,7 +42,7 @@ class Language(NamedTuple):
 LANGUAGES: Final = {
     "krl": Language("truepose.programs.krl.reader", _KRL, "KUKA"),
     "rapid": Language("truepose.programs.rapid.reader", _RAPID, "ABB"),
-    "tp": Language("truepose.programs.tp", (".ls",), "FANUC"),
+    "tp": Language("truepose.programs.tp.reader", (".ls",), "FANUC"),
     "urscript": Language("truepose.programs.urscript", (".script",), "Universal Robots"),
     "inform": Language("truepose.programs.inform", (".jbi",), "Yaskawa"),
     "val3": Language("truepose.programs.val3", (".dtx",), "Stäubli"),

@@ -22,7 +22,7 @@ from truepose.programs.core.points import Point, Problem, Use, not_understood, u
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
-from truepose.programs.tp_positions import NAME, VALUES, Positions
+from truepose.programs.tp.positions import NAME, VALUES, Positions
 
 _SECTION = re.compile(rb"[ \t]*/(PROG|ATTR|APPL|MN|POS|END)\b", re.I)
 _HEAD_WORD = re.compile(rb"/(?:PROG|ATTR|APPL|MN|POS|END)\b", re.I)
