@@ -10,7 +10,7 @@ import pytest
 
 from truepose.errors import FileError, RefusedError
 from truepose.programs import FrameTable, correct_program, read_program
-from truepose.programs.reading import LANGUAGES, Language
+from truepose.programs.languages import LANGUAGES, Language
 
 FOLDER = Path(__file__).parents[2] / "docs" / "how-to" / "files" / "language"
 

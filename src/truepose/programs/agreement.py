@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from truepose.cell import Cell
 from truepose.errors import RefusedError
 from truepose.programs.core.program import Program
-from truepose.programs.reading import LANGUAGES, language_of
+from truepose.programs.languages import LANGUAGES, language_of
 from truepose.robots import Robot, list_robots, load_robot, to_toml
 
 _OF_THE_MAP: Final = ("tool", "base", "tracker", "payload")

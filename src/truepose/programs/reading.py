@@ -9,48 +9,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from truepose._io.files import check_regular, path_exists, recover
 from truepose.errors import FileError
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
+from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_endings, language_of
 from truepose.programs.robot_base import standing
 
-_KRL: Final = (".src", ".dat")
-_RAPID: Final = (".mod", ".prg", ".sys", ".modx")
-
-
-class Language(NamedTuple):
-    """A language of programs.
-
-    Attributes
-    ----------
-    reader : str
-        The module of its reader; `read` takes a path, the frames and the options, and returns a `Program`.
-    endings : tuple of str
-        The endings of its files, in lower case.
-    maker : str
-        The maker of its controllers; empty if it belongs to no maker.
-    """
-
-    reader: str
-    endings: tuple[str, ...]
-    maker: str = ""
-
-
-LANGUAGES: Final = {
-    "krl": Language("truepose.programs.krl.reader", _KRL, "KUKA"),
-    "rapid": Language("truepose.programs.rapid.reader", _RAPID, "ABB"),
-    "tp": Language("truepose.programs.tp.reader", (".ls",), "FANUC"),
-    "urscript": Language("truepose.programs.urscript", (".script",), "Universal Robots"),
-    "inform": Language("truepose.programs.inform", (".jbi",), "Yaskawa"),
-    "val3": Language("truepose.programs.val3", (".dtx",), "Stäubli"),
-    "table": Language("truepose.programs.table", (".csv",)),
-    "apt": Language("truepose.programs.apt", (".apt", ".cls")),
-    "gcode": Language("truepose.programs.gcode", (".nc", ".ngc", ".gcode", ".tap", ".cnc")),
-}
-"""The languages by name, which is that of the language, not of the maker."""
 _TASK: Final = re.compile(r"TASK\d+", re.I)
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
@@ -131,28 +98,19 @@ def _read_file(
             raise FileError(path, "no such file")
         if why := _REFUSED.get(path.suffix.lower()):
             raise FileError(path, why)
-        raise FileError(path, f"is not a robot program in a known language; known endings: {_endings()}")
+        raise FileError(path, f"is not a robot program in a known language; known endings: {all_endings()}")
     module = importlib.import_module(LANGUAGES[name].reader)
     if name == "krl" and path.is_file() and not path.stat().st_size:  # an empty text is no error in KRL
         raise FileError(path, "is empty; name a program")
     options = options or ReadOptions()
     frames = standing(frames or FrameTable(), path, name)
     whole = {"folder": folder} if name == "val3" and folder is not None else {}
-    return _again(partial(module.read, path, frames, options, **whole), options, name)
+    return again_by(partial(module.read, path, frames, options, **whole), options, name)
 
 
 def _is_folder(path: Path) -> bool:
     """Return whether a path is a folder; False where it cannot be followed, where `Path.is_dir` raises."""
     return os.path.isdir(path)  # noqa: PTH112
-
-
-def language_of(path: Path) -> str:
-    """Return the name of the language of a file, by its ending; empty where the ending is not known."""
-    return next((name for name, language in LANGUAGES.items() if path.suffix.lower() in language.endings), "")
-
-
-def _endings() -> str:
-    return ", ".join(ending for language in LANGUAGES.values() for ending in language.endings)
 
 
 def read_programs(
@@ -198,7 +156,7 @@ def read_programs(
 
     known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]
-    together = [path for path in given if path.suffix.lower() in _RAPID and not _is_folder(path)]
+    together = [path for path in given if path.suffix.lower() in RAPID and not _is_folder(path)]
     together = together if len(together) > 1 else []
     places = _places([path for path in given if _is_folder(path)])
     for path in given:
@@ -271,12 +229,7 @@ def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadO
         return read_project(folder, files, known, options)
 
     frames = standing(frames, folder, "krl")
-    return [_again(read, options, "krl")]
-
-
-def _again(reader: Callable[[], Program], options: ReadOptions, language: str) -> Program:
-    """Read a program that knows how to read itself again."""
-    return replace(reader(), options=options, again=reader, language=language)
+    return [again_by(read, options, "krl")]
 
 
 def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
@@ -296,14 +249,14 @@ def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
     krl = [
         file
         for file in found
-        if endings[file] in _KRL and (file.stem.lower() in sources or endings[file] == ".src" or _is_data_list(file))
+        if endings[file] in KRL and (file.stem.lower() in sources or endings[file] == ".src" or _is_data_list(file))
     ]
-    rapid = [f for f in found if endings[f] in _RAPID]
+    rapid = [f for f in found if endings[f] in RAPID]
     others = [f for f in found if language_of(f) not in ("", "krl", "rapid", "table")]
     if not (krl or rapid or others):
         others = [f for f in found if endings[f] == ".csv" and ".corrections." not in f.name]
     if not (krl or rapid or others):
-        raise FileError(folder, f"holds no robot program; known endings: {_endings()}")
+        raise FileError(folder, f"holds no robot program; known endings: {all_endings()}")
     return krl, rapid, others
 
 

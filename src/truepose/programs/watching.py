@@ -20,7 +20,8 @@ from truepose.programs.corrected import CorrectedProgram, names, write
 from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import find_leftovers
-from truepose.programs.reading import language_of, read_program
+from truepose.programs.languages import language_of
+from truepose.programs.reading import read_program
 from truepose.programs.record import SUFFIX, hashes_of
 
 SETTLE_S: Final = 2.0

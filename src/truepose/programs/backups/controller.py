@@ -12,6 +12,10 @@ same for every program of the controller.
 
 `files` are all regular files of the backup, in order; `roots` may be called with those of any folder, and returns
 nothing where the folder is no backup of the maker. File names are compared without regard to case.
+
+A file may lie in a .zip, and then has a path that leads into it: ``backup.zip/KRC/R1/Program/a.src``. So the modules
+read files with `Source.read` or `truepose._io.files.read_bytes`, which follow such a path, and never with the methods
+of `Path`; what exists, `files` says.
 """
 
 from __future__ import annotations
