@@ -10,6 +10,11 @@ Where the language's reader needs more of the backup than frames, such as positi
 module has a fourth one. ``for_reader(root, files)`` returns that as keyword arguments of the reader's ``read``, the
 same for every program of the controller.
 
+Where the programs of a controller are judged together (the tasks of ABB, which share PERS data and may move several
+robots), the module has ``read_all(root, files, frames, options)``. It returns the programs, complete with the function
+that reads them again, and the errors of those that cannot be read, and takes the place of the reader's ``read``.
+`frames` are those of the user; the function adds what the backup stores.
+
 `files` are all regular files of the backup, in order; `roots` may be called with those of any folder, and returns
 nothing where the folder is no backup of the maker. File names are compared without regard to case.
 
