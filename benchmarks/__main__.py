@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "validation"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 NO_TOPICS = {"harness", "held_out", "plain", "trust_cells", "__main__"}
-WITH_THREADS = ("frozen", "kriging", "similarity")
+WITH_THREADS = ("frozen", "growth", "kriging", "similarity")
 """Topics that use all cores, as their peers do; the others are compared in one thread."""
 
 
@@ -26,7 +26,7 @@ def main() -> int:
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"of {', '.join(topics)}; all when not given")
     parser.add_argument("--quick", action="store_true", help="small sizes: does it run?")
     parser.add_argument("--write", action="store_true", help=f"also write pages to {RESULTS.name}")
-    parser.add_argument("--threads", type=int, help="of BLAS, OpenMP and numba (1; all in kriging and similarity)")
+    parser.add_argument("--threads", type=int, help="of BLAS, OpenMP and numba (1; all in some topics)")
     arguments = parser.parse_args()
     unknown = set(arguments.topics) - set(topics)
     if unknown:

@@ -16,7 +16,7 @@ from typing import Any
 
 REPEATS = 5
 
-HEADS = ("task", "by", "time per item", "spread", "times ours", "peak MB", "wanted")
+HEADS = ("task", "by", "time per item", "minimum", "spread", "times ours", "peak MB", "wanted")
 
 Call = Callable[[], object]
 
@@ -96,10 +96,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median and spread of one side [s per item], and its peak of memory [MB]; no spread of a single run."""
+    """Median, minimum and spread of one side [s per item], and its peak of memory [MB]; no spread of a single run."""
 
     side: str
     median: float
+    minimum: float
     spread: float | None
     peak: float | None = None
     absent: str = ""
@@ -124,11 +125,11 @@ def measure(job: Job, repeats: int = REPEATS) -> list[Timing]:
     timings = []
     for side, given in job.sides.items():
         if isinstance(given, str):
-            timings.append(Timing(side, float("nan"), None, absent=given))
+            timings.append(Timing(side, float("nan"), float("nan"), None, absent=given))
             continue
         peak = peak_memory(job.memory) if job.memory and not timings else None
         spread = max(times[side]) - min(times[side]) if len(times[side]) > 1 else None
-        timings.append(Timing(side, statistics.median(times[side]), spread, peak))
+        timings.append(Timing(side, statistics.median(times[side]), min(times[side]), spread, peak))
     return timings
 
 
@@ -183,10 +184,15 @@ def rows(job: Job, timings: list[Timing]) -> list[str]:
     lines = []
     for i, timing in enumerate(timings):
         first = i == 0
-        cells = [timing.absent, "", ""]
+        cells = [timing.absent, "", "", ""]
         if not timing.absent:
             spread = "one run" if timing.spread is None else duration(timing.spread)
-            cells = [duration(timing.median), spread, f"{timing.median / timings[0].median:.2f}"]
+            cells = [
+                duration(timing.median),
+                duration(timing.minimum),
+                spread,
+                f"{timing.median / timings[0].median:.2f}",
+            ]
         peak = "" if timing.peak is None else f"{timing.peak:.0f}"
         lines.append(_row([job.task if first else "", timing.side, *cells, peak, job.target if first else ""]))
     return lines

@@ -473,3 +473,12 @@ def test_rows_of_an_error_are_those_of_all_samples():
     )
     with pytest.raises(KrigingError, match="rows 2, 4 are one point"):
         errors.fit("ordinary-kriging:exact=yes", np.arange(1, 5))
+
+
+def test_many_samples_are_kriged_by_an_approximation_that_is_named(virtual, samples, monkeypatch):
+    monkeypatch.setattr("truepose.predictors.registry.LARGEST_GLOBAL", 30)
+    with pytest.warns(UserWarning, match=r"samples are too many for universal-kriging:space=joint; vecchia-kriging:"):
+        error_map = tp.fit_cell(virtual.cell, samples, "universal-kriging:space=joint")
+    assert error_map.predictor_name == "vecchia-kriging:drift=linear:space=joint"
+    exact = tp.fit_cell(virtual.cell, samples[:30], "universal-kriging:space=joint")
+    assert exact.predictor_name == "universal-kriging:space=joint"

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.distance import cdist, pdist
 
 from truepose.numerics import kernels
-from truepose.numerics.pairs import ROWS, largest_distance
+from truepose.numerics.pairs import ROWS, by_place, largest_distance, pair_sums
 
 
 def _sphere(rng, n, d):
@@ -49,3 +49,31 @@ def test_results_do_not_depend_on_the_number_of_threads(rng, monkeypatch, rows):
         np.testing.assert_allclose(sums, expected, rtol=1e-12)
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("size", [1, 7, 256])
+@pytest.mark.parametrize("name", CLOUDS)
+def test_an_order_by_place_holds_every_row_once(rng, name, size):
+    x = CLOUDS[name](rng)
+    assert np.sort(by_place(x, size)).tolist() == list(range(len(x)))
+
+
+def test_rows_that_follow_one_another_by_place_are_near(rng):
+    """Blocks of 256 points of 4,096 in a cube are about as wide as the 16th part of it."""
+    x = rng.random((4096, 3))
+    wide = np.array([np.ptp(part, axis=0).max() for part in np.split(x[by_place(x, 256)], 16)])
+    assert wide.max() < 0.75
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("d", [1, 3, 6])
+def test_pairs_within_the_largest_lag_are_all_found(rng, d, share):
+    """Blocks of points that are farther away are passed over; no pair may be lost by it."""
+    x, e = rng.random((1500, d)), rng.standard_normal((1500, 1))
+    h, squares = pdist(x), pdist(e, "sqeuclidean")
+    edges = np.linspace(0, share * h.max(), 5)
+    pairs, distance, sums = pair_sums(x, e, edges, np.empty(0), 0.0, 0.0)
+    bins = np.searchsorted(edges, h)
+    assert pairs.tolist() == np.bincount(bins, minlength=6)[:5].tolist()
+    np.testing.assert_allclose(distance, np.bincount(bins, h, minlength=6)[:5], rtol=1e-12)
+    np.testing.assert_allclose(sums[:, 0], np.bincount(bins, squares, minlength=6)[:5], rtol=1e-12)

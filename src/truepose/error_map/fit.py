@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.predictors import Choice, rank_predictors
 from truepose.predictors.abilities import OutlierWeighing
+from truepose.predictors.registry import for_many
 from truepose.samples import Samples
 
 
@@ -43,7 +45,7 @@ def fit_cell(
         The commanded poses and readings.
     predictor : str
         The name of a predictor, with options as in `truepose.predictors.predictor_spec`; ``auto`` chooses by nested
-        cross-validation.
+        cross-validation. Beyond 5,000 samples global Kriging is replaced by Vecchia's approximation, with a warning.
     candidates, splits, folds, rng, workers
         The options of ``auto``, see `truepose.choose`.
     progress : callable
@@ -91,6 +93,7 @@ def fit_cell(
                 candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
             )
         else:
+            predictor = _for_many(predictor, len(samples))
             progress(f"Fitting {predictor}")
             errors = measured.errors(registration, tf_flange_tool)
             choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
@@ -110,6 +113,14 @@ def fit_cell(
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)
+
+
+def _for_many(predictor: str, n: int) -> str:
+    """Return the predictor to fit to n samples, with a warning where it is another one than asked for."""
+    if (fitted := for_many(predictor, n)) != predictor:
+        told = f"{n} samples are too many for {predictor}; {fitted} is fitted, which approximates it in linear time"
+        warnings.warn(told, stacklevel=3)
+    return fitted
 
 
 def _excluded(samples: Samples, registration: Registration, choice: Choice) -> list[dict[str, Any]]:

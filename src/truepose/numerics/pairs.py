@@ -1,12 +1,14 @@
 """Sums over all pairs of points, by distance bin: the compiled core of theory (4) and of the permutation envelope.
 
-Every pair is visited once, in tiles; no array of n² is made. The rows are dealt out to a fixed number of tasks whose
-sums are added in order, so that a result does not depend on the number of threads.
+Pairs are visited once, in tiles of near points; a tile that lies beyond the largest lag of a point is passed over. No
+array of n² is made. The rows are dealt out to a fixed number of tasks whose sums are added in order, so that a result
+does not depend on the number of threads.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from truepose._typing import FloatArray, IntArray
-from truepose.numerics.kernels import REORDER, compiled, pack, squared_distances
+from truepose.numerics.kernels import BLOCK, REORDER, compiled, pack, squared_distances
 from truepose.numerics.threads import in_threads
 
 CellArray = NDArray[np.int32]
@@ -22,6 +24,10 @@ CellArray = NDArray[np.int32]
 TASKS: Final = 64
 ROWS: Final = 64
 CELLS: Final = 1024
+BITS: Final = 11
+"""Bits of an order statistic that are found at a time."""
+TOP: Final = 64 - 64 % BITS
+"""The place of the first of them that are found."""
 LANES: Final = 4
 """Columns that are summed as one vector."""
 
@@ -66,8 +72,12 @@ def pair_sums(
     """
     n, c = e.shape
     groups = -(-(c + 1) // LANES)
+    order = by_place(x, BLOCK)
+    x, e = x[order], e[order]
     points = pack(x)
     blocks, _, block = points.shape
+    starts = np.arange(0, n, block)
+    lowest, highest = np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
     values = np.zeros((blocks * block, groups * LANES))
     values[:n, :c] = e
     values[:, c] = 1.0  # the lane in which pairs are counted: nothing is taken off it
@@ -84,6 +94,9 @@ def pair_sums(
         _pair_sums,
         TASKS,
         points,
+        lowest,
+        highest,
+        (edges[-1] * (1 + 1e-9)) ** 2,
         home.reshape(shape),
         values.reshape(shape),
         n,
@@ -103,6 +116,25 @@ def pair_sums(
     return np.rint(total[:, c]).astype(np.int64), distance.sum(axis=0)[:k], total[:, :c]
 
 
+def by_place(x: FloatArray, size: int) -> IntArray:
+    """Return an order of the rows of x (n, d) in which each `size` of them, from the first on, lie near one another.
+
+    The rows are halved along their widest coordinate until a part is small enough.
+    """
+    done: list[IntArray] = []
+    waiting: list[IntArray] = [np.arange(len(x))]
+    while waiting:
+        rows = waiting.pop()
+        if len(rows) <= size:
+            done.append(rows)
+            continue
+        axis = int(np.ptp(x[rows], axis=0).argmax())
+        half = -(-len(rows) // (2 * size)) * size  # parts end where blocks do
+        rows = rows[np.argpartition(x[rows, axis], half - 1)]
+        waiting += [rows[half:], rows[:half]]
+    return np.concatenate(done)
+
+
 def largest_distance(x: FloatArray) -> float:
     """Return the largest distance between two rows of x (n, d).
 
@@ -120,6 +152,70 @@ def largest_distance(x: FloatArray) -> float:
             break
         largest = max(largest, float(cdist(x[start : start + ROWS], x[start:stop]).max()))
     return largest
+
+
+def middle_gaps(
+    x: FloatArray, e: FloatArray, edges: FloatArray, axis: FloatArray, tolerance: float, bandwidth: float
+) -> FloatArray:
+    """Return, by bin, the medians of the absolute differences of pairs, (k + 1, c); NaN in an empty bin.
+
+    The parameters are those of `pair_sums`. No difference is kept: the bits of the order statistics are found some at
+    a time, from counts of the differences that agree in the bits before.
+    """
+    shape = len(edges), e.shape[1]
+
+    def count(known: NDArray[np.uint64], shift: int) -> IntArray:
+        found = np.zeros((*shape, 1 << BITS), np.int64)
+        _count_bits(x, e, edges, axis, math.cos(tolerance) ** 2, bandwidth**2, known, shift, found)
+        return found
+
+    first = count(np.zeros(shape, np.uint64), TOP)
+    pairs: IntArray = first.sum(axis=2)
+    low, high = (_order_statistics(count, first, np.maximum(rank, 0)) for rank in ((pairs - 1) // 2, pairs // 2))
+    return np.where(pairs > 0, (low + high) / 2, np.nan)
+
+
+def _order_statistics(
+    count: Callable[[NDArray[np.uint64], int], IntArray], found: IntArray, rank: IntArray
+) -> FloatArray:
+    """Return the differences of some ranks (from 0); `found` are the counts of their highest bits."""
+    known = np.zeros(rank.shape, np.uint64)
+    for shift in range(TOP, -1, -BITS):
+        found = found if shift == TOP else count(known, shift)
+        reached = np.cumsum(found, axis=2)
+        bits = np.minimum((reached <= rank[..., None]).sum(axis=2), (1 << BITS) - 1)  # beyond all in an empty bin
+        before = np.take_along_axis(reached - found, bits[..., None], axis=2)[..., 0]
+        known, rank = known << np.uint64(BITS) | bits.astype(np.uint64), rank - before
+    return known.view(np.float64)
+
+
+@compiled(nogil=True)
+def _count_bits(
+    x: FloatArray, e: FloatArray, edges: FloatArray, axis: FloatArray, cosine2: float, bandwidth2: float,
+    known: NDArray[np.uint64], shift: int, count: IntArray,
+) -> None:  # fmt: skip
+    """Count, by bin and column, the `BITS` bits from `shift` on of absolute differences with known bits above."""
+    gap = np.empty(1)
+    key = gap.view(np.uint64)
+    low, high, mask = np.uint64(shift), np.uint64(shift + BITS), np.uint64((1 << BITS) - 1)
+    for i in range(len(x)):
+        for j in range(i):
+            square, along = 0.0, 0.0
+            for a in range(x.shape[1]):
+                square += (x[j, a] - x[i, a]) ** 2
+            if axis.size > 0 and square > 0.0:
+                for a in range(x.shape[1]):
+                    along += (x[j, a] - x[i, a]) * axis[a]
+                if along * along < cosine2 * square or square - along * along > bandwidth2:
+                    continue
+            h = math.sqrt(square)
+            if h > edges[-1]:
+                continue
+            b = np.searchsorted(edges, h)
+            for c in range(e.shape[1]):
+                gap[0] = abs(e[j, c] - e[i, c])
+                if high > 63 or key[0] >> high == known[b, c]:
+                    count[b, c, (key[0] >> low) & mask] += 1
 
 
 @compiled()
@@ -224,9 +320,10 @@ def _add_roots(
 
 @compiled(nogil=True)
 def _pair_sums(
-    begin: int, end: int, points: FloatArray, home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray,
-    first: CellArray, steps: int, per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool,
-    distance: FloatArray, sums: FloatArray,
+    begin: int, end: int, points: FloatArray, lowest: FloatArray, highest: FloatArray, farthest2: float,
+    home_values: FloatArray, values: FloatArray, n: int, upper: FloatArray, first: CellArray, steps: int,
+    per_cell: float, axis: FloatArray, cosine2: float, bandwidth2: float, roots: bool, distance: FloatArray,
+    sums: FloatArray,
 ) -> None:  # fmt: skip
     blocks, d, width = points.shape
     lanes = values.shape[2]
@@ -237,6 +334,12 @@ def _pair_sums(
             x[:] = points[home, :, place]
             mine = home_values[home, place]
             for b in range(home, blocks):
+                away2 = 0.0
+                for a in range(d):
+                    away = max(lowest[b, a] - x[a], x[a] - highest[b, a], 0.0)
+                    away2 += away * away
+                if away2 > farthest2:
+                    continue
                 squared_distances(x, points[b], h)
                 if axis.size > 0:
                     _leave_out_other_directions(x, points[b], axis, cosine2, bandwidth2, h, along)

@@ -32,6 +32,7 @@ def _slopes() -> None:
 def _pairs() -> None:
     x = np.eye(3)
     pairs.pair_sums(x, x, np.array([0.0, 2.0]), np.empty(0), 0.0, 0.0)
+    pairs.middle_gaps(x, x, np.array([0.0, 2.0]), np.empty(0), 0.0, 0.0)
     pairs.largest_distance(x)
     pairs.smallest_gap(np.arange(3.0), 1)
 

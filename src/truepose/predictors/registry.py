@@ -114,6 +114,9 @@ FORMER_NAMES: Final[dict[str, str]] = {
 }
 """Names that maps of version 0.1 may have, with the names that replace them."""
 
+LARGEST_GLOBAL: Final = 5000
+"""Number of samples beyond which `for_many` replaces Kriging from all samples, whose fit takes O(n³) time."""
+
 _TRUTH: Final = {"yes": True, "true": True, "no": False, "false": False}
 _READERS: Final[dict[str, Any]] = {
     "bool": lambda text: _TRUTH[text.lower()],
@@ -172,6 +175,33 @@ def predictor_spec(name: str) -> PredictorSpec:
     for option in options:
         spec = spec.with_option(name, option)
     return spec
+
+
+def for_many(name: str, n: int) -> str:
+    """Return the name of the predictor to fit to n samples: beyond 5,000, Vecchia's approximation of global Kriging.
+
+    Parameters
+    ----------
+    name : str
+        The name, see `predictor_spec`.
+    n : int
+        The number of samples.
+
+    Examples
+    --------
+    >>> for_many("ordinary-kriging-joint", 5000), for_many("ordinary-kriging-joint", 5001)
+    ('ordinary-kriging-joint', 'vecchia-kriging:space=joint')
+    >>> for_many("universal-kriging:drift=quadratic:exact=yes", 20_000)
+    'vecchia-kriging:drift=quadratic:exact=yes'
+    """
+    spec = predictor_spec(name)
+    if n <= LARGEST_GLOBAL or spec.family not in (OrdinaryKriging, UniversalKriging):
+        return name
+    given = {**({"drift": "linear"} if spec.family is UniversalKriging else {}), **spec.defaults}
+    if spec.space == "joint":
+        given["space"] = "joint"
+    words = {True: "yes", False: "no"}
+    return ":".join(["vecchia-kriging", *(f"{key}={words.get(value, value)}" for key, value in given.items())])
 
 
 def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: ArmContext | None = None) -> Predictor:

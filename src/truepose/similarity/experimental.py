@@ -11,12 +11,11 @@ genton    (2.2191 {|z_i − z_j|; i < j}_(k))² / 2, k = C(⌊N/2⌋ + 1, 2)    
 ========= ============================================================== ======================================
 
 Genton's z have signs: here each pair is taken in the order in which its first coordinate that differs rises, so that
-the order of the samples does not matter. Dowd and Genton need all differences at once.
+the order of the samples does not matter. Genton needs all differences at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
@@ -402,8 +401,12 @@ def estimate(
         with np.errstate(invalid="ignore", divide="ignore"):
             mean, n = sums / pairs[:, None], pairs[:, None]
             return pairs, distance, mean / 2 if estimator == "matheron" else mean**4 / (0.914 + 0.988 / n + 0.09 / n**2)
-    of_differences = _dowd if estimator == "dowd" else _genton
-    return _from_cloud(of_differences, x, e, edges, cone)
+    if estimator == "dowd":
+        from truepose.numerics.pairs import middle_gaps, pair_sums
+
+        pairs, distance, _ = pair_sums(x, e, edges, *cone)
+        return pairs, distance, 2.198 * middle_gaps(x, e, edges, *cone) ** 2 / 2
+    return _of_all_differences(x, e, edges, cone)
 
 
 def _cloud(x: FloatArray, cone: Cone, longest: float) -> tuple[IntArray, IntArray, FloatArray]:
@@ -415,7 +418,7 @@ def _cloud(x: FloatArray, cone: Cone, longest: float) -> tuple[IntArray, IntArra
     if n > MOST_POINTS:
         raise DataError(
             f"{n} points have too many pairs to be held at once (at most {MOST_POINTS} points); "
-            "use the estimators matheron or cressie, or a part of the points"
+            "use the estimators matheron, cressie or dowd, or a part of the points"
         )
     i, j = np.triu_indices(n, 1)
     step = x[j] - x[i]
@@ -431,12 +434,8 @@ def _cloud(x: FloatArray, cone: Cone, longest: float) -> tuple[IntArray, IntArra
     return i, j, distance[keep]
 
 
-def _from_cloud(
-    of_differences: Callable[[FloatArray], float],
-    x: FloatArray,
-    e: FloatArray,
-    edges: FloatArray,
-    cone: Cone,
+def _of_all_differences(
+    x: FloatArray, e: FloatArray, edges: FloatArray, cone: Cone
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     first, second, h = _cloud(x, cone, float(edges[-1]))
     bins = np.searchsorted(edges, h, side="left")
@@ -448,12 +447,8 @@ def _from_cloud(
     for c in range(e.shape[1]):
         z = (e[second, c] - e[first, c])[order]
         for b in np.flatnonzero(count):
-            gamma[b, c] = of_differences(z[limits[b] : limits[b + 1]])
+            gamma[b, c] = _genton(z[limits[b] : limits[b + 1]])
     return count.astype(np.int64), distance.astype(np.float64), gamma
-
-
-def _dowd(z: FloatArray) -> float:
-    return float(2.198 * np.median(np.abs(z)) ** 2 / 2)
 
 
 def _genton(z: FloatArray) -> float:
