@@ -99,7 +99,7 @@ def test_content(reader, tmp_path, record_property):
     record_property("cases", len(BYTES))
 
 
-@pytest.mark.promise("A path that is no regular file, or too large, is refused before it is opened: no reader waits for a pipe")
+@pytest.mark.promise("A path that is no regular file, or too large, is refused before it is opened, so no reader waits")
 @pytest.mark.parametrize("reader", READERS)
 def test_places(reader, tmp_path, record_property):
     ending, read = READERS[reader]

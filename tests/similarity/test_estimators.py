@@ -157,7 +157,7 @@ def test_cloud_is_refused_for_many_points(rng):
         experimental_variogram(rng.random((6000, 1)), np.zeros(6000), max_lag=0.1, estimator="genton")
 
 
-@pytest.mark.parametrize("direction", [None, Direction([1.0, 2.0, 0.0], tolerance=0.6, bandwidth=0.3)])
+@pytest.mark.parametrize("direction", [None, Direction([1.0, 2.0, 0.0], tolerance=0.6, bandwidth=0.33)])
 @pytest.mark.parametrize("values", ["normal", "few", "equal"])
 def test_dowd_is_the_median_of_all_differences(rng, direction, values):
     """With ties, an even and an odd number of pairs, an empty bin, and repeats of a point."""
