@@ -139,7 +139,6 @@ def test_external_axis_groups_and_coord(read: Read) -> None:
     groups = position(more="\n   GP2:\n\tUF : 0, UT : 1,\n\tJ1=    10.000  mm")
     assert only(read("J P[1] 100% FINE", groups)).verdict == "correct"
     assert only(read("J P[1] 100% FINE", groups.replace("GP1", "GP3"))).verdict == "skip"
-    assert only(read("L P[1] 100mm/sec FINE COORD")).verdict == "refuse"
     assert only(read("L P[1] 100mm/sec FINE RTCP")).verdict == "refuse"
 
 
@@ -245,7 +244,7 @@ def test_a_motion_inside_another_instruction(tmp_path: Path, record_property: An
         "   1:J P[1] 100% FINE\n    :L P[2] 100mm/sec FINE ;\n",
         "   1:J P[1] 100% FINE ; L P[2] 100mm/sec FINE ;\n",
         "   1:  IF R[1]=1,L P[2] 100mm/sec FINE ;\n",
-        "   1:  Independent GP ;\n    :  GP1 J P[1] 100% FINE ;\n",
+        "   1:  WAIT DI[1]=ON,\n    :  J P[1] 100% FINE ;\n",
         "   1:  R[1]=2\n    :J PR[2] 100% FINE ;\n",
     ]
     record_property("cases", len(listings))

@@ -94,12 +94,30 @@ class Payload(CellSection):
     z_mm: Number = 0.0
 
 
+GroupNumber = Annotated[int, Field(ge=1, le=8)]
+"""A motion group of a FANUC controller."""
+
+
+class GroupsSection(CellSection):
+    """``[frames.groups]``: the motion group of this robot, and those that carry neither it nor a user frame."""
+
+    robot: GroupNumber = 1
+    independent: list[GroupNumber] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _other_groups(self) -> Self:
+        if self.robot in self.independent:
+            raise CellError(("independent",), f"group {self.robot} is this robot; state the other groups")
+        return self
+
+
 class FramesSection(CellSection):
     """``[frames]``: the controller's tool and base tables, stated here or in its ``$config.dat``."""
 
     config_dat: str | None = None
     tools: dict[int | str, Pose] = Field(default_factory=dict)
     bases: dict[int | str, Pose] = Field(default_factory=dict)
+    groups: GroupsSection = Field(default_factory=GroupsSection)
 
     @field_validator("tools", "bases", mode="before")
     @classmethod

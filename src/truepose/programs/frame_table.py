@@ -12,7 +12,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import check_transforms, invert_transform
-from truepose.programs.core.program import IDENTITY, Key, frame_key
+from truepose.programs.core.program import IDENTITY, Key, MotionGroups, frame_key
 from truepose.programs.krl.controller import read_config_dat
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ class FrameTable:
         The bases that are given in the controller's world instead, as in ``$config.dat``.
     tf_world_base : (4, 4) array [mm], optional
         The transform from that world to the robot's base, once it is known; see `standing_at`.
+    groups : MotionGroups
+        The motion groups of the controller (FANUC).
 
     Raises
     ------
@@ -61,6 +63,7 @@ class FrameTable:
     base: Key | None = None
     in_world: frozenset[Key] = frozenset()
     tf_world_base: FloatArray | None = None
+    groups: MotionGroups = field(default_factory=MotionGroups)
 
     def __post_init__(self) -> None:
         for kind in ("tools", "bases"):
@@ -123,7 +126,8 @@ class FrameTable:
         bases = {key: tf for table in known for key, tf in table.bases.items()}
         own = {frame_key(key): tf for key, tf in cell.bases.items()}
         in_world = frozenset(key for table in known for key in table.in_world) - own.keys()
-        table = cls({**tools, **cell.tools}, {**bases, **own}, tool, base, in_world)
+        groups = MotionGroups(cell.frames.groups.robot, frozenset(cell.frames.groups.independent))
+        table = cls({**tools, **cell.tools}, {**bases, **own}, tool, base, in_world, groups=groups)
         return table.standing_at(invert_transform(own[0]), "[frames.bases.0] of the cell file") if 0 in own else table
 
     def standing_at(self, tf_world_base: FloatArray, where: str) -> Self:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -65,6 +65,21 @@ class ReadOptions:
     whole_task: bool = False
 
 
+class MotionGroups(NamedTuple):
+    """Motion groups of a controller that moves several robots or positioners (FANUC).
+
+    Attributes
+    ----------
+    robot : int
+        The group of the robot that the map belongs to.
+    independent : frozenset of int
+        The groups that carry neither this robot nor a user frame of its targets.
+    """
+
+    robot: int = 1
+    independent: frozenset[int] = frozenset()
+
+
 class KnownFrames(Protocol):
     """The controller's tools and bases as readers use them; see `truepose.FrameTable`."""
 
@@ -83,6 +98,10 @@ class KnownFrames(Protocol):
     @property
     def base(self) -> Key | None:
         """The base in force where a program sets none."""
+
+    @property
+    def groups(self) -> MotionGroups:
+        """The motion groups."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

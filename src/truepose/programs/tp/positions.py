@@ -7,7 +7,7 @@ plain motion names one of them.
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,13 @@ from truepose.programs.core.named import NamedRuns, code_of
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
+from truepose.programs.tp.words import check_language
 
 _HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
 _GROUP = re.compile(rb"\bGP(\d{1,9})\s*:", re.I)
 _FRAMES = re.compile(rb"\b(UF|UT)\s*:\s*([^\s,]*)", re.I)
 _CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
-_VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
+_VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|R[XYZ]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
 _AXES: Final = ("X", "Y", "Z", "W", "P", "R")
 _UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
 _CAM_POSITION: Final = re.compile(
@@ -38,6 +39,25 @@ VALUES: Final = slice(1, 7)
 """The holes of its numbers, behind that of its name."""
 NAME: Final = rb"[1-9][0-9]{0,8}+"
 NOT_TAUGHT: Final = Problem("skip", "not taught: it is not under /POS")
+REMOTE: Final = Problem("refuse", "remote TCP: tool and frame change roles")
+IN_FORCE: Final = Frame("F")
+"""Frame of a position that is taught in whichever is in force."""
+
+
+class Taught(NamedTuple):
+    """The data of a position beside its numbers.
+
+    Attributes
+    ----------
+    tool, base : Frame, optional
+        The tool and frame in which it was taught; None where the text does not say it.
+    others : frozenset of int
+        The other motion groups of the position.
+    """
+
+    tool: Frame | None = None
+    base: Frame | None = None
+    others: frozenset[int] = frozenset()
 
 
 class Positions:
@@ -51,6 +71,8 @@ class Positions:
         The options of reading.
     start, end : int
         The bytes between which they stand.
+    group : int
+        The motion group of the robot.
 
     Attributes
     ----------
@@ -65,9 +87,9 @@ class Positions:
         If a position is broken or given twice.
     """
 
-    def __init__(self, source: Source, options: ReadOptions, start: int, end: int) -> None:
-        self._source, self._options = source, options
-        self._frames_of: dict[str, tuple[Frame | None, Frame | None]] = {}
+    def __init__(self, source: Source, options: ReadOptions, start: int, end: int, group: int) -> None:
+        self._source, self._options, self._group = source, options, group
+        self._taught: dict[str, Taught] = {}
         if not self._read_in_runs(start, end):
             self._read(start, end, None)
             self.named.ready()
@@ -87,9 +109,9 @@ class Positions:
         taught = [point for point in points if point.problem != NOT_TAUGHT]
         return [*sorted(taught, key=lambda point: point.line), *(p for p in points if p.problem == NOT_TAUGHT)]
 
-    def frames_of(self, point: Point) -> tuple[Frame | None, Frame | None]:
-        """Return the tool and frame in which a position was taught."""
-        return self._frames_of.get(point.name, (None, None))
+    def taught(self, point: Point) -> Taught:
+        """Return the frames and motion groups of a position."""
+        return self._taught.get(point.name, Taught())
 
     def moved_to(self, number: int, line: int) -> Point:
         """Return the position that a motion goes to, also if it is not taught."""
@@ -164,18 +186,25 @@ class Positions:
         source, data = self._source, self._source.data
         point = Point(f"P[{number}]", source, line)
         groups = list(_GROUP.finditer(data, start, end))
+        numbers = [int(m[1]) for m in groups] or [1]
+        if self._group not in numbers:
+            point.problem = Problem("skip", f"no position of group {self._group}, the robot")
+            return point
         if groups:
-            ours = [k for k, m in enumerate(groups) if int(m[1]) == 1]
-            if not ours:
-                point.problem = Problem("skip", "no position of group 1, the robot")
-                return point
-            start = groups[ours[0]].end()
-            end = groups[ours[0] + 1].start() if ours[0] + 1 < len(groups) else end
+            ours = numbers.index(self._group)
+            start = groups[ours].end()
+            end = groups[ours + 1].start() if ours + 1 < len(groups) else end
         frames: dict[bytes, bytes] = {m[1].upper(): m[2] for m in _FRAMES.finditer(data, start, end)}
         config = _CONFIG.search(data, start, end)
+        if config is None:
+            check_language(source, line, data[start:end])
         point.configuration = config[1].decode("latin-1") if config else ""
         point.problem = _problem_of(frames)
-        self._frames_of[point.name] = (_frame(frames, b"UT", "UTOOL"), _frame(frames, b"UF", "UFRAME"))
+        self._taught[point.name] = Taught(
+            frame_of(frames.get(b"UT", b""), "tool", self._group),
+            frame_of(frames.get(b"UF", b""), "base", self._group),
+            frozenset(numbers) - {self._group},
+        )
         found: dict[str, re.Match[bytes]] = {}
         for m in _VALUE.finditer(data, start, end):
             key = m[1].decode().upper()
@@ -184,6 +213,9 @@ class Positions:
             found[key] = m
         if any(key.startswith("J") for key in found):
             point.problem = JOINTS
+            return point
+        if any(len(key) == 2 and key.startswith("R") for key in found):
+            point.problem = REMOTE
             return point
         missing = [key for key in _AXES if key not in found]
         if missing:
@@ -210,12 +242,22 @@ class Positions:
 def _problem_of(frames: dict[bytes, bytes]) -> Problem | None:
     for key in (b"UF", b"UT"):
         value = frames.get(key, b"")
-        if not value.isdigit() or len(value) > 4:
-            found = shown(value) or "missing"
-            return Problem("refuse", f"{key.decode()} : {found}: in whatever frame is in force; teach it in a number")
+        if value.upper() != b"F" and (not value.isdigit() or len(value) > 4):
+            return Problem("refuse", f"{key.decode()} : {shown(value) or 'missing'}: teach it in a frame with a number")
     return None
 
 
-def _frame(frames: dict[bytes, bytes], key: bytes, name: str) -> Frame | None:
-    value = frames.get(key, b"")
-    return Frame(f"{name}[{int(value)}]", int(value)) if value.isdigit() and len(value) < 5 else None
+def frame_of(digits: bytes, which: Literal["tool", "base"], group: int) -> Frame | None:
+    """Return the tool or frame of a number; `IN_FORCE` for ``F``, None for anything else.
+
+    The key of a frame is its number for group 1 and, for example, ``gp2-3`` for number 3 of group 2. Number 0 is the
+    flange or the world of each group.
+    """
+    if digits.upper() == b"F":
+        return IN_FORCE
+    if not digits.isdigit() or len(digits) > 4:
+        return None
+    number, text = int(digits), {"tool": "UTOOL", "base": "UFRAME"}[which]
+    if group == 1 or number == 0:
+        return Frame(f"{text}[{number}]", number)
+    return Frame(f"{text}[GP{group}:{number}]", f"gp{group}-{number}")
