@@ -63,6 +63,9 @@ def jobs(*, quick: bool = False) -> Iterator[Job]:
         "constructor takes: once)",
         {
             "truepose": global_kriging(True),
+            "truepose, variance in single precision": lambda: _predict(
+                OrdinaryKriging(MODEL, single_variance=True).fit(x, e), targets, True
+            ),
             "scikit-learn GPR": _scikit_learn(x, e, targets, True),
             "pykrige without its statistics": _peer(_pykrige, (x, e, targets, {}), few, part),
             "pykrige": _peer(_pykrige, (x, e, targets, {}, True), m),

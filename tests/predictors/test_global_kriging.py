@@ -300,3 +300,18 @@ def test_gstools_model_is_a_variogram(rng):
     covmodel = gstools.Exponential(dim=3, var=1.0, len_scale=0.4, nugget=0.1)
     mine = OrdinaryKriging(VariogramModel("exponential", nugget=0.1, sill=1.0, range=0.4)).fit(x, e).predict(x)
     np.testing.assert_allclose(OrdinaryKriging(covmodel).fit(x, e).predict(x), mine)
+
+
+@pytest.mark.parametrize("nugget", [1e-6, 1e-3, 0.1])
+@pytest.mark.parametrize("drift", ["constant", "linear"])
+def test_variance_in_single_precision_is_as_near_as_it_states(rng, nugget, drift):
+    x, targets = rng.random((300, 3)), rng.random((200, 3))
+    model = VariogramModel("matern32", nugget, 1.0, 0.8)
+    double, single = (
+        UniversalKriging(drift, model, single_variance=narrow).fit(x, np.sin(4 * x)) for narrow in (False, True)
+    )
+    e, std = double.predict(targets, return_std=True)
+    e_single, std_single = single.predict(targets, return_std=True)
+    np.testing.assert_array_equal(e_single, e)
+    difference = np.abs(std_single**2 - std**2).max()
+    assert 0 < difference < 1e-7 * np.sqrt(double.condition_)

@@ -198,6 +198,7 @@ def for_many(name: str, n: int) -> str:
     if n <= LARGEST_GLOBAL or spec.family not in (OrdinaryKriging, UniversalKriging):
         return name
     given = {**({"drift": "linear"} if spec.family is UniversalKriging else {}), **spec.defaults}
+    given.pop("single_variance", None)  # no product of that size is left
     if spec.space == "joint":
         given["space"] = "joint"
     words = {True: "yes", False: "no"}

@@ -19,8 +19,8 @@ from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram, names, write
 from truepose.programs.corrector import Corrector
 from truepose.programs.frame_table import FrameTable
-from truepose.programs.leftovers import find_leftovers
 from truepose.programs.languages import language_of
+from truepose.programs.leftovers import find_leftovers
 from truepose.programs.reading import read_program
 from truepose.programs.record import SUFFIX, hashes_of
 

@@ -15,6 +15,7 @@ from threading import Lock
 from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 from scipy.spatial import KDTree
 
@@ -48,6 +49,7 @@ class System:
         self.q, self.r = q, r
         self._factor = factor  # L until `inverse` replaces it in place
         self._inverted = self._cleared = False
+        self._narrow: NDArray[np.float32] | None = None
 
     @classmethod
     def factorise(cls, covariance: FloatArray, drift: FloatArray, x: FloatArray, noise: float = 0.0) -> Self:
@@ -151,6 +153,20 @@ class System:
         """
         half, spread = self.reduce(cross, drift)
         kept: FloatArray = prior - np.einsum("ij,ij->j", half, half) + np.einsum("ij,ij->j", spread, spread)
+        return np.maximum(kept, 0.0)
+
+    def single_variance(self, cross: FloatArray, drift: FloatArray, prior: float | FloatArray) -> FloatArray:
+        """Return `variance` with the product W c in 32 bits, which takes half the time.
+
+        Rounding moves the variance by about 1e-7 times the prior variance times the root of the condition number.
+        """
+        if self._narrow is None:
+            self._narrow = self._invert().astype(np.float32, order="F")
+        half = blas.strmm(1.0, self._narrow, cross.T.astype(np.float32, order="F"), lower=1, overwrite_b=1)
+        kept: FloatArray = prior - np.einsum("ij,ij->j", half, half, dtype=np.float64)
+        if drift.shape[1]:
+            spread = _solved(self.r, drift.T, transposed=True) - self.q.T.astype(np.float32) @ half
+            kept += np.einsum("ij,ij->j", spread, spread)
         return np.maximum(kept, 0.0)
 
     @property
