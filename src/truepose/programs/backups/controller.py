@@ -7,8 +7,8 @@ Each maker's module has three functions; docs/programs.md says what each format 
 - ``stored_frames(root, files)`` returns the tools and bases that the controller stores outside of programs.
 
 Where the language's reader needs more of the backup than frames, such as position variables or pulse constants, the
-module has a fourth one. ``for_reader(root, files)`` returns that as keyword arguments of the reader's ``read``, the
-same for every program of the controller.
+module has a fourth one. ``for_reader(root, files)`` returns that as keyword arguments of the reader's ``read``
+(``read_project`` of KRL), the same for every program of the controller.
 
 Where the programs of a controller are judged together (the tasks of ABB, which share PERS data and may move several
 robots), the module has ``read_all(root, files, frames, options)``. It returns the programs, complete with the function

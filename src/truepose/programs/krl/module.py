@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, Flow, InForce
+from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce
 from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, handed_to, unknown_motion
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
@@ -19,6 +20,7 @@ from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
+from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.motions import KrlMotionReader, Settings
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Numbers, PointVariable
@@ -48,10 +50,13 @@ _ROUTINE = re.compile(
 )
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 """Routines that other modules do not see, and the first one."""
+_FDAT_SET = re.compile(
+    rb"^[ \t]*+([A-Za-z]\w*+)[ \t]*+(?:\.[ \t]*+(?:TOOL_NO|BASE_NO|IPO_FRAME)[ \t]*+)?+=(?!=)", re.I | re.M
+)
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
-_FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
+FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
 _WORLD: Final = ("$ROBROOT", "$WORLD")
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 
@@ -72,10 +77,14 @@ class Shared:
         Every literal that may be a target.
     points : dict of str to PointVariable
         The GLOBAL points.
+    fdats : dict of str to FdatFrames
+        The GLOBAL FDATs and those of ``$config.dat``.
     changed : dict of ("tool" or "base", number or None) to place
         The places where the program changes a numbered frame.
     moved : list of str
         The statements that change the place of the robot in the world.
+    libraries : frozenset of Path
+        The files that are read for their effects only; see `truepose.programs.krl.libraries`.
     """
 
     options: ReadOptions
@@ -83,8 +92,10 @@ class Shared:
     flow: Flow = field(default_factory=Flow)
     numbers: list[Numbers] = field(default_factory=list)
     points: dict[str, PointVariable] = field(default_factory=dict)
+    fdats: dict[str, FdatFrames] = field(default_factory=dict)
     changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
+    libraries: frozenset[Path] = frozenset()
 
 
 class KrlModule:
@@ -107,10 +118,14 @@ class KrlModule:
     """
 
     def __init__(self, src: Source | None, dat: Source | None, shared: Shared) -> None:
+        for source in filter(None, (src, dat)):
+            if is_encoded(source.data):
+                raise source.error(1, "is encoded and cannot be read; give the text of the program")
         self.src, self.dat, self._shared = src, dat, shared
         self.name = next(source.path.stem.upper() for source in (src, dat) if source is not None)
         self._options, self._flow, self._changed = shared.options, shared.flow, shared.changed
-        self.names = self._names = Names(shared.numbers, shared.points if shared.project else None)
+        everywhere = (shared.points, shared.fdats) if shared.project else (None, None)
+        self.names = self._names = Names(shared.numbers, *everywhere)
         self.variables: list[PointVariable] = []
         self.runs: list[tuple[Numbers, Lines]] = []
         self._routine: tuple[str, int] | None = None
@@ -119,6 +134,13 @@ class KrlModule:
         if src is not None:
             self._src = src
             self.motions = self._motions = KrlMotionReader(src, self.names, self._flow, named=shared.project)
+
+    def distrust_fdats(self) -> None:
+        """Forget the FDATs that the .src assigns to."""
+        for m in _FDAT_SET.finditer(self._src.data):
+            if (name := m[1].decode().upper()) in self._names.fdats:
+                unknown = InForce("unknown", f"{name} is set at run time (line {self._src.line(m.start(1))})")
+                self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
 
     def read_src(self) -> None:
         """Read the statements; a FileError names the line of a broken one."""
@@ -283,10 +305,10 @@ class KrlModule:
             flow.change(ipo=ipo_value(data[m.end() : end], fdats))
         elif word == "FDAT_ACT":
             flow.change(fdat=fdat_value(self._src, m.end(), end if not m[2] else m.end(), line, fdats))
-        elif word in _FRAME_TABLES:
+        elif word in FRAME_TABLES:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
-            self._changed.setdefault((_FRAME_TABLES[word], key), self._motions.place(line))
+            self._changed.setdefault((FRAME_TABLES[word], key), self._motions.place(line))
         elif word in _WORLD:
             if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
                 self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")

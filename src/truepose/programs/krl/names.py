@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import ChainMap
 from collections.abc import Mapping
 from typing import Final, Literal
 
@@ -26,19 +27,25 @@ class Names:
     ----------
     numbers : list of Numbers
         Every literal that may be a target, in the order of reading.
-    fdats : dict of str to FdatFrames
-        The FDATs of the .dat by name.
+    fdats : mapping of str to FdatFrames
+        The FDATs of the .dat by name, then the GLOBAL ones of other modules.
     public : bool
         Whether the data list is PUBLIC, so that other modules may import its points.
     """
 
-    def __init__(self, numbers: list[Numbers], everywhere: dict[str, PointVariable] | None = None) -> None:
+    def __init__(
+        self,
+        numbers: list[Numbers],
+        everywhere: dict[str, PointVariable] | None = None,
+        fdats: dict[str, FdatFrames] | None = None,
+    ) -> None:
         self.module: dict[str, PointVariable] = {}
         self.local: dict[str, PointVariable] = {}
         self.elsewhere: dict[str, PointVariable] = {}
         self.everywhere = everywhere
         self.numbers = numbers
-        self.fdats: dict[str, FdatFrames] = {}
+        self._global_fdats = {} if fdats is None else fdats
+        self.fdats: ChainMap[str, FdatFrames] = ChainMap({}, self._global_fdats)
         self.public = False
         self._imports: list[tuple[str, str, str]] = []
 
@@ -52,6 +59,13 @@ class Names:
         for name, module, original in self._imports:
             if module in modules and (variable := modules[module].module.get(original)) is not None:
                 self.module[name] = variable
+
+    def forget_fdat(self, name: str, unknown: FdatFrames) -> None:
+        """Replace an FDAT that the program sets at run time."""
+        for table in self.fdats.maps:
+            if name in table:
+                table[name] = unknown
+                break
 
     def declare(self, source: Source, start: int, end: int, line: int, origin: Literal["dat", "src"]) -> None:
         """Read a declaration, with its initial values."""
@@ -68,6 +82,7 @@ class Names:
             end = path.start()
         if kind not in _POINT_TYPES and kind != "FDAT":
             return
+        is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
         for a, b in _pieces(source, m.end(), end, line):
             d = _DECLARATOR.match(data, a, b)
             if d is None:
@@ -76,12 +91,12 @@ class Names:
             if kind == "FDAT":
                 if d[3] and data[d.end() : d.end() + 1] == b"{":
                     close = closing_brace(source, d.end(), b, line)
-                    self.fdats[name] = read_fdat(parse_aggregate(source, d.end(), close, line), name)
+                    table_of_fdats = self._global_fdats if is_global else self.fdats
+                    table_of_fdats[name] = read_fdat(parse_aggregate(source, d.end(), close, line), name)
                 continue
             table = self.module if origin == "dat" else self.local
             if name in table and table[name].type:  # a parameter has none yet
                 raise source.error(line, f"{name} is declared twice, first in line {table[name].line}; keep one")
-            is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
             variable = table[name] = PointVariable(
                 d[1].decode(), kind, line, "import" if imported else origin, is_global, array=d[2] is not None
             )

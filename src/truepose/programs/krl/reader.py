@@ -10,11 +10,12 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.points import Point, Problem, Sweep
+from truepose.programs.core.points import FileLine, Point, Problem, Sweep
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl.lexer import LEXER
-from truepose.programs.krl.module import KrlModule, Shared
+from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, mentioned, needed
+from truepose.programs.krl.module import FRAME_TABLES, KrlModule, Shared
 from truepose.programs.krl.motions import Goal
 from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, concerning
 from truepose.programs.krl.runs import Run
@@ -34,30 +35,44 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     shared = Shared(options)
     module = KrlModule(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
     module.read_dat()
+    module.distrust_fdats()
     module.read_src()
     _check_pair(module)
     return _program(path, [module], shared, frames)
 
 
-def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, options: ReadOptions) -> Program:
+def read_project(
+    folder: Path,
+    files: Iterable[Path],
+    frames: KnownFrames,
+    options: ReadOptions,
+    libraries: Iterable[Path] = (),
+) -> Program:
     """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
 
     A module that cannot be read is left out, if it names nothing of the others and none of the words that act on them.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder that the user gave.
+    files : iterable of Path
+        The files of the programs.
+    frames, options
+        The tools and bases, and the options of reading.
+    libraries : iterable of Path
+        The system modules, submits and data lists of the controller, with ``$config.dat``. Those that the programs use
+        are read for their effects. Nothing in them is corrected.
 
     Raises
     ------
     FileError
         If two modules have one name, or a module cannot be read and the others depend on it.
     """
-    found: dict[str, dict[str, Path]] = {}
-    for file in files:
-        kind = found.setdefault(file.stem.upper(), {})
-        ending = file.suffix.lower()
-        if ending in kind:
-            shown = f"{kind[ending].relative_to(folder)} is another module of this name"
-            raise FileError(file, f"{shown}; give the folder of one controller at a time")
-        kind[ending] = file
-    shared = Shared(options, project=True)
+    programs = list(files)
+    extra = needed(programs, libraries)
+    found = _by_name(folder, [*programs, *extra])
+    shared = Shared(options, project=True, libraries=frozenset(extra))
     unreadable: list[FileError] = []
     try:
         modules = _read_modules(list(found.values()), shared)
@@ -66,13 +81,40 @@ def read_project(folder: Path, files: Iterable[Path], frames: KnownFrames, optio
         kept = [kind for name, kind in found.items() if name not in broken]
         if not broken or not kept:
             raise
-        shared = Shared(options, project=True)
+        shared = Shared(options, project=True, libraries=shared.libraries)
         modules = _read_modules(kept, shared)
         for name, why in broken.items():
+            if shared.libraries.issuperset(found[name].values()):
+                _distrust(found[name], shared)
+                continue
             if word := _reaches(found[name], modules, shared):
                 raise FileError(folder, f"{why}; no other module is read, because this one names {word}") from None
-        unreadable = list(broken.values())
+            unreadable.append(why)
     return replace(_program(folder, modules, shared, frames), unreadable=tuple(unreadable))
+
+
+def _by_name(folder: Path, files: Iterable[Path]) -> dict[str, dict[str, Path]]:
+    """Return the files of each module by their endings; a submit is a module like a .src."""
+    found: dict[str, dict[str, Path]] = {}
+    for file in files:
+        kind = found.setdefault(file.stem.upper(), {})
+        ending = ".src" if file.suffix.lower() == ".sub" else file.suffix.lower()
+        if ending in kind:
+            shown = f"{kind[ending].relative_to(folder)} is another module of this name"
+            raise FileError(file, f"{shown}; give the folder of one controller at a time")
+        kind[ending] = file
+    return found
+
+
+def _distrust(kind: Mapping[str, Path], shared: Shared) -> None:
+    """Refuse the points and frames that a library names which cannot be read."""
+    for path in kind.values():
+        place = FileLine(path.name, 1)
+        for name in mentioned([*shared.points, *FRAME_TABLES], path):
+            if name in shared.points:
+                shared.points[name].reads[None].append((place, "named by a system module that cannot be read"))
+            else:
+                shared.changed.setdefault((FRAME_TABLES[name], None), place)
 
 
 def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[KrlModule]:
@@ -86,6 +128,8 @@ def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[K
         module.read_dat()
     for module in modules:
         module.names.take_imports({m.name: m.names for m in modules})
+        if module.src is not None:
+            module.distrust_fdats()
     for module in modules:
         if module.src is not None:
             module.read_src()
@@ -147,39 +191,57 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
     whole = shared.project or shared.options.whole_task
     states, changed = shared.flow.states, shared.changed
     judge = KrlJudge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
-    of_numbers = {id(numbers): point for numbers in shared.numbers if (point := judge.point(numbers)) is not None}
+    of_numbers = {id(numbers): point for numbers in shared.numbers if (point := _point(numbers, judge, shared))}
     of_variables: dict[int, Point] = {}
     points = list(of_numbers.values())
     runs: list[tuple[Sweep, Run]] = []
-    for module in modules:
-        if module.src is None:
-            continue
+    own = [module for module in modules if module.src is not None and module.src.path not in shared.libraries]
+    written = {module.src.path.name: module.src for module in own if module.src is not None}
+    for module in own:
+        assert module.src is not None
         runs += _runs(module, module.src, judge)
-        for variable in _variables(module):
-            if variable.moves and not variable.literals and id(variable) not in of_variables:
-                of_variables[id(variable)] = _without_numbers(variable, module.src)
         points += module.motions.others
+    for variable in [*(v for module in own for v in _variables(module)), *shared.points.values()]:
+        given = not variable.moves or variable.literals or id(variable) in of_variables
+        if not given and (point := _without_numbers(variable, written)):
+            of_variables[id(variable)] = point
     points += of_variables.values()
 
     def points_of(goal: Goal) -> list[Point]:
         if isinstance(goal, Point):
-            return [goal]
+            return [goal] if goal.source.path not in shared.libraries else []
         if isinstance(goal, Numbers):
-            return [of_numbers[id(goal)]]
+            return [of_numbers[id(goal)]] if id(goal) in of_numbers else []
         if id(goal.variable) in of_variables:
             return [of_variables[id(goal.variable)]]
         literals = concerning(goal.variable.literals, goal.key)
         return [of_numbers[id(numbers)] for numbers in literals if id(numbers) in of_numbers]
 
-    circles = [
-        [point for goal in goals for point in points_of(goal)]
-        for module in modules
-        if module.src is not None
-        for goals in module.motions.circles
-    ]
+    circles = []
+    for module in modules:
+        for goals in module.motions.circles if module.src is not None else ():
+            found = [points_of(goal) for goal in goals]
+            circle = [point for some in found for point in some]
+            circles += [circle] if circle else []
+            for point in circle if not all(found) else ():  # the other one may be in a system module
+                point.problem = point.problem or HALF_CIRCLE
     sources = [source for module in modules for source in (module.src, module.dat) if source is not None]
+    named = {point.source.path for point in points}
+    sources = [source for source in sources if source.path not in shared.libraries or source.path in named]
     ordered = judge.program_targets(points, circles, runs, sources)
     return Program(path, tuple(sources), *ordered, LEXER, root=path if shared.project else None)
+
+
+def _point(numbers: Numbers, judge: KrlJudge, shared: Shared) -> Point | None:
+    """Return the point of a literal; None where it is no target, or one of a system module alone."""
+    point = judge.point(numbers)
+    if point is None or numbers.source.path not in shared.libraries:
+        return point
+    modules = {path.name for path in shared.libraries}
+    if all(isinstance(use.line, FileLine) and use.line.file in modules for use in point.uses):
+        return None
+    point.problem = point.problem or NOT_WRITTEN
+    return point
 
 
 def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Sweep, Run]]:
@@ -195,7 +257,8 @@ def _variables(module: KrlModule) -> list[PointVariable]:
     return [*module.names.module.values(), *module.variables, *module.names.elsewhere.values()]
 
 
-def _without_numbers(variable: PointVariable, src: Source) -> Point:
+def _without_numbers(variable: PointVariable, written: Mapping[str, Source]) -> Point | None:
+    """Return a point that no file gives numbers; None where only system modules move to it."""
     motions = [motion for motions in variable.moves.values() for motion in motions]
     if _HOME.fullmatch(variable.name) and variable.origin == "nowhere":
         reason = "joint target of $config.dat"
@@ -203,5 +266,9 @@ def _without_numbers(variable: PointVariable, src: Source) -> Point:
         reason = "declared in another module"
     else:
         reason = "its value is known at run time only"
+    first = next((m for m in motions if not isinstance(m.place, FileLine) or m.place.file in written), None)
+    if first is None:
+        return None
+    src = written[first.place.file] if isinstance(first.place, FileLine) else next(iter(written.values()))
     uses = [motion.use() for motion in motions]
-    return Point(variable.name, src, motions[0].line, problem=Problem("skip", reason), uses=uses)
+    return Point(variable.name, src, first.line, problem=Problem("skip", reason), uses=uses)
