@@ -69,7 +69,8 @@ def test_joint_targets_are_skipped_and_counted(pair: Any, frames: FrameTable, ma
     src = f"DEF cell( )\n{SET}PTP {{A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}}\nPTP HOME1\nLIN {POSE}\nEND\n"
     dat = "DEFDAT CELL\nDECL E6AXIS HOME1={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 0}\nENDDAT\n"
     corrected = correct_program(pair(src, dat), make_map([0.1, 0, 0]), frames=frames)
-    assert [t.reason for t in corrected.targets if t.verdict == "skip"] == ["joint target", "joint target"]
+    reason = "joint target; allow joint_targets to correct it"
+    assert [t.reason for t in corrected.targets if t.verdict == "skip"] == [reason, reason]
     assert (corrected.summary()["corrected"], corrected.summary()["skipped"]) == (1, 2)
 
 

@@ -101,6 +101,9 @@ class Reading:
             "--angles", help="G-code: convention of A B C (kuka, fanuc, staubli, yaskawa). APT: tool axis, z or -z."
         ),
     ] = ""
+    joint_targets: Annotated[
+        bool, typer.Option("--joint-targets", help="Correct joint targets, too, by the arm of the map.")
+    ] = False
     whole_task: Annotated[
         bool,
         typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
@@ -133,6 +136,7 @@ class Reading:
             offsets=self.offsets,
             angles=self.angles,
             orientation=orientation,
+            joint_targets=self.joint_targets,
             whole_task=self.whole_task,
         )
 

@@ -19,6 +19,7 @@ from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
 from truepose.planning.measurement_space import MeasurementSpace, configuration_list
+from truepose.robots.pendant import to_ground
 from truepose.samples import Poses, samples_text
 
 
@@ -105,9 +106,8 @@ def _fanuc_program(name: str, about: list[str], lines: list[str], stops: list[St
     ]
     positions = []
     for number, stop in enumerate(stops, start=1):
-        pendant = stop.q.copy()
-        pendant[2] -= pendant[1]
-        axes = [f"J{j}= {value} deg" for j, value in enumerate(_numbers(np.rad2deg(pendant), 3), start=1)]
+        pendant = np.rad2deg(to_ground(stop.q))
+        axes = [f"J{j}= {value} deg" for j, value in enumerate(_numbers(pendant, 3), start=1)]
         place = [f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,"]
         positions += [*place, f"\t{', '.join(axes[:3])},", f"\t{', '.join(axes[3:])}", "};"]
     head = [f"/PROG  {name.upper()}", "/ATTR", 'COMMENT = "truepose";', "/MN"]

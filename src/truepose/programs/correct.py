@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from truepose._io.units import parse_share
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
@@ -45,6 +45,7 @@ from truepose.programs.corrector import (
     TurnedTargets,
 )
 from truepose.programs.frame_table import FrameTable
+from truepose.programs.joint_correction import JointCorrection
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
@@ -160,7 +161,6 @@ def correct_program(
         raise RefusedError(f"{program.path}: nothing can be corrected: {_listed(program, _reasons(program))}")
     outcomes = Outcomes.none(program, program.width if orientation else 3)
     change = outcomes.after[:, : 6 if orientation else 3]  # until the digits take their place
-    refused: dict[int, str] = {}
     near: FloatArray | None = None
     more: dict[str, Any] = {}
     if isinstance(error_map, LimitsCorrections):
@@ -172,12 +172,18 @@ def correct_program(
         if near is not None:
             more["near"] = near[rows]
         asked = _ask(error_map, columns, on_guard, orientation, more)
-        change[rows], outcomes.e[rows], outcomes.std[rows], outcomes.code[rows] = asked[:4]
-        why = {int(rows[k]): reason for k, reason in asked[4].items()}
-        outcomes.why.update(why)
-        refused.update({i: reason for i, reason in why.items() if DONE[outcomes.code[i]] == "refuse"})
+        change[rows] = asked[0]
+        _note(outcomes, rows, asked)
         done += len(rows)
         progress(done, counts["correct"])
+    joints = JointCorrection(outcomes, known, "refuse" if on_guard == "refuse" else "skip")
+    for posed in joints.posed():
+        asked = _ask(error_map, posed.poses, on_guard, orientation, {**more, "near": posed.q} if more else more)
+        asked[4].update(joints.settle(posed, asked[0], asked[3], resolution))
+        _note(outcomes, posed.rows, asked)
+        done += len(posed.rows)
+        progress(done, counts["correct"])
+    refused = {i: reason for i, reason in outcomes.why.items() if DONE[outcomes.code[i]] == "refuse"}
     refused = refused | own if on_guard == "refuse" else {}
     modules = RefusedModules(outcomes) if several else None
     if modules is None:
@@ -194,6 +200,7 @@ def correct_program(
     CorrectedShare.of([outcomes]).check(limits.values["require"], program.path)
     warnings += _weakness(error_map)
     _write_digits(program, outcomes, change.shape[1], resolution)
+    joints.finish()
     hashes = proven_hashes(outcomes, resolution)
     map_hash = error_map.hash if isinstance(error_map, HasHash) else None
     return CorrectedProgram(
@@ -298,6 +305,12 @@ def _ask(
     change = np.einsum("nji,nkj->nki", tf_base_frame[:, :3, :3], change.reshape(len(change), -1, 3))
     change = np.where(np.isin(code, (1, 2))[:, None, None], change, 0.0).reshape(len(change), -1)
     return change, answer.e, answer.std, code, reasons
+
+
+def _note(outcomes: Outcomes, rows: IntArray, asked: _Asked) -> None:
+    """Note what the map answered about targets."""
+    _, outcomes.e[rows], outcomes.std[rows], outcomes.code[rows], why = asked
+    outcomes.why.update({int(rows[k]): reason for k, reason in why.items()})
 
 
 def _write_digits(program: Program, outcomes: Outcomes, size: int, resolution: float) -> None:

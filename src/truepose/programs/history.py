@@ -135,14 +135,17 @@ def _written(corrected: Remembered, path: Path) -> HashArray:
     for first, columns in corrected.targets.program.targets.chunks(path):
         after = corrected.targets.after[first : first + len(columns), :3]
         changed = np.isfinite(after).all(axis=1) & (after != columns.values[:, :3]).any(axis=1)
-        kept = np.unique(np.concatenate([kept, _hashes(after[changed])]))[:_KEPT]
+        joints = corrected.targets.joints
+        q = np.empty((0, 6)) if joints is None else joints.after[first : first + len(columns)]
+        q = q[(np.isfinite(q) & (q != columns.joints)).any(axis=1)]
+        kept = np.unique(np.concatenate([kept, _hashes(after[changed]), _hashes(q)]))[:_KEPT]
     return kept
 
 
 def _hashes(p: FloatArray) -> HashArray:
-    """Return a hash of each position (n, 3) [mm] to a nanometre."""
+    """Return a hash of each position (n, 3) [mm] or row of joints (n, 6) [the controller's unit] to six decimals."""
     mixed = np.zeros(len(p), np.uint64)
-    for column in np.rint(p * 1e6).astype(np.int64).astype(np.uint64).T:
+    for column in np.rint(np.nan_to_num(p) * 1e6).astype(np.int64).astype(np.uint64).T:
         mixed = (mixed ^ column) + np.uint64(0x9E3779B97F4A7C15)  # splitmix64
         mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -178,6 +181,7 @@ def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> Non
     """
     after = {source.sha256: source.path for source in program.sources}
     found = [_hashes(columns.values[:, :3]) for _, columns in program.correctable_columns()]
+    found += [_hashes(columns.joints) for _, columns in program.joint_columns() if columns.joints is not None]
     own = np.unique(np.concatenate([np.empty(0, np.uint64), *found]))
     enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
     for store in stores(map_path):

@@ -19,11 +19,12 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs.core.columns import ProgramTargets, TargetColumns
+from truepose.programs.core.joint_targets import MOST_JOINTS
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.source import Source, printable, prove, replaced
 from truepose.programs.core.target import Target
 
-_OF_ONE: Final = ("name", "line", "xyz", "angles", "status", "turn", "spans", "reason")
+_OF_ONE: Final = ("name", "line", "xyz", "angles", "status", "turn", "spans", "reason", "joints")
 """The attributes that targets of one kind do not share."""
 _SHARED: Final = tuple([field.name for field in fields(Target) if field.name not in _OF_ONE])
 _EQUAL: Final = 1e-9  # [mm; the controller's angles] two readings of the same digits
@@ -107,6 +108,7 @@ def _compare(outcomes: Outcomes, first: int, old: TargetColumns, new: TargetColu
     if old.names != new.names:
         i = next(i for i in range(len(old)) if old.names[i] != new.names[i])
         _refuse(old, i, f"it is named {new.name(i)}")
+    _compare_joints(outcomes, first, old, new)
     meant, changed = old.values.copy(), np.zeros(old.values.shape, bool)
     after: FloatArray = outcomes.after[first : first + len(old)]
     changed[:, : after.shape[1]] = np.isfinite(after)
@@ -116,6 +118,23 @@ def _compare(outcomes: Outcomes, first: int, old: TargetColumns, new: TargetColu
     for i in np.flatnonzero(differs.any(axis=1))[:1].tolist():
         k = int(np.argmax(differs[i]))
         _refuse(old, i, f"its {k + 1}. number reads {new.values[i, k]:.9g}, {meant[i, k]:.9g} was meant")
+
+
+def _compare_joints(outcomes: Outcomes, first: int, old: TargetColumns, new: TargetColumns) -> None:
+    """Require that joint targets have the joints that were meant."""
+    if old.joints is None and new.joints is None:
+        return
+    none = np.full((len(old), MOST_JOINTS), np.nan)
+    before, read = (none if columns.joints is None else columns.joints for columns in (old, new))
+    meant = before
+    if outcomes.joints is not None:
+        after = outcomes.joints.after[first : first + len(old)]
+        meant = np.where(np.isfinite(after), after, meant)
+    same = (meant == read) | (np.isnan(meant) & np.isnan(read))
+    same |= (meant != before) & (np.abs(meant - read) <= _EQUAL)
+    for i in np.flatnonzero(~same.all(axis=1))[:1].tolist():
+        k = int(np.argmin(same[i]))
+        _refuse(old, i, f"its {k + 1}. joint reads {read[i, k]:.9g}, {meant[i, k]:.9g} was meant")
 
 
 def _refuse(columns: TargetColumns, i: int, how: str) -> NoReturn:

@@ -7,7 +7,7 @@ twice.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,8 @@ from truepose._io.delimited import escaped
 from truepose._typing import FloatArray
 from truepose.errors import FileError, RefusedError
 from truepose.programs import history
+from truepose.programs.core.columns import TargetColumns
+from truepose.programs.core.joint_targets import MOST_JOINTS, JointOutcomes
 from truepose.programs.core.outcomes import DONE, Outcomes
 from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
@@ -37,12 +39,18 @@ _quoted = json.encoder.encode_basestring
 
 def head_csv(outcomes: Outcomes) -> str:
     """Return the names of the columns as a line of CSV."""
-    return ",".join([*_COLUMNS, *_angle_columns(outcomes), "verdict", "reason"]) + "\n"
+    return ",".join([*_COLUMNS, *_angle_columns(outcomes), *_joint_columns(outcomes), "verdict", "reason"]) + "\n"
 
 
 def _angle_columns(outcomes: Outcomes) -> list[str]:
     k = outcomes.after.shape[1] - 3
     return [f"angle{i}{when}" for when in ("", "_after") for i in range(1, k + 1)]
+
+
+def _joint_columns(outcomes: Outcomes) -> list[str]:
+    if outcomes.joints is None:
+        return []
+    return [*(f"joint{i}{when}" for when in ("", "_after") for i in range(1, MOST_JOINTS + 1)), "remaining_mm"]
 
 
 def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str], list[str]]]:
@@ -55,10 +63,13 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
         after = np.where(np.isnan(done.after[here]), before, done.after[here])
         size = np.linalg.norm(done.std[here], axis=1)[:, None]
         bends = np.column_stack([path.bend[here], path.direction[here], path.spacing[here]])
+        if done.joints is not None:
+            before, after = _with_joints(done.joints, here, before, after)
         xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], bends, after[:, :3] - before[:, :3], size]
         texts = _texts(np.concatenate([*xyz, before[:, 3:], after[:, 3:]], axis=1))
+        joints = None if done.joints is None else _texts(_joints(done.joints, here, columns), 9)
         kinds, which = columns.shared()
-        templates = [_templates(kind, k - 3) for kind in kinds]
+        templates = [_templates(kind, k - 3, len(_joint_columns(done))) for kind in kinds]
         lines, cells = [], []
         for i, kind in enumerate(which.tolist()):
             code, row = done.code[first + i], texts[i]
@@ -67,22 +78,52 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
             verdict, reason = DONE[code], done.why.get(first + i, kinds[kind].reason)
             json_form, csv_form = templates[kind]
             filled = [number or "null" for number in (status, turn, *row)]
-            lines.append(json_form % (line, _quoted(name), *filled, verdict, _quoted(reason)))
-            shown = (*row[:15], *row[19:])
+            more = "" if joints is None else _json_joints(joints[i], kinds[kind])
+            lines.append(json_form % (line, _quoted(name), *filled, more, verdict, _quoted(reason)))
+            shown = (*row[:15], *row[19:], *(() if joints is None else joints[i]))
             cells.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason)))
         yield lines, cells
 
 
-def _texts(numbers: FloatArray) -> list[list[str]]:
-    """Return numbers to six decimals; empty where there is none."""
-    flat = list(map(repr, (np.round(numbers, 6) + 0.0).ravel().tolist()))
+def _with_joints(
+    joints: JointOutcomes, here: slice, before: FloatArray, after: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the numbers of targets, those of joint targets with the positions of their joints, base frame."""
+    known = np.isfinite(joints.p[here, 0])
+    before, after = before.copy(), after.copy()
+    before[known, :3] = joints.p[here][known]
+    after[known, :3] = before[known, :3] + joints.change[here][known]
+    return before, after
+
+
+def _joints(joints: JointOutcomes, here: slice, columns: TargetColumns) -> FloatArray:
+    """Return the joints of targets before and after, and the remaining distances, (n, 13)."""
+    before = np.full((len(columns), MOST_JOINTS), np.nan) if columns.joints is None else columns.joints
+    after = np.where(np.isnan(joints.after[here]), before, joints.after[here])
+    return np.concatenate([before, after, joints.remaining[here, None]], axis=1)
+
+
+def _json_joints(texts: Sequence[str], target: Target) -> str:
+    """Return the joints of a joint target as parts of a JSON object; empty for other targets."""
+    if (form := target.joint_form) is None:
+        return ""
+    before, after = (", ".join(texts[k : k + form.count]) for k in (0, MOST_JOINTS))
+    remaining = texts[-1] or "null"
+    return (
+        f', "joints": [{before}], "joints_after": [{after}], "joint_unit": "{form.unit}", "remaining_mm": {remaining}'
+    )
+
+
+def _texts(numbers: FloatArray, decimals: int = 6) -> list[list[str]]:
+    """Return rounded numbers; empty where there is none."""
+    flat = list(map(repr, (np.round(numbers, decimals) + 0.0).ravel().tolist()))
     if not np.isfinite(numbers).all():
         flat = ["" if text == "nan" else text for text in flat]
     width = numbers.shape[1]
     return [flat[i : i + width] for i in range(0, len(flat), width)]
 
 
-def _templates(target: Target, angles: int) -> tuple[str, str]:
+def _templates(target: Target, angles: int, joints: int) -> tuple[str, str]:
     """Return the templates of a line of JSON and of CSV for targets that share all data but name, line and numbers."""
     file, motion, frame, tool, configuration = (
         text.replace("%", "%%")
@@ -95,10 +136,10 @@ def _templates(target: Target, angles: int) -> tuple[str, str]:
         f'"tool": {_quoted(tool)}, "configuration": {_quoted(configuration)}, "status": %s, "turn": %s, '
         f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, '
         f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "correction_mm": {three}, '
-        f'"std_mm": %s{oriented}, "verdict": "%s", "reason": %s}}'
+        f'"std_mm": %s{oriented}%s, "verdict": "%s", "reason": %s}}'
     )
     head = f"{_cell(file)},%s,%s,{_cell(motion)},{_cell(frame)},{_cell(tool)},%s,%s,"
-    return json_form, head + ",".join(["%s"] * (15 + 2 * angles + 2)) + "\n"
+    return json_form, head + ",".join(["%s"] * (15 + 2 * angles + joints + 2)) + "\n"
 
 
 def _cell(text: str) -> str:

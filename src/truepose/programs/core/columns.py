@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.geometry import make_transform
 from truepose.programs.core import orientations
+from truepose.programs.core.joint_targets import MOST_JOINTS
 from truepose.programs.core.target import Target
 
 CHUNK: Final = 2048
@@ -61,6 +62,8 @@ class TargetColumns:
         The first and last byte of each number; −1 where there is none.
     names : sequence of n str or None
         The names; None where the target is named by its motion and line.
+    joints : (n, 6) array [the controller's unit], optional
+        The joints of joint targets, whose `spans` come first; NaN where there are none. None where none has joints.
     """
 
     alike: Sequence[Target]
@@ -71,6 +74,7 @@ class TargetColumns:
     values: FloatArray
     spans: IntArray
     names: Sequence[str | None]
+    joints: FloatArray | None = None
 
     @classmethod
     def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> TargetColumns:
@@ -84,7 +88,7 @@ class TargetColumns:
             if target.xyz is not None and target.angles is not None:
                 values[i] = (*target.xyz, *target.angles)
             if target.spans:
-                spans[i] = target.spans
+                spans[i, : len(target.spans)] = target.spans
         return cls(
             alike,
             kinds,
@@ -94,6 +98,7 @@ class TargetColumns:
             values,
             spans,
             [None if t.name == _name(t.motions, t.line) else t.name for t in targets],
+            _joints(targets),
         )
 
     def __len__(self) -> int:
@@ -129,6 +134,13 @@ class TargetColumns:
         """Whether every motion to each target is straight, circular or a spline, (n,)."""
         return np.array([target.on_paths for target in self.alike])[self.kind]
 
+    @property
+    def commands_joints(self) -> BoolArray:
+        """Whether each is a joint target, (n,)."""
+        if self.joints is None:
+            return np.zeros(len(self), np.bool_)
+        return np.array([target.joint_form is not None for target in self.alike])[self.kind]
+
     def shared(self) -> tuple[list[Target], IntArray]:
         """Return the few kinds of target among these, and for each target which of them it is, (n,)."""
         kinds, which = np.unique(self.kind, return_inverse=True)
@@ -145,6 +157,7 @@ class TargetColumns:
             self.values[rows],
             self.spans[rows],
             [self.names[i] for i in rows.tolist()],
+            None if self.joints is None else self.joints[rows],
         )
 
     def name(self, i: int) -> str:
@@ -155,15 +168,20 @@ class TargetColumns:
         """Return one of them."""
         known = not np.isnan(self.values[i, 0])
         status, turn = int(self.status[i]), int(self.turn[i])
+        like = self.alike[int(self.kind[i])]
+        joints = None if self.joints is None or like.joint_form is None else self.joints[i, : like.joint_form.count]
         return replace(
-            self.alike[int(self.kind[i])],
+            like,
             name=self.name(i),
             line=int(self.line[i]),
             xyz=tuple(self.values[i, :3].tolist()) if known else None,
             angles=tuple(self.values[i, 3:].tolist()) if known else None,
             status=None if status < 0 else status,
             turn=None if turn < 0 else turn,
-            spans=tuple([(a, b) for a, b in self.spans[i].tolist()]) if self.spans[i, 0, 0] >= 0 else (),
+            spans=tuple([(a, b) for a, b in self.spans[i].tolist()][: None if joints is None else len(joints)])
+            if self.spans[i, 0, 0] >= 0
+            else (),
+            joints=None if joints is None else tuple(joints.tolist()),
         )
 
     def tf_base_frame(self) -> FloatArray:
@@ -277,6 +295,11 @@ class ProgramTargets(Sequence[Target]):
         if waiting:
             yield first, _join(waiting)
 
+    @property
+    def corrects_joints(self) -> bool:
+        """Whether there are joint targets whose verdict is ``correct``."""
+        return any(target.joint_form is not None and target.verdict == "correct" for target in self._alike)
+
     def verdicts(self) -> NDArray[np.int8]:
         """Return the places of the verdicts in `VERDICTS`, (n,)."""
         codes = np.array([VERDICTS.index(target.verdict) for target in self._alike], np.int8)
@@ -291,13 +314,15 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     """Return the place of the data that a target shares with others."""
     key = (
         target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
-        target.tool_number, target.controller, target.configuration, target.unit,
+        target.tool_number, target.controller, target.configuration, target.unit, target.joint_form,
         None if target.tf_base_frame is None else target.tf_base_frame.tobytes(),
         None if target.tf_flange_tool is None else target.tf_flange_tool.tobytes(),
     )  # fmt: skip
     if key not in known:
         known[key] = len(alike)
-        alike.append(replace(target, name="", line=0, xyz=None, angles=None, status=None, turn=None, spans=()))
+        alike.append(
+            replace(target, name="", line=0, xyz=None, angles=None, status=None, turn=None, spans=(), joints=None)
+        )
     return known[key]
 
 
@@ -317,4 +342,23 @@ def _join(parts: list[TargetColumns]) -> TargetColumns:
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.spans for part in parts]),
         [name for part in parts for name in part.names],
+        _joined_joints(parts),
     )
+
+
+def _joints(targets: Sequence[Target]) -> FloatArray | None:
+    """Return the joints of targets, (n, 6); None where none has joints."""
+    if all(target.joints is None for target in targets):
+        return None
+    joints = np.full((len(targets), MOST_JOINTS), np.nan)
+    for row, target in zip(joints, targets, strict=True):
+        if target.joints is not None:
+            row[: len(target.joints)] = target.joints
+    return joints
+
+
+def _joined_joints(parts: Sequence[TargetColumns]) -> FloatArray | None:
+    if all(part.joints is None for part in parts):
+        return None
+    none = (np.full((len(part), MOST_JOINTS), np.nan) for part in parts)
+    return np.concatenate([n if p.joints is None else p.joints for n, p in zip(none, parts, strict=True)])

@@ -15,6 +15,8 @@ from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.digits import written
+from truepose.programs.core.joint_digits import written_joints
+from truepose.programs.core.joint_targets import JointOutcomes
 from truepose.programs.core.orientations import DEGREES, STEPS, count
 from truepose.programs.core.program import Program, linked
 from truepose.programs.core.source import Source, Span, apply_patches
@@ -45,6 +47,10 @@ class Outcome:
         The orientation that is written; NaN where the target has none.
     e, std : (3,) arrays [mm], base frame
         The predicted error at the command and its standard deviation; NaN where nothing was predicted.
+    joints_after : (k,) array [the controller's unit]
+        The joints that are written; NaN where none are.
+    remaining : float [mm]
+        The distance between the position of the written joints and the wanted one; NaN where no joints are written.
     """
 
     target: Target
@@ -54,6 +60,8 @@ class Outcome:
     angles_after: FloatArray
     e: FloatArray
     std: FloatArray
+    joints_after: FloatArray
+    remaining: float
 
     @property
     def name(self) -> str:
@@ -72,7 +80,7 @@ class Outcome:
 
     @property
     def p_before(self) -> FloatArray:
-        """Position in the target's own frame, (3,) [mm]."""
+        """Position in the target's own frame, (3,) [mm]; NaN where it has none, as a joint target."""
         return self.target.p
 
     @property
@@ -97,6 +105,8 @@ class Outcomes(Sequence[Outcome]):
         The predicted errors and their standard deviations; NaN where nothing was predicted.
     why : dict of int to str
         The reasons that the program itself does not give.
+    joints : JointOutcomes, optional
+        The outcomes of joint targets; None where none is to be corrected.
     """
 
     program: Program
@@ -105,6 +115,7 @@ class Outcomes(Sequence[Outcome]):
     e: FloatArray
     std: FloatArray
     why: dict[int, str] = field(default_factory=dict)
+    joints: JointOutcomes | None = None
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {verdict}" for k, verdict in enumerate(DONE) if (n := int((self.code == k).sum())))
@@ -115,7 +126,8 @@ class Outcomes(Sequence[Outcome]):
         """Return the outcomes before any correction; `width` numbers of each target may change."""
         n = len(program.targets)
         after, e, std = (np.full((n, columns), np.nan) for columns in (width, 3, 3))
-        return cls(program, np.zeros(n, np.int8), after, e, std)
+        joints = JointOutcomes.none(n) if program.targets.corrects_joints else None
+        return cls(program, np.zeros(n, np.int8), after, e, std, joints=joints)
 
     def __len__(self) -> int:
         return len(self.code)
@@ -140,7 +152,11 @@ class Outcomes(Sequence[Outcome]):
         after = np.where(np.isnan(row := self.after[i]), before[: len(row)], row)
         after = np.concatenate([after, before[len(row) :]])
         reason = self.why.get(i, target.reason)
-        return Outcome(target, DONE[self.code[i]], reason, after[:3], after[3:], self.e[i], self.std[i])
+        joints, remaining = np.full(len(target.joints or ()), np.nan), math.nan
+        if self.joints is not None:
+            joints, remaining = self.joints.after[i, : len(joints)], float(self.joints.remaining[i])
+        found = (after[:3], after[3:], self.e[i], self.std[i], joints, remaining)
+        return Outcome(target, DONE[self.code[i]], reason, *found)
 
     @property
     def corrected(self) -> BoolArray:
@@ -167,6 +183,8 @@ class Outcomes(Sequence[Outcome]):
         for first, columns in self.program.targets.chunks():  # a million rows are not copied
             here = slice(first, first + len(columns))
             moved = self.after[here, :3] - columns.values[:, :3]
+            if self.joints is not None:
+                moved = np.where(np.isfinite(moved), moved, self.joints.change[here])
             correction = max(correction, _longest(moved[np.isfinite(moved).all(axis=1)]))
             std = max(std, _longest(self.std[here][np.isin(self.code[here], _CORRECTED)]))
         return {
@@ -178,6 +196,7 @@ class Outcomes(Sequence[Outcome]):
             "below_uncertainty": below,
             "largest_correction_mm": correction,
             "largest_std_mm": std,
+            **({} if self.joints is None else self.joints.summary()),
         }
 
     def pieces(self, source: Source, resolution: float) -> Iterator[tuple[int, int, bytes, list[Span]]]:
@@ -216,8 +235,6 @@ class Outcomes(Sequence[Outcome]):
         k = after.shape[1]
         before = columns.values[:, :k]
         rows, axes = np.nonzero(np.isfinite(after) & (after != before))
-        order = np.argsort(columns.spans[rows, axes, 0], kind="stable")
-        rows, axes = rows[order], axes[order]
         spans: IntArray = columns.spans[rows, axes]
         texts = np.empty(len(rows), object)
         for axis in range(k):
@@ -225,7 +242,11 @@ class Outcomes(Sequence[Outcome]):
             unit, step = digit_step(columns, axis, resolution)
             old, new = before[rows[here], axis] / unit, after[rows[here], axis] / unit
             texts[here] = written(source.data, spans[here], old, new, step)
-        return list(zip(spans[:, 0].tolist(), spans[:, 1].tolist(), strict=True)), texts.tolist()
+        if self.joints is not None and columns.joints is not None:
+            more = written_joints(source.data, columns, self.joints.after[first : first + len(columns)])
+            spans, texts = np.concatenate([spans, more[0]]), np.concatenate([texts, more[1]])
+        order = np.argsort(spans[:, 0], kind="stable")
+        return [(a, b) for a, b in spans[order].tolist()], texts[order].tolist()
 
 
 def _end(span: Span) -> int:

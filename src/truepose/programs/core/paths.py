@@ -203,6 +203,9 @@ def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArr
         tf = columns.tf_base_frame()
         p[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], columns.values[:, :3]) + tf[:, :3, 3]
         change[here] = np.einsum("nij,nj->ni", tf[:, :3, :3], outcomes.after[here, :3])
+    if outcomes.joints is not None:
+        joints = np.isfinite(outcomes.joints.p[:, 0])
+        p[joints], change[joints] = outcomes.joints.p[joints], outcomes.joints.change[joints]
     return p, change
 
 

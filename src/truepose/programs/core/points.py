@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from truepose._typing import FloatArray
 from truepose.programs.core import orientations
 from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
+from truepose.programs.core.joint_targets import JointNumbers
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
 from truepose.programs.core.source import Source, Span, parse_number
 from truepose.programs.core.target import JOINT_MOTION, Target, Verdict
@@ -96,6 +97,7 @@ class Problem(NamedTuple):
 
 
 JOINTS: Final = Problem("skip", "joint target")
+ALLOWED_JOINTS: Final = Problem("skip", "joint target; allow joint_targets to correct it")
 RUN_TIME: Final = Problem("skip", "target known at run time only")
 RELATIVE: Final = Problem("skip", "relative: it starts from a target that is corrected already")
 
@@ -136,6 +138,10 @@ class Frame(NamedTuple):
     text: str
     key: Key | None = None
     tf: bytes | None = None
+
+
+_NO_FRAME: Final = Frame("")
+"""Of joint targets, which need none."""
 
 
 class Use(NamedTuple):
@@ -182,6 +188,8 @@ class Point:
         The reason why programs that are not at hand may use it.
     objection : Problem, optional
         The reason that counts where nothing else is against a correction.
+    joints : JointNumbers, optional
+        The joints, where it is a joint target; it has no `values` then, and needs no frame.
     uses : list of Use
         The motions to it.
     reads, writes : list of (place, how)
@@ -199,6 +207,7 @@ class Point:
     turn: int | None = None
     shared: Problem | None = None
     objection: Problem | None = None
+    joints: JointNumbers | None = None
     uses: list[Use] = field(default_factory=list)
     reads: list[tuple[Place, str]] = field(default_factory=list)
     writes: list[tuple[Place, str]] = field(default_factory=list)
@@ -275,12 +284,14 @@ class Judge:
             problem = stop.problem
         try:  # also where the target stays as it is: a path may go through it
             if point.uses:
-                tool, frame = self._in_force(point.uses)
+                tool, frame = self._in_force(point)
                 if problem is None and point.objection is not None:
                     raise NotCorrected(*point.objection)
                 tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
         except NotCorrected as stop:
             problem = problem or stop.problem
+        if (joints := point.joints) is not None and not self._options.joint_targets:
+            problem = JOINTS if problem else ALLOWED_JOINTS
         known = len(point.values) == 3 + orientations.count(self._controller)
         return Target(
             name=point.name,
@@ -301,8 +312,10 @@ class Judge:
             status=point.status,
             turn=point.turn,
             configuration=point.configuration,
-            spans=point.spans if known else (),
+            spans=point.spans if known else () if joints is None else joints.spans,
             unit=self.unit,
+            joints=None if joints is None else joints.values,
+            joint_form=None if joints is None else joints.form,
         )
 
     def _check(self, point: Point) -> None:
@@ -321,7 +334,7 @@ class Judge:
             raise NotCorrected(*point.shared)
         if not point.uses:
             raise NotCorrected("skip", "no motion of this program goes to it")
-        if not point.values:
+        if not point.values and point.joints is None:
             raise NotCorrected(*RUN_TIME)
         problems = {use.problem for use in point.uses}
         hindered = [use for use in point.uses if use.problem is not None]
@@ -335,10 +348,11 @@ class Judge:
             raise NotCorrected(self._options.ambiguous, reason)
         raise NotCorrected(*first.problem)
 
-    def _in_force(self, uses: Sequence[Use]) -> tuple[Frame, Frame]:
+    def _in_force(self, point: Point) -> tuple[Frame, Frame]:
         found: dict[tuple[Frame, Frame], Use] = {}
-        for use in uses:
-            found.setdefault((self._of("tool", use.tool), self._of("base", use.frame)), use)
+        for use in point.uses:
+            frame = self._of("base", use.frame) if point.joints is None else _NO_FRAME
+            found.setdefault((self._of("tool", use.tool), frame), use)
         if len(found) > 1:
             (first, a), (second, b) = list(found.items())[:2]
             k = 0 if first[0] != second[0] else 1
@@ -357,7 +371,7 @@ class Judge:
         raise NotCorrected("refuse", f"the program names no {which}; state the one in force (--{which} NAME)")
 
     def _transform(self, which: str, frame: Frame) -> FloatArray | None:
-        if frame.text == AS_MEASURED:
+        if frame.text == AS_MEASURED or frame is _NO_FRAME:
             return None
         table = self._frames.tools if which == "tool" else self._frames.bases
         key = None if frame.key is None else frame_key(frame.key)

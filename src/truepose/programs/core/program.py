@@ -45,6 +45,8 @@ class ReadOptions:
         table ("yaskawa", "staubli"), or of the tool axis i, j, k in APT: "z" along the tool's z, "-z" against it.
     orientation : bool
         Whether orientations are corrected, too. Targets whose orientation is written in another line are left out.
+    joint_targets : bool
+        Whether to correct joint targets: forward with the arm of the map, corrected, and back to the nearest joints.
     whole_task : bool
         Whether a file that is read alone is the whole task (RAPID), project (KRL) or application (VAL3), so that no
         other file uses its points.
@@ -62,6 +64,7 @@ class ReadOptions:
     offsets: bool = False
     angles: str = ""
     orientation: bool = False
+    joint_targets: bool = False
     whole_task: bool = False
 
 
@@ -169,8 +172,9 @@ class Program:
         return [source.path.relative_to(self.folder) for source in self.sources]
 
     def correctable(self) -> IntArray:
-        """Return the indices of the targets whose verdict is ``correct``."""
-        return np.flatnonzero(self.targets.verdicts() == 0)
+        """Return the indices of the targets with a pose whose verdict is ``correct``; not those of joint targets."""
+        rows = [rows for rows, _ in self.correctable_columns()]
+        return np.concatenate(rows) if rows else np.empty(0, np.int64)
 
     @property
     def width(self) -> int:
@@ -184,9 +188,16 @@ class Program:
         return {"correct": correct, "skip": skip, "refuse": refuse}
 
     def correctable_columns(self) -> Iterator[tuple[IntArray, TargetColumns]]:
-        """Yield the correctable targets some thousand at a time, with their indices."""
+        """Yield the correctable targets with a pose some thousand at a time, with their indices."""
         for first, columns in self.targets.chunks():
-            rows = np.flatnonzero(columns.verdict == "correct")
+            rows = np.flatnonzero((columns.verdict == "correct") & ~columns.commands_joints)
+            if len(rows):
+                yield first + rows, columns.take(rows)
+
+    def joint_columns(self) -> Iterator[tuple[IntArray, TargetColumns]]:
+        """Yield the correctable joint targets some thousand at a time, with their indices."""
+        for first, columns in self.targets.chunks() if self.targets.corrects_joints else ():
+            rows = np.flatnonzero((columns.verdict == "correct") & columns.commands_joints)
             if len(rows):
                 yield first + rows, columns.take(rows)
 

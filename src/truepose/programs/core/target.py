@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.programs.core import orientations
+from truepose.programs.core.joint_targets import JointForm
 from truepose.programs.core.source import Span
 
 Verdict = Literal["correct", "skip", "refuse"]
@@ -60,6 +61,10 @@ class Target:
         The bytes of the numbers, with the blanks in front where the column is kept.
     unit : float [mm]
         The unit of the position's digits.
+    joints : tuple of float [unit of `joint_form`], optional
+        The joints of a joint target, as the program writes them; `spans` are theirs then.
+    joint_form : JointForm, optional
+        How the controller writes joints; None where it is no joint target.
     """
 
     name: str
@@ -82,6 +87,8 @@ class Target:
     configuration: str = ""
     spans: tuple[Span, ...] = ()
     unit: float = 1.0
+    joints: tuple[float, ...] | None = None
+    joint_form: JointForm | None = None
 
     @property
     def p(self) -> FloatArray:

@@ -13,10 +13,12 @@ from typing import Final, Literal, NamedTuple, TypeVar
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import FdatFrames, InForce, State
+from truepose.programs.core.joint_targets import KUKA, JointNumbers
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
 from truepose.programs.core.points import Frame, Judge, NotCorrected, Place, Point, Problem, Use, at
 from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
+from truepose.programs.core.target import JOINT_MOTION
 from truepose.programs.krl.lexer import CARTESIAN, Aggregate
 
 Index = tuple[int, ...] | None
@@ -26,6 +28,7 @@ JOINTS: Final = ("AXIS", "E6AXIS")
 _ABSOLUTELY_ACCURATE: Final = 16
 _LARGEST_STATUS: Final = 1 << 16
 _NAMES: Final = {"tool": ("$TOOL", "TOOL_DATA", "tools"), "base": ("$BASE", "BASE_DATA", "bases")}
+_ARM: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
 _EXTERNAL: Final = ("E1", "E2", "E3", "E4", "E5", "E6")
 _NEVER: Final = Problem("skip", "the program never reaches this motion")
 _Item = TypeVar("_Item")
@@ -158,6 +161,7 @@ class KrlJudge(Judge):
         if not motions and (aggregate.is_joint or variable is None or variable.type in ("FRAME", *JOINTS)):
             return None
         complete = all(key in aggregate.values for key in CARTESIAN)
+        joints = _joints(numbers, [motion for motion, _ in motions])
         shared = None if variable is None or self._whole else _shared(variable)
         return Point(
             numbers.name,
@@ -165,23 +169,27 @@ class KrlJudge(Judge):
             numbers.line,
             tuple([aggregate.values[key] for key in CARTESIAN]) if complete else (),
             tuple([aggregate.spans[key] for key in CARTESIAN]) if complete else (),
-            _problem_of(numbers),
+            None if joints else _problem_of(numbers),
             status=aggregate.integer("S"),
             turn=aggregate.integer("T"),
             shared=shared,
-            objection=self._objection(aggregate),
-            uses=self._uses(motions, _fdat(variable)),
+            objection=self._external(aggregate) if joints else self._objection(aggregate),
+            joints=joints,
+            uses=self._uses(motions, _fdat(variable), based=joints is None),
             reads=[] if variable is None else concerning(variable.reads, numbers.index),
             writes=[] if variable is None else concerning(variable.writes, numbers.index),
         )
 
-    def _uses(self, motions: list[tuple[KrlMotion, int]], fdat: FdatFrames | None) -> list[Use]:
-        """Return motions with tool and base; one that control never reaches has those of the first one reached."""
+    def _uses(self, motions: list[tuple[KrlMotion, int]], fdat: FdatFrames | None, *, based: bool) -> list[Use]:
+        """Return motions with tool and base; one that control never reaches has those of the first one reached.
+
+        Joint targets, which are not `based`, need no base.
+        """
         reached = next((motion for motion, _ in motions if self._states[motion.node].tool), None)
         uses = []
         for motion, order in motions:
             goes = motion if self._states[motion.node].tool else reached
-            tool, base, problem = (None, None, _NEVER) if goes is None else self._in_force_at(goes, fdat)
+            tool, base, problem = (None, None, _NEVER) if goes is None else self._in_force_at(goes, fdat, based)
             uses.append(Use(motion.word, motion.place, tool, base, problem, motion.section, order))
         return uses
 
@@ -197,32 +205,35 @@ class KrlJudge(Judge):
                 "taught on an absolutely accurate robot (Status bit 4): its controller compensates already and errors "
                 "would be corrected twice; switch that option off and allow absolute_accuracy",
             )
-        used = [key for key in _EXTERNAL if aggregate.values.get(key) or key in aggregate.loose]
-        if used and not self._options.external_axes:
-            reason = f"external axis {used[0]} is in use and has no model; allow external_axes if it moves neither"
-            return Problem("refuse", reason)
+        if problem := self._external(aggregate):
+            return problem
         if self._moved:
             reason = f"the program moves the robot in its world ({self._moved[0]}): bases are known at run time only"
             return Problem("refuse", f"{reason}; set $ROBROOT in $machine.dat alone")
         return None
+
+    def _external(self, aggregate: Aggregate) -> Problem | None:
+        used = [key for key in _EXTERNAL if aggregate.values.get(key) or key in aggregate.loose]
+        if not used or self._options.external_axes:
+            return None
+        reason = f"external axis {used[0]} is in use and has no model; allow external_axes if it moves neither"
+        return Problem("refuse", reason)
 
     def _of(self, which: str, frame: Frame | None) -> Frame:
         if frame is None:
             raise NotCorrected("refuse", f"the {which} is not known")  # the motion's own problem says why
         return frame
 
-    def _in_force_at(
-        self, motion: KrlMotion, fdat: FdatFrames | None
-    ) -> tuple[Frame | None, Frame | None, Problem | None]:
-        key = (motion.node, motion.tool, motion.base, motion.ipo, fdat)
+    def _in_force_at(self, motion: KrlMotion, fdat: FdatFrames | None, based: bool) -> _InForceAt:
+        key = (motion.node, motion.tool, motion.base, motion.ipo, fdat, based)
         if key not in self._known:
             try:
-                self._known[key] = (*self._resolve(motion, fdat), None)
+                self._known[key] = (*self._resolve(motion, fdat, based), None)
             except NotCorrected as stop:
                 self._known[key] = (None, None, stop.problem)
         return self._known[key]
 
-    def _resolve(self, motion: KrlMotion, fdat: FdatFrames | None) -> tuple[Frame, Frame]:
+    def _resolve(self, motion: KrlMotion, fdat: FdatFrames | None, based: bool) -> tuple[Frame, Frame | None]:
         state = self._states[motion.node]
         if problem := shifts.problem_of(state.shifts | self._ambient.shifts):
             raise NotCorrected(*problem)
@@ -233,7 +244,8 @@ class KrlJudge(Judge):
             only = ipos == {"TCP"}
             why = "external TCP (IPO_FRAME #TCP)" if only else "whether the TCP is external depends on the run time"
             raise NotCorrected("refuse", f"{why}: tool and base change roles, which is not supported")
-        return self._value(motion, state, fdat, "tool"), self._value(motion, state, fdat, "base")
+        tool = self._value(motion, state, fdat, "tool")
+        return tool, self._value(motion, state, fdat, "base") if based else None
 
     def _value(self, motion: KrlMotion, state: State, fdat: FdatFrames | None, which: Literal["tool", "base"]) -> Frame:
         system, data, table = _NAMES[which]
@@ -291,6 +303,16 @@ def _problem_of(numbers: Numbers) -> Problem | None:
     if missing := [key for key in CARTESIAN if key not in aggregate.values]:
         return Problem("skip", f"partial: {', '.join(missing)} as before, from another point")
     return None
+
+
+def _joints(numbers: Numbers, motions: Sequence[KrlMotion]) -> JointNumbers | None:
+    """Return the joints of a literal to which joint motions go; None where it is none, or is not complete."""
+    values, spans = numbers.aggregate.values, numbers.aggregate.spans
+    if _problem_of(numbers) != JOINT_TARGET or not all(axis in values for axis in _ARM):
+        return None
+    if not all(JOINT_MOTION.fullmatch(motion.word) for motion in motions):
+        return None
+    return JointNumbers(tuple([values[axis] for axis in _ARM]), tuple([spans[axis] for axis in _ARM]), KUKA)
 
 
 def _shared(variable: PointVariable) -> Problem | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry import euler, make_transform
+from truepose.programs.core.joint_targets import ABB, JointNumbers
 from truepose.programs.core.points import Frame, Point, Problem
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, is_broken, parse_number
@@ -48,11 +50,45 @@ def robtarget(source: Source, options: ReadOptions, name: str, parsed: Value, li
     except ValueError as error:
         raise source.error(line, f"{name}: {error}; correct the file") from None
     point.spans = tuple([(leaf[0].start, leaf[0].end) for leaf in leaves[:7]])
-    external = [i for i, text in enumerate(texts[11:], 1) if not simple[10 + i] or 0 < abs(float(text)) < _UNUSED_AXIS]
-    if external and not options.external_axes:
-        reason = f"external axis {external[0]} is in use and has no model; allow external_axes if it moves neither"
-        point.problem = Problem("refuse", reason)
+    point.problem = _external(texts[11:], simple[11:], options)
     return point
+
+
+def jointtarget(source: Source, options: ReadOptions, name: str, parsed: Value, line: int) -> Point:
+    """Return the point of a literal jointtarget."""
+    groups = [group for group in parsed if isinstance(group, list) and is_list(group)]
+    leaves = [leaf for group in groups for leaf in group]
+    point = Point(name, source, line)
+    if [len(group) for group in groups] != [6, 6] or any(not isinstance(t, Token) for leaf in leaves for t in leaf):
+        point.problem = Problem("skip", "joint target: an expression, known at run time only")
+        return point
+    tokens: list[list[Token]] = leaves  # type: ignore[assignment]
+    texts = [source.data[leaf[0].start : leaf[-1].end] if leaf else b"" for leaf in tokens]
+    simple = [len(leaf) == 1 and leaf[0].kind == "number" for leaf in tokens]
+    if not all(simple[:6]):
+        point.problem = Problem("skip", "joint target: an expression in its numbers, known at run time only")
+        return point
+    try:
+        values = tuple([parse_number(text) for text in texts[:6]])
+    except ValueError as error:
+        point.problem = Problem("skip", f"joint target: {error}")
+        return point
+    point.line = source.line(tokens[0][0].start)
+    if max(map(abs, values)) >= _UNUSED_AXIS:
+        point.problem = Problem("skip", "joint target: one of its six joints is not in use")
+        return point
+    point.joints = JointNumbers(values, tuple([(leaf[0].start, leaf[0].end) for leaf in tokens[:6]]), ABB)
+    point.problem = _external(texts[6:], simple[6:], options)
+    return point
+
+
+def _external(texts: Sequence[bytes], simple: Sequence[bool], options: ReadOptions) -> Problem | None:
+    """Return the reason why external axes forbid a correction."""
+    used = [i for i, text in enumerate(texts, 1) if not simple[i - 1] or 0 < abs(float(text)) < _UNUSED_AXIS]
+    if not used or options.external_axes:
+        return None
+    reason = f"external axis {used[0]} is in use and has no model; allow external_axes if it moves neither"
+    return Problem("refuse", reason)
 
 
 def frame_data(kind: str, text: str, parsed: Value) -> tuple[str, Frame, Problem | None]:

@@ -14,7 +14,7 @@ from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
-from truepose.programs.rapid.data import frame_data, robtarget
+from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import Datum, ModuleNames, RapidTask, RobtargetVariable, Routine, Scope, late_bound
 from truepose.programs.rapid.runs import NUMBERS, inline_runs
@@ -31,6 +31,7 @@ from truepose.programs.rapid.words import (
 )
 
 _ROUTINES: Final = ("PROC", "FUNC", "TRAP")
+_TARGET_TYPES: Final = ("ROBTARGET", "JOINTTARGET")
 _FRAME_TYPES: Final = {"TOOLDATA": "tool", "WOBJDATA": "base"}
 _PARTS: Final = ("UFRAME", "OFRAME", "TFRAME")
 
@@ -227,8 +228,7 @@ class RapidModule:
             self._displace(name, line)
             self._names.read_by(statement[1:], line)
         elif name in JOINT_MOTIONS:
-            self._names.read_by(statement[1:], line)
-            self._motions.joint(statement[0], line)
+            self._motions.joint(statement, arguments, line)
         elif statement[0].kind == "word" and (m := MOTION.fullmatch(name)) and len(arguments) > 2:
             self._motions.read(statement[0], m[1] == "C", arguments, line)
         else:
@@ -319,7 +319,7 @@ class RapidModule:
             self._names.change(name, line)
 
     def _declare(self, statement: list[Token]) -> None:
-        """Take a declaration of a robtarget, a tool or a workobject."""
+        """Take a declaration of a robtarget, a jointtarget, a tool or a workobject."""
         local, statement = statement[0].text == "LOCAL", _without_scope(statement)
         if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
             return
@@ -330,17 +330,22 @@ class RapidModule:
         position = syntax.position_of(":=", statement)
         parsed = syntax.value(statement[position + 1 :]) if position else []
         has_index = any(t.text == "{" for t in statement[: position or None])
-        if inner and type_ != "ROBTARGET":
+        if inner and type_ not in _TARGET_TYPES:
             scope.others.add(name)
         elif type_ in _FRAME_TYPES and not has_index:
             self._declare_frame(scope, type_, statement[2], parsed, line)
-        if type_ != "ROBTARGET":
+        if type_ not in _TARGET_TYPES:
             return
-        if (old := scope.points.get(name)) is not None:
+        joints = type_ == "JOINTTARGET"
+        if (old := scope.points.get(name)) is not None and (joints or old.joints):
+            for point in old.elements.values():
+                point.writes.append((self._names.place(line), "declared a second time, and so set"))
+            return
+        if old is not None:
             text = f"{self._names.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
             raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
         variable = RobtargetVariable(
-            self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local)
+            self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local), joints=joints
         )
         scope.points[name] = variable
         self._task.variables.append(variable)
@@ -359,7 +364,8 @@ class RapidModule:
     def _element(self, variable: RobtargetVariable, index: tuple[int, ...], element: Value, line: int) -> None:
         suffix = "{" + ",".join(map(str, index)) + "}" if index else ""
         if is_list(element):
-            point = robtarget(self.source, self._options, variable.name + suffix, element, line)
+            read = jointtarget if variable.joints else robtarget
+            point = read(self.source, self._options, variable.name + suffix, element, line)
         elif element:
             problem = Problem("skip", "its value is known at run time only")
             point = Point(variable.name + suffix, self.source, line, problem=problem)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use, computed, not_understood, unknown_motion
 from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
-from truepose.programs.rapid.data import robtarget
+from truepose.programs.rapid.data import jointtarget, robtarget
 from truepose.programs.rapid.names import ModuleNames, RapidMotion, RobtargetVariable
 from truepose.programs.rapid.syntax import Argument, Token, is_list
-from truepose.programs.rapid.words import OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
+from truepose.programs.rapid.words import ABSOLUTE, OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
 
 _CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run time")
 
@@ -20,10 +20,38 @@ class RapidMotionReader:
         self._names, self._task = names, names.task
         self._source, self._options = names.source, names.task.options
 
-    def joint(self, token: Token, line: int) -> None:
+    def joint(self, statement: list[Token], arguments: list[Argument], line: int) -> None:
         """Take a motion to joints."""
+        token, positional = statement[0], [a.tokens for a in arguments if not a.name]
         name = f"{self._names.cased(token)}:{line}"
-        self._add(Point(name, self._source, line, problem=JOINTS), self._use(token.text, token, line))
+        use = self._use(token.text, token, line)
+        if token.text != ABSOLUTE or len(positional) < 2:
+            self._names.read_by(statement[1:], line)
+            self._add(Point(name, self._source, line, problem=JOINTS), use)
+            return
+        for items in positional[1:]:
+            self._names.read_by(items, line)
+        tool, problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional))
+        goal, use = positional[0], use._replace(tool=tool, problem=problem)
+        if is_list(parsed := syntax.value(goal)):
+            point = jointtarget(self._source, self._options, name, parsed, line)
+            self._task.points.append(point)
+            self._move(point, use)
+        elif not self._named_joints(goal, use):
+            self._names.read_by(goal, line)
+            self._add(Point(name, self._source, line, problem=JOINTS), use)
+
+    def _named_joints(self, items: list[Token], use: Use) -> bool:
+        """Take a motion to a jointtarget by its name; False if no literal of that name is known."""
+        variable = self._names.find(items[0].text) if items and items[0].kind == "word" else None
+        plain = len(items) == 1 or (items[1:2] and items[1].text == "{" and items[-1].text == "}")
+        if variable is None or not plain:
+            return False
+        index = syntax.constant_index(items[1:])
+        found = [point for key, point in variable.elements.items() if index is None or key == index]
+        for point in found:
+            self._move(point, use)
+        return bool(found)
 
     def unknown(self, statement: list[Token], positional: list[list[Token]], line: int) -> None:
         """Refuse an instruction that looks like a motion."""

@@ -20,7 +20,7 @@ from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
 
 @dataclass(slots=True, eq=False)
 class RobtargetVariable:
-    """A robtarget or an array of them; `elements` by index in the text's order."""
+    """A robtarget or an array of them; `elements` by index in the text's order. `joints`: it is a jointtarget."""
 
     name: str
     place: Place
@@ -30,6 +30,7 @@ class RobtargetVariable:
     offset: float = 0.0
     offset_place: Place = 0
     offset_known: bool = True
+    joints: bool = False
 
 
 class Datum(NamedTuple):

@@ -104,7 +104,7 @@ def _attach(task: RapidTask) -> None:
     owner = {id(point): variable for variable in task.variables for point in variable.elements.values()}
     for point, use, node in task.moves:
         problem, variable = use.problem, owner.get(id(point))
-        shift = min(_shifts(task.flow.states[node]), default="")
+        shift = "" if point.joints else min(_shifts(task.flow.states[node]), default="")
         hindered = shifted_by(task.flow.states[node].shifts)
         if shift:
             hindered = Problem("refuse", f"a displacement may be active: {shift}; corrections do not know it")
@@ -117,6 +117,8 @@ def _attach(task: RapidTask) -> None:
             # with an offset anywhere it is skipped everywhere
             point.problem = point.problem or problem
         point.uses.append(use._replace(problem=problem or _unseen(task, variable)))
+    # jointtargets that no motion goes to are no targets: other data have this form, too
+    task.points[:] = [p for p in task.points if p.uses or not (id(p) in owner and owner[id(p)].joints)]
     for variable, place, how in task.reads:
         for point in variable.elements.values():
             point.reads.append((place, how))

@@ -15,7 +15,9 @@ MOTION: Final = re.compile(
     r"(?:DO|AO|GO|SYNC|IOS|\d?(?:START|END)?)"
 )
 """The motion instructions of the base system and of the process options; C is a circle."""
-JOINT_MOTIONS: Final = frozenset(["MOVEABSJ", "MOVEEXTJ"])
+ABSOLUTE: Final = "MOVEABSJ"
+"""The motion of the robot to joints."""
+JOINT_MOTIONS: Final = frozenset([ABSOLUTE, "MOVEEXTJ"])
 ZONE: Final = re.compile(r"FINE|Z\d+")
 SPEED: Final = re.compile(r"V\d+|VMAX")
 TOOL_AFTER: Final = {"MOVE": 3, "TRIGG": 4, "ARC": 5, "SEARCH": 2, "CONTACT": 2, "PAINT": 3, "DISP": 4, "CAP": 5}

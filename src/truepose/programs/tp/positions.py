@@ -13,10 +13,11 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core.forms import NUMBER, RunFinder, is_run
+from truepose.programs.core.joint_targets import FANUC, JointNumbers
 from truepose.programs.core.named import NamedRuns, code_of
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
 from truepose.programs.core.program import ReadOptions
-from truepose.programs.core.source import Source, shown
+from truepose.programs.core.source import Source, parse_number, shown
 from truepose.programs.tp.words import check_language
 
 _HEAD = re.compile(rb"(?<![\w$])P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[ \t]*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?\]\s*\{", re.I)
@@ -24,6 +25,7 @@ _GROUP = re.compile(rb"\bGP(\d{1,9})\s*:", re.I)
 _FRAMES = re.compile(rb"\b(UF|UT)\s*:\s*([^\s,]*)", re.I)
 _CONFIG = re.compile(rb"\bCONFIG\s*:\s*'([^'\r\n]*)'", re.I)
 _VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|R[XYZ]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]*)[ \t]*(mm|deg)?", re.I)
+_ARM: Final = ("J1", "J2", "J3", "J4", "J5", "J6")
 _AXES: Final = ("X", "Y", "Z", "W", "P", "R")
 _UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
 _CAM_POSITION: Final = re.compile(
@@ -212,7 +214,7 @@ class Positions:
                 raise source.error(source.line(m.start()), f"P[{number}] gives {key} twice; keep one")
             found[key] = m
         if any(key.startswith("J") for key in found):
-            point.problem = JOINTS
+            self._take_joints(point, found, frames)
             return point
         if any(len(key) == 2 and key.startswith("R") for key in found):
             point.problem = REMOTE
@@ -232,15 +234,32 @@ class Positions:
         tokens = [found[key][2].strip() for key in _AXES]
         values, _ = numbers_at(source, source.line(found["X"].start()), _AXES, tokens, [0] * 6)
         point.values, point.spans = values, tuple([found[key].span(2) for key in _AXES])
-        external = [key for key in found if key.startswith("E")]
-        if external and point.problem is None and not self._options.external_axes:
-            reason = f"external axis {external[0]} in group 1 has no model; allow external_axes if it does not move it"
-            point.problem = Problem("refuse", reason)
+        point.problem = point.problem or self._external([key for key in found if key.startswith("E")])
         return point
 
+    def _external(self, keys: list[str]) -> Problem | None:
+        if not keys or self._options.external_axes:
+            return None
+        reason = f"external axis {keys[0]} in group 1 has no model; allow external_axes if it does not move it"
+        return Problem("refuse", reason)
 
-def _problem_of(frames: dict[bytes, bytes]) -> Problem | None:
-    for key in (b"UF", b"UT"):
+    def _take_joints(self, point: Point, found: dict[str, re.Match[bytes]], frames: dict[bytes, bytes]) -> None:
+        """Take a position in joint representation."""
+        texts = {key: found[key][2].strip() for key in _ARM if key in found}
+        in_degrees = all((found[key][3] or b"").lower() == b"deg" for key in texts)
+        try:
+            values = tuple([parse_number(text) for text in texts.values()])
+        except ValueError:  # **** where it is not taught
+            values = ()
+        if len(values) < len(_ARM) or not in_degrees:
+            point.problem = JOINTS
+            return
+        point.joints = JointNumbers(values, tuple([found[key].span(2) for key in _ARM]), FANUC)
+        point.problem = _problem_of(frames, (b"UT",)) or self._external([key for key in found if key not in _ARM])
+
+
+def _problem_of(frames: dict[bytes, bytes], needed: tuple[bytes, ...] = (b"UF", b"UT")) -> Problem | None:
+    for key in needed:
         value = frames.get(key, b"")
         if value.upper() != b"F" and (not value.isdigit() or len(value) > 4):
             return Problem("refuse", f"{key.decode()} : {shown(value) or 'missing'}: teach it in a frame with a number")

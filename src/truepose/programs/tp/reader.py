@@ -290,7 +290,7 @@ class _Reader(Reader):
     def _attach(self) -> None:
         """Give each position the motions to it, now that the frames in force at each are known."""
         for word, line, node in self._indirect:
-            self._moves += [_Move(p, word, line, node, None) for p in self._positions.all() if p.values]
+            self._moves += [_Move(p, word, line, node, None) for p in self._positions.all() if p.values or p.joints]
         for point, word, line, node, problem, coordinated in self._moves:
             point.uses.append(self._use_at(point, word, node, line, problem, coordinated=coordinated))
 
@@ -299,7 +299,8 @@ class _Reader(Reader):
     ) -> Use:
         """Return a motion with the frames of its position, refused where others are in force."""
         taught, state = self._positions.taught(point), self.flow.states[node]
-        tool, base, stopped = tp_frames.frames_at(taught, state, self._group, line)
+        needed = taught if point.joints is None else taught._replace(base=None)
+        tool, base, stopped = tp_frames.frames_at(needed, state, self._group, line)
         problem = shifts.problem_of(state.shifts) or problem or self._with_others(taught, coordinated) or stopped
         return self.use(word, line, tool, base, problem)
 
