@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -18,7 +17,7 @@ from truepose.errors import DataError, FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
-from truepose.programs.core.forms import BLANKS, NUMBER, FoundRun, Lines, RunFinder, is_run
+from truepose.programs.core.forms import FoundRun, RunFinder, is_run
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
@@ -33,59 +32,31 @@ from truepose.programs.core.points import (
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Reader
-from truepose.programs.core.source import Source, Span, is_broken, parse_number, shown, strip
+from truepose.programs.core.source import Source, is_broken, parse_number, shown, strip
+from truepose.programs.urscript.syntax import (
+    ASSIGN,
+    AT_RUN_TIME,
+    BLOCK,
+    INVERSE,
+    KEYWORD,
+    MOTION,
+    NAME,
+    POSE,
+    ROUTINE,
+    RUN,
+    STRANGE,
+    TAKES_POSES,
+    TCP,
+    VARIABLE,
+    WORD,
+    Statement,
+    arguments,
+    statements,
+)
 
-_PIECE = re.compile(
-    rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
-)
-_ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(([^)]*)\)\s*:")
-_BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
-_WORD = re.compile(rb"\s*(\w+)")
-_ASSIGN = re.compile(rb"\s*(?:(global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
-_VARIABLE = re.compile(rb"[A-Za-z_]\w*")
-_NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
-_KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
-_MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
-_STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
-_AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl", "speedj"])
-_TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
-_POSE = re.compile(rb"p\s*\[")
-_INVERSE = re.compile(rb"get_inverse_kin\s*\(")
-_TAKES_POSES: Final = re.compile(
-    r"add_frame|attach_frame|convert_pose|end_force_mode|force_mode|get_forward_kin|get_inverse_kin|"
-    r"get_inverse_kin_has_solution|get_list_length|get_pose|interpolate_pose|is_within_safety_limits|length|"
-    r"move_frame|norm|path_offset_set|point_dist|popup|pose_add|pose_dist|pose_inv|pose_sub|pose_trans|"
-    r"set_gravity|set_payload|set_target_payload|set_tcp|size|socket_send_line|socket_send_string|str_cat|"
-    r"textmsg|to_str|track_conveyor_circular|track_conveyor_linear|wrench_trans"
-)
-"""The language's own functions that may be given a pose and move nowhere; motions apart."""
-_RUN: Final = re.compile(
-    BLANKS
-    + rb"move[lpj]"
-    + BLANKS
-    + rb"\("
-    + BLANKS
-    + rb"p\["
-    + rb",".join([BLANKS + b"(" + NUMBER + b")" + BLANKS] * 6)
-    + rb"\]"
-    + (rb"(?:[ \t]*+,[ \t]*+[avtr][ \t]*+=[ \t]*+([0-9]{1,6}+(?:\.[0-9]{0,15}+)?+))?+" * 4)
-    + BLANKS
-    + rb"\)[ \t]*+\r?+\n"
-)
-"""A motion to a pose in the motion itself, which may be one of many; the general reader reads the first of them."""
 _VALUES: Final = slice(0, 6)
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _BASE: Final = Frame("base", 0)
-
-
-class _Statement(NamedTuple):
-    line: int
-    start: int
-    end: int
-    code: bytes
-    """With texts and comments blanked, byte by byte in place."""
-    run: Lines | None = None
-    """The run whose first line this is."""
 
 
 class _Named(NamedTuple):
@@ -116,7 +87,7 @@ class _Reader(Reader):
 
     def read(self) -> Program:
         routines = self._routines()
-        if not any(_MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
+        if not any(MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
             raise FileError(self.source.path, "has neither a def nor a motion: it is no URScript")
         self._declare(routines)
         self._calls = set(routines)
@@ -130,15 +101,15 @@ class _Reader(Reader):
         self.circles = [[p for p in circle if p is not None] for circle in circles]
         return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE, runs=self._runs)
 
-    def _routines(self) -> dict[str, list[_Statement]]:
+    def _routines(self) -> dict[str, list[Statement]]:
         """Return the statements of each routine, those of the file itself under an empty name."""
-        routines: dict[str, list[_Statement]] = {"": []}
+        routines: dict[str, list[Statement]] = {"": []}
         stack: list[tuple[str, str, int]] = []
-        for statement in _statements(self.source, RunFinder(self.source, _RUN).find):
+        for statement in statements(self.source, RunFinder(self.source, RUN).find):
             code, line = statement.code, statement.line
             owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
-            word = m[1] if (m := _WORD.match(code)) else b""
-            if m := _ROUTINE.match(code):
+            word = m[1] if (m := WORD.match(code)) else b""
+            if m := ROUTINE.match(code):
                 name = m[2].decode()
                 if name in routines:
                     raise self.source.error(line, f"{name} is defined twice; give one another name")
@@ -155,7 +126,7 @@ class _Reader(Reader):
                 if kind != "def":
                     routines[owner].append(statement)
             else:
-                if word in (b"if", b"while") and _BLOCK.match(code):
+                if word in (b"if", b"while") and BLOCK.match(code):
                     stack.append((word.decode(), "", line))
                 routines[owner].append(statement)
         if stack:
@@ -170,11 +141,11 @@ class _Reader(Reader):
             routine = self._outer[routine]
         return f"{routine}.{name}" if routine else name
 
-    def _declare(self, routines: dict[str, list[_Statement]]) -> None:
+    def _declare(self, routines: dict[str, list[Statement]]) -> None:
         """Note the variables that hold poses; one may be used above its assignment in the text."""
         for routine, body in routines.items():
             for statement in body:
-                if routine and (m := _ASSIGN.match(statement.code)) and m[1] == b"local":
+                if routine and (m := ASSIGN.match(statement.code)) and m[1] == b"local":
                     self._routine = self._outer[routine]
                     self._assigned.append((self._key(m[2].decode()), statement.line, "hidden by a local variable"))
                     self._locals[routine].add(m[2].decode())
@@ -185,8 +156,8 @@ class _Reader(Reader):
             if key in self._named:
                 self._named[key].writes.append((line, how))
 
-    def _assign(self, statement: _Statement) -> None:
-        m = _ASSIGN.match(statement.code)
+    def _assign(self, statement: Statement) -> None:
+        m = ASSIGN.match(statement.code)
         if m is None:
             return
         name, start = m[2].decode(), statement.start + m.end()
@@ -197,7 +168,7 @@ class _Reader(Reader):
         else:
             self._assigned.append((self._key(name), statement.line, "component set" if m[3] else "assigned"))
 
-    def _take(self, statement: _Statement) -> None:
+    def _take(self, statement: Statement) -> None:
         """Take a statement, or a run of them."""
         lines = statement.run
         before = self._marks()
@@ -209,42 +180,42 @@ class _Reader(Reader):
             if is_run(lines, "ur", point, _VALUES):
                 self._runs.append(FoundRun(lines, point, _VALUES))
                 return
-        for one in _statements(self.source, start=statement.end, end=lines.end):
+        for one in statements(self.source, start=statement.end, end=lines.end):
             self._statement(one)
 
     def _marks(self) -> tuple[int, ...]:
         """Return how much has been read, to see what a statement adds; the last is the number of inline poses."""
         return self.flow.node, len(self.points), len(self._goals), len(self._inline)
 
-    def _statement(self, statement: _Statement) -> None:
+    def _statement(self, statement: Statement) -> None:
         code, line, routines = statement.code, statement.line, self._calls
-        block = m[1] if (m := _BLOCK.match(code)) else b""
-        word = m[1] if (m := _WORD.match(code)) else b""
+        block = m[1] if (m := BLOCK.match(code)) else b""
+        word = m[1] if (m := WORD.match(code)) else b""
         flow = self.flow
         if block in (b"elif", b"else"):
             flow.branch("ELSE", last=block == b"else")
-        assigned = _ASSIGN.match(code)
+        assigned = ASSIGN.match(code)
         pose_name = assigned is not None and self._key(assigned[2].decode()) in self._named
         masked = bytearray(code)
         if pose_name and assigned is not None:
             masked[: assigned.end()] = b" " * assigned.end()
-        if _TCP.search(code):
+        if TCP.search(code):
             self._tcp(statement)
-        for m in _MOTION.finditer(code):
+        for m in MOTION.finditer(code):
             self._motion(m, statement, masked)
         shifts.follow(flow, shifts.UR, code, line)
-        strange = _STRANGE.search(code)
-        if (m := strange) and m[1].decode() not in routines and not _MOTION.match(code, m.start()):
+        strange = STRANGE.search(code)
+        if (m := strange) and m[1].decode() not in routines and not MOTION.match(code, m.start()):
             self.other(m[1].decode(), line, unknown_motion(shown(code)))
         # the v of movel(p, v=0.25) is no variable
-        for m in _NAME.finditer(_KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
+        for m in NAME.finditer(KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
             if m[2]:
                 if name in self._threads:
                     flow.start(name)
                 elif name in routines:
                     flow.call(name, "")
-                if name in routines or not (strange or _TAKES_POSES.fullmatch(name) or _MOTION.match(code, m.start())):
+                if name in routines or not (strange or TAKES_POSES.fullmatch(name) or MOTION.match(code, m.start())):
                     self._handed(name, statement, m.end(), masked)
             elif self._key(name) in self._named:
                 self._named[self._key(name)].reads.append((line, "read by arithmetic"))
@@ -258,22 +229,22 @@ class _Reader(Reader):
         elif word in (b"return", b"halt"):
             flow.leave()
 
-    def _handed(self, name: str, statement: _Statement, start: int, masked: bytearray) -> None:
+    def _handed(self, name: str, statement: Statement, start: int, masked: bytearray) -> None:
         """List the poses that are arguments of a function that the language does not have: it may move there."""
-        for k, (a, b) in enumerate(_arguments(bytes(masked), start), 1):
+        for k, (a, b) in enumerate(arguments(bytes(masked), start), 1):
             argument = masked[a:b].decode("latin-1")
             if (key := self._key(argument)) in self._named:
                 self._named[key].reads.append((statement.line, f"handed to {name}()"))
             elif re.search(r"(?<!\w)p\s*\[", argument):
                 self.other(name, statement.line, handed_to(name), f"{name}:{statement.line} argument {k}")
 
-    def _tcp(self, statement: _Statement) -> None:
+    def _tcp(self, statement: Statement) -> None:
         code = statement.code
-        m = _TCP.search(code)
+        m = TCP.search(code)
         assert m is not None
-        spans = _arguments(code, m.end())
+        spans = arguments(code, m.end())
         value = InForce("unknown", f"set_tcp({shown(code[m.end() :])} (line {statement.line})")
-        if spans and _POSE.match(code, spans[0][0]):
+        if spans and POSE.match(code, spans[0][0]):
             start, end = (statement.start + k for k in spans[0])
             pose = self._literal("set_tcp", start, end, statement.line)
             if pose is not None and pose.values:
@@ -281,10 +252,10 @@ class _Reader(Reader):
                 value = InForce("literal", f"set_tcp({text})", None, pose.values)
         self.flow.change(tool=value)
 
-    def _motion(self, m: re.Match[bytes], statement: _Statement, masked: bytearray) -> None:
+    def _motion(self, m: re.Match[bytes], statement: Statement, masked: bytearray) -> None:
         word, code, line = m[1].decode(), statement.code, statement.line
-        spans = _arguments(code, m.end())
-        if word in _AT_RUN_TIME:
+        spans = arguments(code, m.end())
+        if word in AT_RUN_TIME:
             self.other(word, line, Problem("skip", f"{word}: followed at run time"))
             return
         goals = 2 if word == "movec" else 1
@@ -294,14 +265,14 @@ class _Reader(Reader):
         found: list[Point | str] = []
         for k, (a, b) in enumerate(spans[:goals]):
             name = f"{word}:{line}" + ("" if goals == 1 else (" via", " end")[k])
-            if inverse := _INVERSE.match(code, a, b):  # only chooses the branch near qnear
-                inner = _arguments(code, inverse.end())
+            if inverse := INVERSE.match(code, a, b):  # only chooses the branch near qnear
+                inner = arguments(code, inverse.end())
                 a, b = inner[0] if inner else (a, b)
             found.append(self._goal(name, word, statement, a, b, masked))
         if goals == 2:
             self._goals.append(found)
 
-    def _goal(self, name: str, word: str, statement: _Statement, a: int, b: int, masked: bytearray) -> Point | str:
+    def _goal(self, name: str, word: str, statement: Statement, a: int, b: int, masked: bytearray) -> Point | str:
         line, text = statement.line, statement.code[a:b]
         use = self.use(word, line, None, _BASE)
         variable = self._key(text.decode("latin-1"))
@@ -309,9 +280,9 @@ class _Reader(Reader):
             masked[a:b] = b" " * (b - a)
             self._named[variable].uses.append((use, self.flow.node))
             return variable
-        if _VARIABLE.fullmatch(text) and "." in variable:
+        if VARIABLE.fullmatch(text) and "." in variable:
             return self.other(word, line, Problem("skip", f"{shown(text)} is known at run time only"), name)
-        if _POSE.match(text):
+        if POSE.match(text):
             pose = self._literal(name, statement.start + a, statement.start + b, line)
             if pose is not None:
                 self._inline.append((pose, use, self.flow.node))
@@ -323,7 +294,7 @@ class _Reader(Reader):
     def _literal(self, name: str, start: int, end: int, line: int) -> Point | None:
         """Return the pose of ``p[…]`` that fills the span; None if it is anything else."""
         data = self.source.data
-        m = _POSE.match(data, start, end)
+        m = POSE.match(data, start, end)
         if m is None or data[end - 1 : end] != b"]" or b"]" in data[m.end() : end - 1]:
             return None
         cuts = [m.end() - 1, *(m.end() + k for k, c in enumerate(data[m.end() : end - 1]) if c == 0x2C), end - 1]
@@ -386,74 +357,3 @@ class _Reader(Reader):
 
     def _point(self, goal: Point | str) -> Point | None:
         return goal if isinstance(goal, Point) else self._named[goal].points[0]
-
-
-def _statements(
-    source: Source, find: Callable[[int], Lines | None] = lambda _: None, start: int = 0, end: int | None = None
-) -> Iterator[_Statement]:
-    """Yield the statements between two bytes: a line, or several where brackets are open, or the first line of a run.
-
-    `find` is a function of a line's start that returns the run that starts there.
-    """
-    position, end = start, len(source.data) if end is None else end
-    while position < end:
-        position, lines = yield from _to_next_run(source, find, position, end)
-        while lines is not None:
-            behind = source.data.find(b"\n", lines.start) + 1
-            yield next(_statements(source, start=lines.start, end=behind))._replace(run=lines)
-            position = lines.end
-            lines = find(position)
-
-
-def _to_next_run(
-    source: Source, find: Callable[[int], Lines | None], start: int, end: int
-) -> Generator[_Statement, None, tuple[int, Lines | None]]:
-    """Yield the statements before the next run; return the byte behind them, and the run."""
-    data = source.data
-    depth = opened = 0
-    done = start
-    parts: list[bytes] = []
-    for m in _PIECE.finditer(data, start, end):
-        if m["open"]:
-            raise source.error(
-                source.line(m.start()), f"a text that starts with {m[0].decode()} is not closed; close it"
-            )
-        if m["bracket"]:
-            depth += 1 if m[0] in b"([" else -1
-            opened = m.start() if depth == 1 and m[0] in b"([" else opened
-            if depth < 0:
-                raise source.error(source.line(m.start()), f"{m[0].decode()} closes nothing; correct the file")
-            continue
-        parts += [data[done : m.start()], b" " * len(m[0])]
-        done = m.end()
-        if m["end"] and depth == 0:
-            code = b"".join(parts)
-            if code.strip():
-                yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, m.end(), code)
-            start, parts = m.end(), []
-            if (lines := find(start)) is not None:
-                return start, lines
-    if depth:
-        raise source.error(source.line(opened), "a bracket is not closed: the file is truncated or broken")
-    code = b"".join([*parts, data[done:end]])
-    if code.strip():
-        yield _Statement(source.line(start + len(code) - len(code.lstrip())), start, end, code)
-    return end, None
-
-
-def _arguments(code: bytes, start: int) -> list[Span]:
-    """Return the spans of a call's arguments, `start` behind its bracket."""
-    depth, begin, spans = 0, start, []
-    for k in range(start, len(code)):
-        c = code[k : k + 1]
-        if c in b"([":
-            depth += 1
-        elif c in b")]" and depth:
-            depth -= 1
-        elif c == b")":
-            spans.append(strip(code, begin, k))
-            break
-        elif c == b"," and depth == 0:
-            spans.append(strip(code, begin, k))
-            begin = k + 1
-    return spans

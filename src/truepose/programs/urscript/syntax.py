@@ -1,0 +1,132 @@
+"""The words and statements of URScript."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator, Iterator
+from typing import Final, NamedTuple
+
+from truepose.programs.core.forms import BLANKS, NUMBER, Lines
+from truepose.programs.core.source import Source, Span, strip
+
+_PIECE = re.compile(
+    rb"#[^\r\n]*|\"[^\"\r\n]*\"|'[^'\r\n]*'|(?P<open>[\"'])|(?P<end>\r\n|[\r\n])|(?P<bracket>[()\[\]])", re.S
+)
+ROUTINE = re.compile(rb"\s*(def|thread|sec)\s+(\w+)\s*\(([^)]*)\)\s*:")
+BLOCK = re.compile(rb"\s*(if|elif|else|while)\b.*:\s*$", re.S)
+WORD = re.compile(rb"\s*(\w+)")
+ASSIGN = re.compile(rb"\s*(?:(global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s*=(?!=)\s*")
+VARIABLE = re.compile(rb"[A-Za-z_]\w*")
+NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
+KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
+MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
+STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
+AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl", "speedj"])
+TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
+POSE = re.compile(rb"p\s*\[")
+INVERSE = re.compile(rb"get_inverse_kin\s*\(")
+TAKES_POSES: Final = re.compile(
+    r"add_frame|attach_frame|convert_pose|end_force_mode|force_mode|get_forward_kin|get_inverse_kin|"
+    r"get_inverse_kin_has_solution|get_list_length|get_pose|interpolate_pose|is_within_safety_limits|length|"
+    r"move_frame|norm|path_offset_set|point_dist|popup|pose_add|pose_dist|pose_inv|pose_sub|pose_trans|"
+    r"set_gravity|set_payload|set_target_payload|set_tcp|size|socket_send_line|socket_send_string|str_cat|"
+    r"textmsg|to_str|track_conveyor_circular|track_conveyor_linear|wrench_trans"
+)
+"""The language's own functions that may be given a pose and move nowhere; motions apart."""
+RUN: Final = re.compile(
+    BLANKS
+    + rb"move[lpj]"
+    + BLANKS
+    + rb"\("
+    + BLANKS
+    + rb"p\["
+    + rb",".join([BLANKS + b"(" + NUMBER + b")" + BLANKS] * 6)
+    + rb"\]"
+    + (rb"(?:[ \t]*+,[ \t]*+[avtr][ \t]*+=[ \t]*+([0-9]{1,6}+(?:\.[0-9]{0,15}+)?+))?+" * 4)
+    + BLANKS
+    + rb"\)[ \t]*+\r?+\n"
+)
+"""A motion to a pose in the motion itself, which may be one of many; the general reader reads the first of them."""
+
+
+class Statement(NamedTuple):
+    """A statement: a line, or several where brackets are open."""
+
+    line: int
+    start: int
+    end: int
+    code: bytes
+    """With texts and comments blanked, byte by byte in place."""
+    run: Lines | None = None
+    """The run whose first line this is."""
+
+
+def statements(
+    source: Source, find: Callable[[int], Lines | None] = lambda _: None, start: int = 0, end: int | None = None
+) -> Iterator[Statement]:
+    """Yield the statements between two bytes: a line, or several where brackets are open, or the first line of a run.
+
+    `find` is a function of a line's start that returns the run that starts there.
+    """
+    position, end = start, len(source.data) if end is None else end
+    while position < end:
+        position, lines = yield from _to_next_run(source, find, position, end)
+        while lines is not None:
+            behind = source.data.find(b"\n", lines.start) + 1
+            yield next(statements(source, start=lines.start, end=behind))._replace(run=lines)
+            position = lines.end
+            lines = find(position)
+
+
+def _to_next_run(
+    source: Source, find: Callable[[int], Lines | None], start: int, end: int
+) -> Generator[Statement, None, tuple[int, Lines | None]]:
+    """Yield the statements before the next run; return the byte behind them, and the run."""
+    data = source.data
+    depth = opened = 0
+    done = start
+    parts: list[bytes] = []
+    for m in _PIECE.finditer(data, start, end):
+        if m["open"]:
+            raise source.error(
+                source.line(m.start()), f"a text that starts with {m[0].decode()} is not closed; close it"
+            )
+        if m["bracket"]:
+            depth += 1 if m[0] in b"([" else -1
+            opened = m.start() if depth == 1 and m[0] in b"([" else opened
+            if depth < 0:
+                raise source.error(source.line(m.start()), f"{m[0].decode()} closes nothing; correct the file")
+            continue
+        parts += [data[done : m.start()], b" " * len(m[0])]
+        done = m.end()
+        if m["end"] and depth == 0:
+            code = b"".join(parts)
+            if code.strip():
+                yield Statement(source.line(start + len(code) - len(code.lstrip())), start, m.end(), code)
+            start, parts = m.end(), []
+            if (lines := find(start)) is not None:
+                return start, lines
+    if depth:
+        raise source.error(source.line(opened), "a bracket is not closed: the file is truncated or broken")
+    code = b"".join([*parts, data[done:end]])
+    if code.strip():
+        yield Statement(source.line(start + len(code) - len(code.lstrip())), start, end, code)
+    return end, None
+
+
+def arguments(code: bytes, start: int) -> list[Span]:
+    """Return the spans of a call's arguments, `start` behind its bracket."""
+    depth, begin, spans = 0, start, []
+    for k in range(start, len(code)):
+        c = code[k : k + 1]
+        if c in b"([":
+            depth += 1
+        elif c in b")]" and depth:
+            depth -= 1
+        elif c == b")":
+            spans.append(strip(code, begin, k))
+            break
+        elif c == b"," and depth == 0:
+            spans.append(strip(code, begin, k))
+            begin = k + 1
+    return spans
