@@ -91,8 +91,8 @@ end
 end
 """
         },
-        2,
-        2,
+        3,
+        1,
         1,
     ),
     "functions": Example(
@@ -114,8 +114,8 @@ end
 end
 """
         },
-        2,
         3,
+        1,
     ),
     "shifts": Example(
         {

@@ -132,7 +132,8 @@ DIALECTS = {
             ("  global w<i>=p[<x>,<y>,<z>,0,3.14,0]\n  movep(w<i>, a=1, v=0.1, r=0.01)\n", ""),
             ("  w<i>=p[<x>,<y>,<z>,0,3.14,0]\n  movej(get_inverse_kin(w<i>, qnear=[<n>,0,0,0,0,0]), a=1)\n", ""),
             ("  movej([<n>,-1.57,1.57,0,0,0], a=1, v=1)\n", ""),
-            ("  w<i>=p[<n>,<n>,<n>,0,0,0]\n  movel(pose_trans(w<i>, p[<n>,0,0,0,0,0]))\n", ""),
+            ("  w<i>=p[<n>,<n>,<n>,0,0,0]\n  movel(pose_trans(w<i>, p[<x>,<y>,<z>,0,0,0]))\n", ""),
+            ("  w<i>=get_target()\n  movel(pose_trans(w<i>, p[<n>,0,0,0,0,0]))\n", ""),
             ("  movel(p[<n>+x,<n>,<n>,0,3.14,0])\n  movel(p[{{x}},<n>,<n>,0,3.14,0])\n", ""),
             (
                 '  if x > <n>:\n    set_payload(<n>)\n  elif y:\n    sleep(0.1)\n  else:\n    textmsg("movel(p[1,2")\n  end\n',

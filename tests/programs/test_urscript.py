@@ -150,8 +150,8 @@ Q = "p[0.4,-0.1,.25,0,3.14159,0]"
 @pytest.mark.promise("URScript: a parameter or local variable is never read as the global of its name")
 def test_parameters_and_local_variables_hide_globals(read: Read, record_property: Any) -> None:
     cases = {
-        "parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})\nmovel(w)", {"w": "correct", "movel:4": "skip", "f:6 argument 1": "skip"}),
-        "only the parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})", {"movel:4": "skip", "f:6 argument 1": "skip"}),
+        "parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})\nmovel(w)", {"w": "correct", "f:6 argument 1": "correct"}),
+        "only the parameter": (f"global w={P}\ndef f(w):\nmovel(w)\nend\nf({Q})", {"f:6 argument 1": "correct"}),
         "default value": (f"global w={P}\ndef f(a, w = 1):\nmovel(w)\nend\nmovel(w)", {"w": "correct", "movel:4": "skip"}),
         "arithmetic on a parameter": (f"global w={P}\ndef f(w):\nmovel(pose_add(w,{Q}))\nend\nmovel(w)", {"w": "correct", "movel:4": "skip"}),
         "assigned parameter": (f"global w={P}\ndef f(w):\nw=get_actual_tcp_pose()\nmovel(w)\nend\nmovel(w)", {"w": "correct", "movel:5": "skip"}),
@@ -211,10 +211,10 @@ def test_poses_handed_to_own_functions_are_listed(read: Read) -> None:
     code = f"def my_move(t):\nmovel(t)\nend\ndef prog():\nmy_move({P})\nw={Q}\nmy_move(w)\npick(3, {P}, pose_add({Q}, w))\nmovel({P})\nend\n"
     program = read(code)
     assert verdicts(program) == {
-        "movel:2": "skip", "my_move:5 argument 1": "skip", "w": "skip", "pick:8 argument 2": "skip",
-        "pick:8 argument 3": "skip", "movel:9": "correct",
+        "my_move:5 argument 1": "correct", "w": "refuse", "pick:8 argument 2": "skip", "pick:8 argument 3": "skip",
+        "movel:9": "correct",
     }  # fmt: skip
-    assert program.targets[1].reason == "handed to my_move(): where that moves is known at run time only"
+    assert program.targets[2].reason == "handed to pick(): where that moves is known at run time only"
     assert verdicts(read(f"w={P}\nmovel(w)\npick(w)")) == {"w": "refuse"}
     assert verdicts(read(f"move_there({P})")) == {"move_there:2": "refuse"}
     assert len(read(f'textmsg("a", {P})\nx=pose_dist({P},{Q})\nset_tcp({P})').targets) == 0

@@ -35,7 +35,7 @@ LANGUAGES: Final = {
     "krl": Language("truepose.programs.krl.reader", KRL, "KUKA"),
     "rapid": Language("truepose.programs.rapid.reader", RAPID, "ABB"),
     "tp": Language("truepose.programs.tp.reader", (".ls",), "FANUC"),
-    "urscript": Language("truepose.programs.urscript.reader", (".script",), "Universal Robots"),
+    "urscript": Language("truepose.programs.urscript.reader", (".script", ".urscript"), "Universal Robots"),
     "inform": Language("truepose.programs.inform", (".jbi",), "Yaskawa"),
     "val3": Language("truepose.programs.val3", (".dtx",), "Stäubli"),
     "table": Language("truepose.programs.table", (".csv",)),

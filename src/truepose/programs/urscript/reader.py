@@ -6,22 +6,24 @@ program sets none, it is the one that the user names, or that of the measurement
 
 from __future__ import annotations
 
-import itertools
 import re
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
+from scipy.spatial.transform import Rotation
 
-from truepose.errors import DataError, FileError
-from truepose.geometry import euler, make_transform
+from truepose._typing import FloatArray
+from truepose.errors import FileError
+from truepose.geometry import invert_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
-from truepose.programs.core.forms import FoundRun, RunFinder, is_run
+from truepose.programs.core.forms import FoundRun, is_run
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
     Frame,
+    NotCorrected,
     Point,
     Problem,
     Use,
@@ -30,40 +32,76 @@ from truepose.programs.core.points import (
     not_understood,
     unknown_motion,
 )
-from truepose.programs.core.program import KnownFrames, Program, ReadOptions
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
-from truepose.programs.core.source import Source, is_broken, parse_number, shown, strip
+from truepose.programs.core.source import Source, Span, shown
+from truepose.programs.urscript.poses import (
+    Inverse,
+    Join,
+    Literal,
+    Pose,
+    Unknown,
+    has_literal,
+    keys,
+    parse,
+    read_literal,
+    text_of,
+    transform,
+)
+from truepose.programs.urscript.routines import Routines
 from truepose.programs.urscript.syntax import (
+    ARGUMENT,
     ASSIGN,
     AT_RUN_TIME,
     BLOCK,
-    INVERSE,
+    COUNT,
     KEYWORD,
     MOTION,
     NAME,
     POSE,
-    ROUTINE,
-    RUN,
     STRANGE,
     TAKES_POSES,
     TCP,
-    VARIABLE,
     WORD,
     Statement,
     arguments,
     statements,
 )
+from truepose.programs.urscript.variables import DEEPEST, READ, Variable, Variables, is_followed
 
 _VALUES: Final = slice(0, 6)
-_KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _BASE: Final = Frame("base", 0)
 
 
-class _Named(NamedTuple):
-    points: list[Point]
-    uses: list[tuple[Use, int]]
-    reads: list[tuple[int, str]]
-    writes: list[tuple[int, str]]
+@dataclass(slots=True)
+class _Goal:
+    """A motion to a pose that is not written in it, and its place in the flow."""
+
+    pose: Pose
+    use: Use
+    line: int
+    node: int
+    name: str
+    points: list[Point] = field(default_factory=list)
+
+
+class _Passed(NamedTuple):
+    """What a call passes to a function of the program; `key` is that of the parameter."""
+
+    key: str
+    pose: Pose
+    use: Use
+    line: int
+    function: str
+    name: str
+
+
+class _Alias(NamedTuple):
+    """A variable that is assigned an expression."""
+
+    key: str
+    pose: Pose
+    line: int
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
@@ -75,98 +113,96 @@ class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions) -> None:
         super().__init__(source, frames, options)
         self._runs: list[FoundRun] = []
-        self._named: dict[str, _Named] = {}
         self._inline: list[tuple[Point, Use, int]] = []
-        self._goals: list[list[Point | str]] = []
-        self._calls: set[str] = set()
-        self._threads: list[str] = []
-        self._routine = ""
-        self._locals: dict[str, set[str]] = {"": set()}
-        self._outer: dict[str, str] = {}
+        self._goals: list[_Goal] = []
+        self._arcs: list[list[Point | _Goal]] = []
+        self._passed: list[_Passed] = []
+        self._aliases: dict[int, _Alias] = {}
+        self._tcps: list[Pose] = []
+        self._routines = Routines(source)
         self._assigned: list[tuple[str, int, str]] = []
+        self._variables = Variables(self._routines.own, self._stored_base)
 
     def read(self) -> Program:
-        routines = self._routines()
+        routines = self._routines.bodies
         if not any(MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
             raise FileError(self.source.path, "has neither a def nor a motion: it is no URScript")
-        self._declare(routines)
-        self._calls = set(routines)
+        self._declare()
+        called = self._routines.called()
         for name, body in routines.items():
-            self._routine = name
-            self.flow.begin_routine(name or "(file)", outside=name not in self._threads)
+            self._routines.current = name
+            self.flow.begin_routine(name or "(file)", outside=name not in called)
             self.body(body, self._take)
-        self.flow.handlers, self.flow.concurrent = self._threads, True
+        self.flow.handlers, self.flow.concurrent = self._routines.threads, True
         self._attach(self.flow.solve())
-        circles = [[self._point(goal) for goal in circle] for circle in self._goals]
-        self.circles = [[p for p in circle if p is not None] for circle in circles]
+        arcs = [[[one] if isinstance(one, Point) else one.points for one in arc] for arc in self._arcs]
+        self.circles = [[point for points in arc for point in points] for arc in arcs]
         return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE, runs=self._runs)
 
-    def _routines(self) -> dict[str, list[Statement]]:
-        """Return the statements of each routine, those of the file itself under an empty name."""
-        routines: dict[str, list[Statement]] = {"": []}
-        stack: list[tuple[str, str, int]] = []
-        for statement in statements(self.source, RunFinder(self.source, RUN).find):
-            code, line = statement.code, statement.line
-            owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
-            word = m[1] if (m := WORD.match(code)) else b""
-            if m := ROUTINE.match(code):
-                name = m[2].decode()
-                if name in routines:
-                    raise self.source.error(line, f"{name} is defined twice; give one another name")
-                routines[name] = []
-                self._outer[name] = owner
-                self._locals[name] = {p.split(b"=")[0].strip().decode("latin-1") for p in m[3].split(b",")}
-                if m[1] == b"thread":
-                    self._threads.append(name)
-                stack.append(("def", name, line))
-            elif word == b"end" and code.strip() == b"end":
-                if not stack:
-                    raise self.source.error(line, "end closes nothing; correct the file")
-                kind, name, _ = stack.pop()
-                if kind != "def":
-                    routines[owner].append(statement)
-            else:
-                if word in (b"if", b"while") and BLOCK.match(code):
-                    stack.append((word.decode(), "", line))
-                routines[owner].append(statement)
-        if stack:
-            kind, name, line = stack[-1]
-            raise self.source.error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
-        return routines
-
-    def _key(self, name: str) -> str:
-        """Return the variable that a name means here: that of the routine if it is its own, else of the program."""
-        routine = self._routine
-        while routine and name not in self._locals[routine]:
-            routine = self._outer[routine]
-        return f"{routine}.{name}" if routine else name
-
-    def _declare(self, routines: dict[str, list[Statement]]) -> None:
+    def _declare(self) -> None:
         """Note the variables that hold poses; one may be used above its assignment in the text."""
-        for routine, body in routines.items():
-            for statement in body:
-                if routine and (m := ASSIGN.match(statement.code)) and m[1] == b"local":
-                    self._routine = self._outer[routine]
-                    self._assigned.append((self._key(m[2].decode()), statement.line, "hidden by a local variable"))
-                    self._locals[routine].add(m[2].decode())
-        for self._routine, body in routines.items():
+        routines, table = self._routines, self._variables.table
+        self._assigned += routines.declare_locals()
+        table |= {key: Variable(parameter=True) for key in routines.passed()}
+        for name, body in routines.bodies.items():
+            routines.current = name
             for statement in body:
                 self._assign(statement)
+        routines.own |= {key for key, _, _ in self._assigned}
         for key, line, how in self._assigned:
-            if key in self._named:
-                self._named[key].writes.append((line, how))
+            if key in table:
+                table[key].writes.append((line, how))
 
     def _assign(self, statement: Statement) -> None:
         m = ASSIGN.match(statement.code)
         if m is None:
             return
-        name, start = m[2].decode(), statement.start + m.end()
-        end = statement.start + len(statement.code.rstrip())
-        pose = None if m[3] else self._literal(name, start, end, statement.line)
-        if pose is not None:
-            self._named.setdefault(self._key(name), _Named([], [], [], [])).points.append(pose)
+        code, table, line = statement.code, self._variables.table, statement.line
+        name, start, end = m[2].decode(), m.end(), len(statement.code.rstrip())
+        key = self._routines.key(name)
+        if m[3]:
+            self._assigned.append((key, line, "component set"))
+        elif points := self._literals(name, statement, start, end):
+            variable = table.setdefault(key, Variable())
+            variable.listed = code[start : start + 1] == b"["
+            variable.points += points
+            if variable.parameter or (variable.listed and len(variable.points) > len(points)):
+                self._assigned.append((key, line, "assigned"))
         else:
-            self._assigned.append((self._key(name), statement.line, "component set" if m[3] else "assigned"))
+            pose = self._pose(name, statement, start, end)
+            if isinstance(pose, Unknown) or (variable := table.setdefault(key, Variable())).parameter:
+                self._assigned.append((key, line, "assigned"))
+            else:
+                variable.given.append(pose)
+                self._aliases[statement.start] = _Alias(key, pose, line)
+
+    def _literals(self, name: str, statement: Statement, start: int, end: int) -> list[Point]:
+        """Return the pose that fills a span of a statement, or the poses of a list; nothing if it is anything else."""
+        code, line = statement.code, statement.line
+        if code[start : start + 1] != b"[" or code[end - 1 : end] != b"]":
+            point = read_literal(self.source, name, statement.start + start, statement.start + end, line)
+            return [] if point is None else [point]
+        spans = arguments(code[: end - 1] + b")", start + 1)
+        if not all(POSE.match(code, a, b) for a, b in spans):
+            return []
+        found = [
+            read_literal(self.source, f"{name}[{k}]", statement.start + a, statement.start + b, line)
+            for k, (a, b) in enumerate(spans)
+        ]
+        return [point for point in found if point is not None] if None not in found else []
+
+    def _pose(self, name: str, statement: Statement, start: int, end: int) -> Pose:
+        """Return the expression in a span of a statement; `name` is for the pose that is written in it."""
+
+        def literal(a: int, b: int) -> Point | None:
+            return read_literal(self.source, name, statement.start + a, statement.start + b, statement.line)
+
+        return parse(statement.code, start, end, literal, self._routines.key)
+
+    def _stored_base(self, name: str) -> FloatArray | None:
+        """Return a base that the controller stores; programs see it under its name."""
+        tf = self.frames.bases.get(frame_key(name))
+        return None if tf is None else invert_transform(self.frames.bases[0]) @ tf
 
     def _take(self, statement: Statement) -> None:
         """Take a statement, or a run of them."""
@@ -185,40 +221,45 @@ class _Reader(Reader):
 
     def _marks(self) -> tuple[int, ...]:
         """Return how much has been read, to see what a statement adds; the last is the number of inline poses."""
-        return self.flow.node, len(self.points), len(self._goals), len(self._inline)
+        return self.flow.node, len(self.points), len(self._goals), len(self._arcs), len(self._passed), len(self._inline)
 
     def _statement(self, statement: Statement) -> None:
-        code, line, routines = statement.code, statement.line, self._calls
+        code, line, routines = statement.code, statement.line, self._routines.bodies
         block = m[1] if (m := BLOCK.match(code)) else b""
         word = m[1] if (m := WORD.match(code)) else b""
         flow = self.flow
         if block in (b"elif", b"else"):
             flow.branch("ELSE", last=block == b"else")
+        table = self._variables.table
         assigned = ASSIGN.match(code)
-        pose_name = assigned is not None and self._key(assigned[2].decode()) in self._named
         masked = bytearray(code)
-        if pose_name and assigned is not None:
-            masked[: assigned.end()] = b" " * assigned.end()
+        if assigned is not None and self._routines.key(assigned[2].decode()) in table:
+            end = len(code) if statement.start in self._aliases else assigned.end()
+            masked[:end] = b" " * end
         if TCP.search(code):
-            self._tcp(statement)
+            self._tcp(statement, masked)
         for m in MOTION.finditer(code):
             self._motion(m, statement, masked)
         shifts.follow(flow, shifts.UR, code, line)
         strange = STRANGE.search(code)
         if (m := strange) and m[1].decode() not in routines and not MOTION.match(code, m.start()):
             self.other(m[1].decode(), line, unknown_motion(shown(code)))
+        for m in COUNT.finditer(code):
+            masked[slice(*m.span())] = b" " * len(m[0])
+        self._pass(statement, masked)
         # the v of movel(p, v=0.25) is no variable
         for m in NAME.finditer(KEYWORD.sub(lambda found: b" " * len(found[0]), bytes(masked))):
             name = m[1].decode()
             if m[2]:
-                if name in self._threads:
+                if name in self._routines.threads:
                     flow.start(name)
                 elif name in routines:
                     flow.call(name, "")
-                if name in routines or not (strange or TAKES_POSES.fullmatch(name) or MOTION.match(code, m.start())):
+                own = name in self._routines.parameters
+                if not (own or strange or TAKES_POSES.fullmatch(name) or MOTION.match(code, m.start())):
                     self._handed(name, statement, m.end(), masked)
-            elif self._key(name) in self._named:
-                self._named[self._key(name)].reads.append((line, "read by arithmetic"))
+            elif (key := self._routines.key(name)) in table:
+                table[key].reads.append((line, READ))
         if block in (b"if", b"while"):
             flow.begin(block.decode().upper(), line)
         elif word == b"end" and code.strip() == b"end":
@@ -233,127 +274,200 @@ class _Reader(Reader):
         """List the poses that are arguments of a function that the language does not have: it may move there."""
         for k, (a, b) in enumerate(arguments(bytes(masked), start), 1):
             argument = masked[a:b].decode("latin-1")
-            if (key := self._key(argument)) in self._named:
-                self._named[key].reads.append((statement.line, f"handed to {name}()"))
+            if (key := self._routines.key(argument)) in self._variables.table:
+                self._variables.table[key].reads.append((statement.line, f"handed to {name}()"))
             elif re.search(r"(?<!\w)p\s*\[", argument):
                 self.other(name, statement.line, handed_to(name), f"{name}:{statement.line} argument {k}")
 
-    def _tcp(self, statement: Statement) -> None:
-        code = statement.code
-        m = TCP.search(code)
+    def _pass(self, statement: Statement, masked: bytearray) -> None:
+        """Note what a statement passes to functions of the program."""
+        code, line = statement.code, statement.line
+        for m in NAME.finditer(bytes(masked)):
+            function = m[1].decode()
+            if not m[2] or function not in self._routines.parameters:
+                continue
+            parameters = self._routines.parameters[function]
+            for k, (start, b) in enumerate(arguments(code, m.end())):
+                keyword = ARGUMENT.match(code, start, b)
+                a = start if keyword is None else keyword.end()
+                which = parameters[k] if keyword is None and k < len(parameters) else keyword and keyword[1].decode()
+                name = f"{function}:{line} argument {k + 1}"
+                pose = self._pose(name, statement, a, b)
+                key = f"{function}.{which}"
+                if key in self._variables.table:
+                    use = self.use(function, line)
+                    self._passed.append(_Passed(key, pose, use, line, function, name))
+                    self._variables.table[key].given.append(pose)
+                    self._variables.table[key].callers.append(use)
+                if not isinstance(pose, Unknown):
+                    masked[a:b] = b" " * (b - a)
+
+    def _tcp(self, statement: Statement, masked: bytearray) -> None:
+        m = TCP.search(statement.code)
         assert m is not None
-        spans = arguments(code, m.end())
-        value = InForce("unknown", f"set_tcp({shown(code[m.end() :])} (line {statement.line})")
-        if spans and POSE.match(code, spans[0][0]):
-            start, end = (statement.start + k for k in spans[0])
-            pose = self._literal("set_tcp", start, end, statement.line)
-            if pose is not None and pose.values:
-                text = self.source.data[start:end].decode("latin-1")
-                value = InForce("literal", f"set_tcp({text})", None, pose.values)
+        spans = arguments(statement.code, m.end())
+        text = shown(statement.code[slice(*spans[0])] if spans else b"")
+        pose = self._pose("set_tcp", statement, *spans[0]) if spans else Unknown("")
+        if isinstance(pose, Literal) and pose.point.values:
+            text = statement.code[slice(*spans[0])].decode("latin-1")
+            value = InForce("literal", f"set_tcp({text})", None, pose.point.values)
+        elif isinstance(pose, Literal | Unknown):
+            value = InForce("unknown", f"set_tcp({text}) (line {statement.line})")
+        else:
+            masked[slice(*spans[0])] = b" " * (spans[0][1] - spans[0][0])
+            if pose not in self._tcps:
+                self._tcps.append(pose)
+            value = InForce("unknown", f"set_tcp({text})", self._tcps.index(pose))
         self.flow.change(tool=value)
 
     def _motion(self, m: re.Match[bytes], statement: Statement, masked: bytearray) -> None:
         word, code, line = m[1].decode(), statement.code, statement.line
-        spans = arguments(code, m.end())
         if word in AT_RUN_TIME:
             self.other(word, line, Problem("skip", f"{word}: followed at run time"))
             return
-        goals = 2 if word == "movec" else 1
-        if len(spans) < goals or any(a == b for a, b in spans[:goals]):
+        named = ("pose_via", "pose_to") if word == "movec" else ("pose",)
+        spans = _chosen(code, arguments(code, m.end()), named)
+        if len(spans) < len(named) or any(a == b for a, b in spans):
             self.other(word, line, not_understood(shown(code)))
             return
-        found: list[Point | str] = []
-        for k, (a, b) in enumerate(spans[:goals]):
-            name = f"{word}:{line}" + ("" if goals == 1 else (" via", " end")[k])
-            if inverse := INVERSE.match(code, a, b):  # only chooses the branch near qnear
-                inner = arguments(code, inverse.end())
-                a, b = inner[0] if inner else (a, b)
+        found: list[Point | _Goal] = []
+        for k, (a, b) in enumerate(spans):
+            name = f"{word}:{line}" + ("" if len(named) == 1 else (" via", " end")[k])
             found.append(self._goal(name, word, statement, a, b, masked))
-        if goals == 2:
-            self._goals.append(found)
+        if len(named) == 2:
+            self._arcs.append(found)
 
-    def _goal(self, name: str, word: str, statement: Statement, a: int, b: int, masked: bytearray) -> Point | str:
+    def _goal(self, name: str, word: str, statement: Statement, a: int, b: int, masked: bytearray) -> Point | _Goal:
         line, text = statement.line, statement.code[a:b]
+        pose = self._pose(name, statement, a, b)
         use = self.use(word, line, None, _BASE)
-        variable = self._key(text.decode("latin-1"))
-        if variable in self._named:
-            masked[a:b] = b" " * (b - a)
-            self._named[variable].uses.append((use, self.flow.node))
-            return variable
-        if VARIABLE.fullmatch(text) and "." in variable:
-            return self.other(word, line, Problem("skip", f"{shown(text)} is known at run time only"), name)
-        if POSE.match(text):
-            pose = self._literal(name, statement.start + a, statement.start + b, line)
-            if pose is not None:
-                self._inline.append((pose, use, self.flow.node))
-                return pose
-        if text.startswith(b"["):
-            return self.other(word, line, JOINTS, name)
-        return self.other(word, line, computed(shown(text)), name)
-
-    def _literal(self, name: str, start: int, end: int, line: int) -> Point | None:
-        """Return the pose of ``p[…]`` that fills the span; None if it is anything else."""
-        data = self.source.data
-        m = POSE.match(data, start, end)
-        if m is None or data[end - 1 : end] != b"]" or b"]" in data[m.end() : end - 1]:
-            return None
-        cuts = [m.end() - 1, *(m.end() + k for k, c in enumerate(data[m.end() : end - 1]) if c == 0x2C), end - 1]
-        spans = [strip(data, a + 1, b) for a, b in itertools.pairwise(cuts)]
-        if len(spans) != 6:
-            raise self.source.error(line, f"{name}: a pose has 6 numbers, this has {len(spans)}; correct the file")
-        line = self.source.line(spans[0][0])
-        values = []
-        for key, (a, b) in zip(_KEYS, spans, strict=True):
-            token = data[a:b]
-            if b"{{" not in token and is_broken(token):
-                raise self.source.error(line, f"{name}: {key} {shown(token)!r} is not a number; correct the file")
-            try:
-                values.append(parse_number(token))
-            except ValueError as error:
-                if (len(token) > 40 and token[:20].isdigit()) or "beyond" in str(error):
-                    raise self.source.error(line, f"{name}: {key}: {error}; correct the file") from None
-                return Point(
-                    name, self.source, line, problem=Problem("skip", f"{key}: an expression, known at run time only")
-                )
-        try:
-            euler("ur", values[3:])
-        except DataError as error:
-            raise self.source.error(line, f"{name}: {error}") from None
-        return Point(name, self.source, line, tuple(values), tuple(spans))
+        if isinstance(pose, Literal):
+            self._inline.append((pose.point, use, self.flow.node))
+            return pose.point
+        if isinstance(pose, Unknown):
+            return self.other(word, line, JOINTS if text.startswith(b"[") else computed(shown(text)), name)
+        masked[a:b] = b" " * (b - a)
+        self._goals.append(_Goal(pose, use, line, self.flow.node, name))
+        return self._goals[-1]
 
     def _attach(self, ambient: State) -> None:
+        """Give the points their uses, when all of the program is known."""
         in_runs = {id(run.point) for run in self._runs}
         for point, use, node in self._inline:
             point.uses.append(self._with_tool(use, node, ambient))
             if id(point) not in in_runs:
                 self.points.append(point)
-        for known in self._named.values():
-            if not known.uses and not known.reads:
-                continue  # a pose that no motion goes to: a feature, a wrench, a speed
-            if len(known.points) > 1:
-                known.writes.append((known.points[1].line, "assigned again"))
-            for point in known.points:
-                handed = any(how.startswith("handed") for _, how in known.reads)
-                point.uses += [self._with_tool(use, node, ambient) for use, node in known.uses]
-                point.reads += known.reads if known.uses or handed else []
-                point.writes += known.writes
-                if known.uses or handed:
-                    self.points.append(point)
+        self._variables.settle([*(goal.pose for goal in self._goals)])
+        for pose in self._tcps:
+            if any(self._variables.is_goal(key) for key in keys(pose)):
+                self._read(pose, 1, "used as a TCP")
+        for alias in self._aliases.values():
+            if not self._variables.is_goal(alias.key) or self._variables.table[alias.key].meaning is None:
+                self._read(alias.pose, alias.line, READ)
+        for variable in list(self._variables.table.values()):
+            for line, _ in list(variable.reads):
+                for pose in variable.given:
+                    self._read(pose, line, READ)
+        moved: dict[int, Point] = {}
+        for goal in self._goals:
+            for point in self._arrive(goal, ambient):
+                moved.setdefault(id(point), point)
+        self._list_passed()
+        for variable in self._variables.table.values():
+            self._finish(variable, moved)
+        self.points += moved.values()
+
+    def _list_passed(self) -> None:
+        """List the arguments of functions of the program whose motions to them are not followed."""
+        for one in self._passed:
+            variable = self._variables.table[one.key]
+            if self._variables.is_goal(one.key) and not variable.writes:
+                problem = is_followed(self._variables, one.pose)
+            elif not (variable.reads or variable.writes):
+                continue  # a feature or a TCP, or nothing at all
+            else:
+                self._read(one.pose, one.line, f"handed to {one.function}()")
+                poses = isinstance(one.pose, Literal | Join | Inverse) and has_literal(one.pose)
+                problem = handed_to(one.function) if poses else None
+            if problem is not None:
+                self.points.append(Point(one.name, self.source, one.line, problem=problem, uses=[one.use]))
+
+    def _read(self, pose: Pose, line: int, how: str, depth: int = 0) -> None:
+        """Note that the program reads the variables of an expression, and those that give them their values."""
+        for key in keys(pose):
+            if (variable := self._variables.table.get(key)) and depth < DEEPEST:
+                variable.reads.append((line, how))
+                for one in variable.given:
+                    self._read(one, line, READ, depth + 1)
+
+    def _arrive(self, goal: _Goal, ambient: State) -> list[Point]:
+        """Add a motion to the points that it goes to, and return these."""
+        line = goal.line
+        try:
+            ways = self._variables.ways(goal.pose)
+            if any(way.shift is not None for way in ways):
+                raise NotCorrected(*computed(text_of(goal.pose)))
+        except NotCorrected as stop:
+            goal.points = [Point(goal.name, self.source, line, problem=stop.problem, uses=[goal.use])]
+            self.points += goal.points
+            self._read(goal.pose, line, READ)
+            return []
+        use = self._with_tool(goal.use, goal.node, ambient)
+        for k, way in enumerate(ways):
+            place = way.caller or use
+            frame = way.frame or use.frame
+            order = k if len(ways) > 1 else use.order
+            way.point.uses.append(use._replace(line=place.line, section=place.section, frame=frame, order=order))
+        goal.points = [way.point for way in ways]
+        return goal.points
+
+    def _finish(self, variable: Variable, moved: dict[int, Point]) -> None:
+        """Give the points of a variable what the program does with it other than by motions."""
+        if len(variable.points) > 1 and not variable.listed:
+            variable.writes.append((variable.points[1].line, "assigned again"))
+        handed = any(how.startswith("handed") for _, how in variable.reads)
+        for point in variable.points:
+            used = id(point) in moved
+            point.reads += variable.reads if used or handed else []
+            point.writes += variable.writes
+            if handed:
+                moved.setdefault(id(point), point)
+        if variable.reads and not variable.points:
+            for point in (point for pose in variable.given for point in self._variables.points(pose)):
+                point.reads += variable.reads if id(point) in moved else []
+
+    def _resolved(self, value: InForce) -> InForce:
+        """Return the numbers of a TCP that the program names."""
+        if value.number is None:
+            return value
+        tf = self._variables.constant(self._tcps[value.number])
+        if tf is None:
+            return value._replace(number=None)
+        rotvec = Rotation.from_matrix(tf[:3, :3]).as_rotvec()
+        return InForce("literal", value.text, None, (*(tf[:3, 3] / 1000.0).tolist(), *rotvec.tolist()))
 
     def _with_tool(self, use: Use, node: int, ambient: State) -> Use:
         if problem := shifts.problem_of(self.flow.states[node].shifts | ambient.shifts):
             return use._replace(problem=problem)
-        values = self.flow.states[node].tool | ambient.tool
+        values = {self._resolved(value) for value in self.flow.states[node].tool | ambient.tool}
         if len(values) > 1:
             shown = " or ".join(sorted(value.text for value in values)[:2])
             return use._replace(problem=Problem("refuse", f"the TCP depends on the way through the program: {shown}"))
         for value in values:
             if value.pose is not None:
-                tf = make_transform(euler("ur", value.pose[3:]), 1000.0 * np.array(value.pose[:3]))
-                return use._replace(tool=Frame(value.text, None, tf.tobytes()))
+                return use._replace(tool=Frame(value.text, None, transform(value.pose).tobytes()))
             if value.kind == "unknown":
                 return use._replace(problem=Problem("refuse", f"the TCP is known at run time only: {value.text}"))
         return use
 
-    def _point(self, goal: Point | str) -> Point | None:
-        return goal if isinstance(goal, Point) else self._named[goal].points[0]
+
+def _chosen(code: bytes, spans: list[Span], names: tuple[str, ...]) -> list[Span]:
+    """Return the spans of some arguments of a call, which may be named."""
+    found: dict[str, Span] = {}
+    for k, (a, b) in enumerate(spans):
+        keyword = ARGUMENT.match(code, a, b)
+        if keyword is None and k < len(names):
+            found[names[k]] = a, b
+        elif keyword is not None and (name := keyword[1].decode()) in names:
+            found[name] = keyword.end(), b
+    return [found[name] for name in names if name in found]

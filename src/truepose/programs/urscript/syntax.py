@@ -19,12 +19,15 @@ ASSIGN = re.compile(rb"\s*(?:(global|local)\s+)?([A-Za-z_]\w*)\s*(\[[^\]]*\])?\s
 VARIABLE = re.compile(rb"[A-Za-z_]\w*")
 NAME = re.compile(rb"(?<![\w.])([A-Za-z_]\w*)(\s*\()?")
 KEYWORD = re.compile(rb"[(,]\s*[A-Za-z_]\w*\s*=(?!=)")
+ARGUMENT = re.compile(rb"([A-Za-z_]\w*)\s*=(?!=)\s*")
+"""The name of an argument of a call."""
+COUNT = re.compile(rb"(?<![\w.])(?:size|length|get_list_length)\s*\(\s*[A-Za-z_]\w*\s*\)")
+"""The length of a list."""
 MOTION = re.compile(rb"(?<![\w.])(move[jlpc]|servo[jclp]|speed[jl]|optimove[jl]|movej_\w+|movel_\w+)\s*\(")
 STRANGE = re.compile(rb"(?<![\w.])(\w*(?:move|servo)\w*)\s*\(\s*p\s*\[")
 AT_RUN_TIME: Final = frozenset(["servoj", "servol", "servop", "servoc", "speedl", "speedj"])
 TCP = re.compile(rb"(?<![\w.])set_tcp\s*\(")
 POSE = re.compile(rb"p\s*\[")
-INVERSE = re.compile(rb"get_inverse_kin\s*\(")
 TAKES_POSES: Final = re.compile(
     r"add_frame|attach_frame|convert_pose|end_force_mode|force_mode|get_forward_kin|get_inverse_kin|"
     r"get_inverse_kin_has_solution|get_list_length|get_pose|interpolate_pose|is_within_safety_limits|length|"

@@ -1,0 +1,113 @@
+"""The functions and threads of a program, and which variables are their own."""
+
+from __future__ import annotations
+
+from truepose.programs.core.forms import RunFinder
+from truepose.programs.core.source import Source
+from truepose.programs.urscript.syntax import ASSIGN, BLOCK, NAME, ROUTINE, RUN, WORD, Statement, statements
+
+
+class Routines:
+    """The routines of a file; a FileError names the line if their blocks are broken.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Attributes
+    ----------
+    bodies : dict of str to list of Statement
+        The statements of each routine, those of the file itself under an empty name.
+    parameters : dict of str to list of str
+        The parameters of each function.
+    threads : list of str
+        The names of the threads.
+    own : set of str
+        The keys of all variables that the program assigns or has as parameters.
+    current : str
+        The routine that is being read.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.bodies: dict[str, list[Statement]] = {"": []}
+        self.parameters: dict[str, list[str]] = {}
+        self.threads: list[str] = []
+        self.own: set[str] = set()
+        self.current = ""
+        self._locals: dict[str, set[str]] = {"": set()}
+        self._outer: dict[str, str] = {}
+        self._optional: set[str] = set()
+        self._source = source
+        self._read()
+
+    def _read(self) -> None:
+        error, stack = self._source.error, list[tuple[str, str, int]]()
+        for statement in statements(self._source, RunFinder(self._source, RUN).find):
+            code, line = statement.code, statement.line
+            owner = next((name for kind, name, _ in reversed(stack) if kind == "def"), "")
+            word = m[1] if (m := WORD.match(code)) else b""
+            if m := ROUTINE.match(code):
+                name = m[2].decode()
+                if name in self.bodies:
+                    raise error(line, f"{name} is defined twice; give one another name")
+                self._begin(m[1], name, m[3], owner)
+                stack.append(("def", name, line))
+            elif word == b"end" and code.strip() == b"end":
+                if not stack:
+                    raise error(line, "end closes nothing; correct the file")
+                kind, name, _ = stack.pop()
+                if kind != "def":
+                    self.bodies[owner].append(statement)
+            else:
+                if word in (b"if", b"while") and BLOCK.match(code):
+                    stack.append((word.decode(), "", line))
+                self.bodies[owner].append(statement)
+        if stack:
+            kind, name, line = stack[-1]
+            raise error(line, f"{kind} {name}".strip() + " has no end: the file is truncated")
+
+    def _begin(self, word: bytes, name: str, inside: bytes, owner: str) -> None:
+        parts = inside.decode("latin-1").split(",")
+        parameters = [part.split("=")[0].strip() for part in parts]
+        self.bodies[name] = []
+        self._outer[name] = owner
+        self._locals[name] = set(parameters)
+        self.own |= {f"{name}.{parameter}" for parameter in parameters}
+        if word == b"thread":
+            self.threads.append(name)
+        elif word == b"def":
+            self.parameters[name] = parameters
+            self._optional |= {f"{name}.{key}" for key, part in zip(parameters, parts, strict=True) if "=" in part}
+
+    def passed(self) -> list[str]:
+        """Return the keys of the parameters that every call must pass."""
+        found = [f"{routine}.{name}" for routine, names in self.parameters.items() for name in names]
+        return [key for key in found if key not in self._optional]
+
+    def key(self, name: str) -> str:
+        """Return the variable that a name means here: that of the routine if it is its own, else of the program."""
+        routine = self.current
+        while routine and name not in self._locals[routine]:
+            routine = self._outer[routine]
+        return f"{routine}.{name}" if routine else name
+
+    def declare_locals(self) -> list[tuple[str, int, str]]:
+        """Note the local variables; return the outer variables that they hide, as (key, line, how)."""
+        hidden = []
+        for routine, body in self.bodies.items():
+            for statement in body:
+                if routine and (m := ASSIGN.match(statement.code)) and m[1] == b"local":
+                    self.current = self._outer[routine]
+                    hidden.append((self.key(m[2].decode()), statement.line, "hidden by a local variable"))
+                    self._locals[routine].add(m[2].decode())
+        return hidden
+
+    def called(self) -> set[str]:
+        """Return the threads, and the routines that another routine calls."""
+        found = set(self.threads)
+        for routine, body in self.bodies.items():
+            for statement in body:
+                names = {m[1].decode() for m in NAME.finditer(statement.code) if m[2]}
+                found |= (names & self.bodies.keys()) - {routine}
+        return found
