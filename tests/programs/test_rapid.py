@@ -88,10 +88,30 @@ def test_component_writes(read: Read) -> None:
     assert only(read("p1.trans.x:=0;\nMoveL p1,v1,z1,tGrip;", f"CONST robtarget p1:={RT};")).verdict == "skip"
 
 
-@pytest.mark.parametrize("kind", ["PERS", "TASK PERS", "VAR", "LOCAL PERS"])
-def test_pers_and_var_are_skipped(read: Read, kind: str) -> None:
-    target = only(read("MoveL p1,v1,z1,tGrip;", f"{kind} robtarget p1:={RT};"))
-    assert (target.verdict, "make it CONST" in target.reason) == ("skip", True)
+@pytest.mark.parametrize(
+    ("kind", "code", "reason"),
+    [
+        ("TASK PERS", "", ""),
+        ("LOCAL PERS", "", ""),
+        ("VAR", "", ""),
+        ("PERS", "", "another task of the controller may write it"),
+        ("TASK PERS", "p1:=x;", "PERS, assigned (line 5)"),
+        ("VAR", "IF a THEN p1.trans.z:=0; ENDIF", "VAR, component set (line 5)"),
+        ("LOCAL PERS", "SearchL di1,p1,q,v1,tGrip;", "PERS, found by SearchL (line 5)"),
+        ("TASK PERS", "rTeach p1;", "PERS, passed to rTeach"),
+        ("VAR", "b:=StrToVal(s,p1);", "VAR, read by arithmetic (line 5)"),
+        ("TASK PERS", 'SetDataVal "P1",x;', "PERS, set by SETDATAVAL (line 5)"),
+        ("LOCAL PERS", "SetDataVal n,x;", "a name that only the run time knows (line 5)"),
+        ("VAR", 'SetAllDataVal "robtarget",x;', "a name that only the run time knows (line 5)"),
+        ("LOCAL PERS", 'Load\\Dynamic,"HOME:/z.mod";', "a module that is loaded at run time may write it"),
+    ],
+)
+def test_pers_and_var_that_nothing_writes_are_constant(read: Read, kind: str, code: str, reason: str) -> None:
+    target = only(read(f"MoveL p1,v1,z1,tGrip;\n{code}", f"{kind} robtarget p1:={RT};"), "p1")
+    assert reason in target.reason
+    assert target.verdict == ("skip" if reason else "correct")
+    alone = only(read(f"MoveL p1,v1,z1,tGrip;\n{code}", f"{kind} robtarget p1:={RT};", whole_task=False), "p1")
+    assert alone.verdict != "correct"
 
 
 def test_external_axes_in_use(read: Read) -> None:
@@ -184,7 +204,7 @@ def test_other_motion_names(read: Read, call: str) -> None:
 def test_circle_both_or_neither(read: Read, call: str) -> None:
     program = read(call.format(RT))
     assert [(t.verdict, t.tool) for t in program.targets] == [("correct", "tGrip")] * 2
-    program = read(call.replace("{0}", "p1", 1).format(RT), f"PERS robtarget p1:={RT};")
+    program = read(call.replace("{0}", "p1", 1).format(RT) + "p1:=x;", f"VAR robtarget p1:={RT};")
     assert [t.verdict for t in program.targets] == ["skip", "skip"]
 
 

@@ -108,6 +108,12 @@ class Reading:
         bool,
         typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
     ] = False
+    system_modules: Annotated[
+        bool, typer.Option("--system-modules", help="ABB backup: correct its system modules, too.")
+    ] = False
+    mechanical_unit: Annotated[
+        str, typer.Option("--mechanical-unit", help="ABB backup with several robots: the robot of the map (ROB_1).")
+    ] = ""
 
     def cell(self) -> Cell | None:
         """Return the cell of --cell."""
@@ -138,6 +144,8 @@ class Reading:
             orientation=orientation,
             joint_targets=self.joint_targets,
             whole_task=self.whole_task,
+            system_modules=self.system_modules,
+            mechanical_unit=self.mechanical_unit,
         )
 
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from truepose.programs.core.program import Program, ReadOptions
 
 KRL: Final = (".src", ".dat")
-RAPID: Final = (".mod", ".prg", ".sys", ".modx")
+RAPID: Final = (".mod", ".prg", ".sys", ".modx", ".sysx")
 
 
 class Language(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -16,18 +16,15 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
-from truepose.geometry import euler, make_transform
-from truepose.programs.core.source import Source, parse_number
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.krl.controller import robot_root
+from truepose.programs.rapid.controller import AbbRobot, backup_information, configured_tasks, robots
 
 _LEVELS: Final = 5
 """Number of folders above a program that may belong to its controller's backup."""
 _BESIDE: Final = {"krl": ("", "Mada"), "rapid": ("", "SYSPAR")}
 _NAMES: Final = {"krl": "$machine.dat", "rapid": "moc.cfg"}
-_M: Final = 1000.0  # MOC.cfg is in metres
-_RECORD: Final = re.compile(r"(?m)^\s*$")
-_VALUE: Final = re.compile(r"-(\w+)(?:\s+(\"[^\"]*\"|[^\s-][^\s]*|-[\d.][^\s]*))?")
+_TASK: Final = re.compile(r"TASK\d+", re.I)
 
 
 def standing(frames: FrameTable, path: Path, language: str) -> FrameTable:
@@ -50,7 +47,7 @@ def standing(frames: FrameTable, path: Path, language: str) -> FrameTable:
         If files disagree with each other or with the user's statement, or if several robots have different places.
     """
     for file in _files(path, language):
-        tf_world_base = robot_root(file) if language == "krl" else _of_moc(file)
+        tf_world_base = robot_root(file) if language == "krl" else _of_moc(file, path)
         if tf_world_base is not None:
             frames = frames.standing_at(tf_world_base, str(file))
     return frames
@@ -82,42 +79,44 @@ def _named(folder: Path, wanted: str) -> list[Path]:
         return []
 
 
-def _of_moc(path: Path) -> FloatArray | None:
-    """Return the base frame of the robot of a MOC.cfg, (4, 4) [mm]; None where there is no robot."""
-    bases: dict[str, FloatArray] = {}
-    for record in _RECORD.split(_section(Source.read(path).data.decode("latin-1"), "ROBOT")):
-        values = {m[1].lower(): (m[2] or "").strip('"') for m in _VALUE.finditer(record)}
-        if values:
-            name = values.get("name", f"robot {len(bases) + 1}")
-            if carrier := values.get("base_frame_coordinated"):
-                raise FileError(path, f"the base of {name} is carried by {carrier}, which has no model")
-            bases[name] = _base_frame(values, path, name)
-    first = next(iter(bases.values()), None)
-    if first is not None and not all(np.allclose(tf, first, rtol=0.0, atol=1e-6) for tf in bases.values()):
+def _of_moc(moc: Path, path: Path) -> FloatArray | None:
+    """Return the base frame of a program's robot, (4, 4) [mm]; None where MOC.cfg has no robot."""
+    found = robots(moc)
+    own = own_robot(found, moc, path)
+    for robot in found if own is None else [own]:
+        if robot.carrier:
+            raise FileError(moc, f"the base of {robot.name} is carried by {robot.carrier}, which has no model")
+    if own is not None or not found:
+        return None if own is None else own.tf_world_base
+    first = found[0].tf_world_base
+    if not all(np.allclose(robot.tf_world_base, first, rtol=0.0, atol=1e-6) for robot in found):
+        names = ", ".join(robot.name for robot in found)
         raise DataError(
-            f"{path}: the robots {', '.join(bases)} stand in different places; state where the world lies as seen from "
-            "the robot of this map, in [frames.bases.0] of the cell file, and move MOC.cfg away"
+            f"{moc}: the robots {names} stand in different places, and which of them this task moves is not known "
+            "(BACKINFO/backinfo.txt and SYSPAR/SYS.cfg state it); give the backup as it is, or state where the world "
+            "lies as seen from the robot of this map, in [frames.bases.0] of the cell file, and move MOC.cfg away"
         )
     return first
 
 
-def _section(text: str, name: str) -> str:
-    """Return the lines of a section of a configuration file, continued lines joined."""
-    joined = text.replace("\r\n", "\n").replace("\\\n", " ")
-    match = re.search(rf"(?ms)^{name}:\s*$(.*?)(?=^#|\Z)", joined)
-    return match[1] if match else ""
+def own_robot(found: Sequence[AbbRobot], moc: Path, path: Path) -> AbbRobot | None:
+    """Return the robot that the task of a program moves; None where the backup does not state it."""
+    here = path.resolve()
+    folder = next(
+        (f for f in [here, *here.parents] if _TASK.fullmatch(f.name) and f.parent.name.upper() == "RAPID"), None
+    )
+    if folder is None:
+        return None
+    listed = [
+        file for beside in _subfolders(folder.parent.parent, "backinfo") for file in _named(beside, "backinfo.txt")
+    ]
+    configured = _named(moc.parent, "sys.cfg")
+    if len(listed) != 1 or len(configured) != 1:
+        return None
+    task = backup_information(listed[0]).tasks.get(folder.name.upper())
+    unit = configured_tasks(configured[0]).units.get(task.name, "") if task else ""
+    return next((robot for robot in found if unit.lower() in robot.units), None)
 
 
-def _base_frame(values: dict[str, str], path: Path, name: str) -> FloatArray:
-    def number(key: str, default: float) -> float:
-        try:
-            return parse_number(values[key].encode("latin-1")) if key in values else default
-        except ValueError as error:
-            raise FileError(path, f"{name}: {key}: {error}") from None
-
-    p = [_M * number(f"base_frame_pos_{axis}", 0.0) for axis in "xyz"]
-    quaternion = [number(f"base_frame_orient_u{k}", float(k == 0)) for k in range(4)]
-    try:
-        return make_transform(euler("abb", quaternion), p)
-    except DataError as error:
-        raise FileError(path, f"{name}: base_frame_orient: {error}") from None
+def _subfolders(folder: Path, wanted: str) -> list[Path]:
+    return [entry for entry in sorted(folder.iterdir()) if entry.name.lower() == wanted and entry.is_dir()]

@@ -50,6 +50,10 @@ class ReadOptions:
     whole_task : bool
         Whether a file that is read alone is the whole task (RAPID), project (KRL) or application (VAL3), so that no
         other file uses its points.
+    system_modules : bool
+        Whether system modules of a controller's backup are corrected, too (ABB, SYSMOD).
+    mechanical_unit : str
+        The mechanical unit of the map's robot, where the backup of a controller has several robots (ABB).
 
     Examples
     --------
@@ -66,6 +70,8 @@ class ReadOptions:
     orientation: bool = False
     joint_targets: bool = False
     whole_task: bool = False
+    system_modules: bool = False
+    mechanical_unit: str = ""
 
 
 class MotionGroups(NamedTuple):

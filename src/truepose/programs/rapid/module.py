@@ -16,7 +16,16 @@ from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
 from truepose.programs.rapid.motions import RapidMotionReader
-from truepose.programs.rapid.names import Datum, ModuleNames, RapidTask, RobtargetVariable, Routine, Scope, late_bound
+from truepose.programs.rapid.names import (
+    Datum,
+    ModuleNames,
+    RapidTask,
+    Reach,
+    RobtargetVariable,
+    Routine,
+    Scope,
+    late_bound,
+)
 from truepose.programs.rapid.runs import NUMBERS, inline_runs
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
@@ -33,7 +42,7 @@ from truepose.programs.rapid.words import (
 _ROUTINES: Final = ("PROC", "FUNC", "TRAP")
 _TARGET_TYPES: Final = ("ROBTARGET", "JOINTTARGET")
 _FRAME_TYPES: Final = {"TOOLDATA": "tool", "WOBJDATA": "base"}
-_PARTS: Final = ("UFRAME", "OFRAME", "TFRAME")
+_PARTS: Final = ("UFRAME", "OFRAME", "TFRAME", "UFPROG", "UFMEC", "ROBHOLD")
 
 
 class RapidModule:
@@ -301,7 +310,12 @@ class RapidModule:
             self._task.read_by_name.append((start if exact else "", self._names.place(line)))
         elif exact:
             self._names.change(start, line)
+            for variable in self._task.variables:
+                if variable.name.upper() == start:
+                    for point in variable.elements.values():
+                        point.writes.append((self._names.place(line), f"set by {name}"))
         else:
+            self._task.sets_by_name = self._names.place(line)
             for kind in ("tool", "base"):
                 self._task.changed.setdefault((kind, None), self._names.place(line))
 
@@ -309,18 +323,16 @@ class RapidModule:
         left, right = statement[:position], statement[position + 1 :]
         self._names.read_by(right, line)
         name = left[0].text
-        if (variable := self._names.find(name)) is not None:
-            index = syntax.constant_index(_braces(left))
+        if self._names.find(name) is not None:
             how = "component set" if any(t.text == "." for t in left) else "assigned"
-            for key, point in variable.elements.items():
-                if index is None or not index or key == index:
-                    point.writes.append((self._names.place(line), how))
+            self._names.write(name, line, how, syntax.constant_index(_braces(left)))
         elif len(left) == 1 or any(t.text in _PARTS for t in left):
             self._names.change(name, line)
 
     def _declare(self, statement: list[Token]) -> None:
         """Take a declaration of a robtarget, a jointtarget, a tool or a workobject."""
-        local, statement = statement[0].text == "LOCAL", _without_scope(statement)
+        first, statement = statement[0].text, _without_scope(statement)
+        local, shared = first == "LOCAL", first == "PERS"
         if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
             return
         kind, type_, name = statement[0].text, statement[1].text, statement[2].text
@@ -333,7 +345,7 @@ class RapidModule:
         if inner and type_ not in _TARGET_TYPES:
             scope.others.add(name)
         elif type_ in _FRAME_TYPES and not has_index:
-            self._declare_frame(scope, type_, statement[2], parsed, line)
+            self._declare_frame(scope, type_, statement[2], parsed, line, shared=shared)
         if type_ not in _TARGET_TYPES:
             return
         joints = type_ == "JOINTTARGET"
@@ -344,8 +356,9 @@ class RapidModule:
         if old is not None:
             text = f"{self._names.cased(statement[2])} is declared twice, first in {at(old.place)}; keep one"
             raise self.source.error(line, text + (" or give the files of one task at a time" * self._task.named))
+        reach: Reach = "routine" if inner else "module" if local else "controller" if shared else "task"
         variable = RobtargetVariable(
-            self._names.cased(statement[2]), self._names.place(line), kind, not (inner or local), joints=joints
+            self._names.cased(statement[2]), self._names.place(line), kind, reach, joints=joints
         )
         scope.points[name] = variable
         self._task.variables.append(variable)
@@ -355,11 +368,11 @@ class RapidModule:
         for index, element in syntax.elements(parsed, dimensions):
             self._element(variable, index, element, line)
 
-    def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int) -> None:
+    def _declare_frame(self, scope: Scope, type_: str, token: Token, parsed: Value, line: int, *, shared: bool) -> None:
         kind, frame, problem = frame_data(type_.lower(), self._names.cased(token), parsed)
         if (old := scope.frames.get(token.text)) is not None:
             problem = problem or Problem("refuse", f"{frame.text} is declared twice ({at(old.place)}); keep one")
-        scope.frames[token.text] = Datum(kind, frame, problem, self._names.place(line))
+        scope.frames[token.text] = Datum(kind, frame, problem, self._names.place(line), shared)
 
     def _element(self, variable: RobtargetVariable, index: tuple[int, ...], element: Value, line: int) -> None:
         suffix = "{" + ",".join(map(str, index)) + "}" if index else ""
@@ -372,8 +385,6 @@ class RapidModule:
             self._initial.append(([t for t in element if isinstance(t, Token)], line))
         else:
             return
-        if variable.kind != "CONST" and point.problem is None:
-            point.problem = Problem("skip", f"{variable.kind}: the controller may write it; make it CONST")
         variable.elements[index] = point
         self._task.points.append(point)
 

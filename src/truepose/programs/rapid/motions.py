@@ -70,6 +70,8 @@ class RapidMotionReader:
         word = self._names.cased(token)
         positional = [a.tokens for a in arguments if not a.name]
         if token.text.startswith("SEARCH"):
+            if len(positional) > 1 and len(positional[1]) == 1:
+                self._names.write(positional[1][0].text, line, f"found by {word}")
             positional = positional[2:]
         goals = 2 if circle else 1
         if len(positional) < goals + 2:
@@ -88,6 +90,8 @@ class RapidMotionReader:
         )
         uses = [use, use._replace(order=use.order + 1)][:goals]
         found = [self._goal(positional[k], line, use, k, goals) for k, use in enumerate(uses)]
+        for items in [*positional[goals:], *(a.tokens for a in arguments if a.name)]:
+            self._names.read_by(items, line)
         if circle:
             self._task.circles += [[a, b] for a in found[0] for b in found[1]] or [found[0] + found[1]]
 

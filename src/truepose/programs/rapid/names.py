@@ -7,7 +7,7 @@ the task, a name of a routine hides both.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.forms import Lines
@@ -17,15 +17,34 @@ from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
 
+Reach = Literal["routine", "module", "task", "controller"]
+"""The code that sees a name."""
+
 
 @dataclass(slots=True, eq=False)
 class RobtargetVariable:
-    """A robtarget or an array of them; `elements` by index in the text's order. `joints`: it is a jointtarget."""
+    """A robtarget or a jointtarget, or an array of them.
+
+    Attributes
+    ----------
+    name : str
+        The name.
+    place : Place
+        The place of the declaration.
+    kind : {"CONST", "PERS", "VAR"}
+        The kind of data.
+    reach : {"routine", "module", "task", "controller"}
+        The code that sees it: PERS without TASK or LOCAL is one variable in all tasks.
+    elements : dict of tuple of int to Point
+        The elements by index, in the order of the text; the index is empty where it is no array.
+    joints : bool
+        Whether it is a jointtarget.
+    """
 
     name: str
     place: Place
     kind: str
-    is_global: bool = False
+    reach: Reach = "task"
     elements: dict[tuple[int, ...], Point] = field(default_factory=dict)
     offset: float = 0.0
     offset_place: Place = 0
@@ -34,12 +53,27 @@ class RobtargetVariable:
 
 
 class Datum(NamedTuple):
-    """A tool or a workobject that a module declares, and the reason why it cannot be used."""
+    """A tool or a workobject that a module declares.
+
+    Attributes
+    ----------
+    kind : {"tooldata", "wobjdata"}
+        The type.
+    frame : Frame
+        The name and the value.
+    problem : Problem, optional
+        The reason why it cannot be used.
+    place : Place
+        The place of the declaration.
+    shared : bool
+        Whether it is one variable in all tasks: PERS without TASK or LOCAL.
+    """
 
     kind: str
     frame: Frame
     problem: Problem | None
     place: Place
+    shared: bool = False
 
 
 class Routine(NamedTuple):
@@ -90,6 +124,10 @@ class RapidTask:
         The options of reading.
     whole : bool
         Whether all modules of the task are read.
+    unread : str
+        The modules of the task that cannot be read, in words; with them it is not whole.
+    hidden : str
+        Modules that came with options of the controller and cannot be read, in words. They do not name data of users.
     named : bool
         Whether there are several files, so that places name them.
     files : frozenset of str
@@ -106,10 +144,14 @@ class RapidTask:
         The places where a tool or a workobject may be changed; None: some of them.
     loads : str
         The statement that may load modules that are not at hand; empty if there is none.
+    sets_by_name : Place, optional
+        A statement that may write any data, because it names them at run time.
     """
 
     options: ReadOptions
     whole: bool
+    unread: str = ""
+    hidden: str = ""
     named: bool = False
     files: frozenset[str] = frozenset()
     flow: Flow = field(default_factory=Flow)
@@ -124,6 +166,7 @@ class RapidTask:
     read_by_name: list[tuple[str, Place]] = field(default_factory=list)
     changed: dict[tuple[str, Key | None], Place] = field(default_factory=dict)
     loads: str = ""
+    sets_by_name: Place | None = None
 
     def marks(self) -> tuple[int, ...]:
         """Return how much has been read, to see what a statement adds; points and motions first."""
@@ -230,6 +273,13 @@ class ModuleNames:
         if not self.is_inner(name):
             for kind in ("tool", "base"):
                 self.task.changed.setdefault((kind, frame_key(name)), self.place(line))
+
+    def write(self, name: str, line: int, how: str, index: tuple[int, ...] | None = None) -> None:
+        """Note that the points of a name, or the elements of an index, are written here."""
+        variable = self.find(name)
+        for key, point in variable.elements.items() if variable is not None else ():
+            if not index or key == index:
+                point.writes.append((self.place(line), how))
 
     def shown(self, items: list[Token]) -> str:
         """Return code for a message."""

@@ -8,9 +8,10 @@ the whole task was read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
@@ -18,6 +19,7 @@ from truepose.programs.core.points import Judge, Problem, Sweep, at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
+from truepose.programs.rapid import sharing
 from truepose.programs.rapid.module import RapidModule
 from truepose.programs.rapid.names import RapidTask, RobtargetVariable
 from truepose.programs.rapid.runs import run_of
@@ -29,74 +31,175 @@ _ALONE: Final = Problem(
 )
 
 
+class TaskFiles(NamedTuple):
+    """A task as it is given to `read_tasks`.
+
+    Attributes
+    ----------
+    path : Path
+        The path that names it.
+    files : sequence of Path
+        The modules.
+    kept : mapping of Path to str
+        Modules that are read for what they declare and do, and never corrected, each with the reason.
+    unread : str
+        The modules that belong to the task and cannot be read, in words: data without LOCAL are refused.
+    hidden : str
+        The modules that came with options of the controller and cannot be read, in words: PERS and VAR are left.
+    problem : str
+        The reason why no target of the task is corrected, such as another robot; empty if there is none.
+    frames : KnownFrames, optional
+        The tools and bases, where they are not those of the other tasks.
+    """
+
+    path: Path
+    files: Sequence[Path]
+    kept: Mapping[Path, str] = {}
+    unread: str = ""
+    hidden: str = ""
+    problem: str = ""
+    frames: KnownFrames | None = None
+
+
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a RAPID module alone; it is the whole task only if `options.whole_task` is set."""
-    (program,) = read_tasks([(path, [path])], frames, options, whole=options.whole_task)
+    (program,) = read_tasks([TaskFiles(path, [path])], frames, options, whole=options.whole_task)
     return program
 
 
 def read_tasks(
-    tasks: Sequence[tuple[Path, Sequence[Path]]], frames: KnownFrames, options: ReadOptions, *, whole: bool = True
+    tasks: Sequence[TaskFiles | tuple[Path, Sequence[Path]]],
+    frames: KnownFrames,
+    options: ReadOptions,
+    *,
+    whole: bool = True,
+    every: bool = False,
+    broken: list[FileError] | None = None,
 ) -> list[Program]:
-    """Read the tasks of one controller, each from a path that names it and the paths of its modules.
+    """Read the tasks of one controller.
 
-    `whole`: these are all modules of the task. A tool or workobject that one task changes counts as changed in all of
-    them, because PERS data of one name are shared.
+    A tool or workobject that one task changes counts as changed in all that share it, because PERS data of one name
+    are one variable.
+
+    Parameters
+    ----------
+    tasks : sequence of TaskFiles
+        The tasks; a path that names it and the paths of its modules are enough.
+    frames : KnownFrames
+        The tools and bases.
+    options : ReadOptions
+        The options of reading.
+    whole : bool
+        Whether each has all modules of its task.
+    every : bool
+        Whether these are all tasks of the controller, so that no other one writes their data.
+    broken : list of FileError, optional
+        The list to which the errors of tasks that cannot be read are added. Without it the first one is raised.
 
     Raises
     ------
     FileError
         If a module is broken, or two modules declare one name.
     """
-    found = [_read_task(path, paths, options, whole=whole) for path, paths in tasks]
-    changed = {key: place for task, _ in reversed(found) for key, place in task.changed.items()}
+    opened: list[_Task] = []
+    left_out: list[TaskFiles] = []
+    for given in tasks:
+        files = TaskFiles(*given)
+        try:
+            opened.append(_Task(files, options, whole=whole))
+        except FileError as error:
+            if broken is None:
+                raise
+            broken.append(error)
+            left_out.append(files)
+    sharing.reconcile([(task.files.path.name, task.data) for task in opened])
+    read: list[_Task] = []
+    for task in opened:
+        try:
+            task.read()
+            read.append(task)
+        except FileError as error:
+            if broken is None:
+                raise
+            broken.append(error)
+            left_out.append(task.files)
+    unread = sharing.Unread([path for files in left_out for path in files.files], [f.path.name for f in left_out])
+    all_data = [task.data for task in read]
     programs = []
-    for (path, _), (task, sources) in zip(tasks, found, strict=True):
-        judge = Judge(frames, options, "abb", changed=changed)
-        runs = [
-            (Sweep.of(first.uses[0], lines.items), run_of(first.source, lines, judge.target(first)))
-            for first, lines in task.runs
-        ]
-        targets, circles = judge.program_targets(task.points, task.circles, runs, sources)
-        root = path if path.is_dir() else None
-        programs.append(Program(path, sources, targets, circles, PLAIN_LEXER, root=root))
+    for task in read:
+        others = [data for data in all_data if data is not task.data]
+        task.data.changed.update(sharing.changed_elsewhere(task.data, others, unread))
+        sharing.leave_variables(task.data, others, unread, every=every)
+        programs.append(task.program(task.files.frames or frames))
     return programs
 
 
-def _read_task(
-    path: Path, paths: Sequence[Path], options: ReadOptions, *, whole: bool
-) -> tuple[RapidTask, tuple[Source, ...]]:
-    try:
-        return _read_modules([Source.read(file) for file in paths], options, whole=whole)
-    except FileError as error:
-        if len(paths) == 1:
-            raise
-        raise FileError(path, f"{error}; all {len(paths)} modules of the task are refused") from None
+class _Task:
+    """A task on its way from files to a program."""
 
-
-def _read_modules(
-    sources: Sequence[Source], options: ReadOptions, *, whole: bool
-) -> tuple[RapidTask, tuple[Source, ...]]:
-    files = frozenset(source.path.name.lower() for source in sources)
-    task = RapidTask(options, whole, named=len(sources) > 1, files=files)
-    modules = [RapidModule(source, task) for source in sources]
-    first: dict[str, RapidModule] = {}
-    for module in modules:
-        if (other := first.setdefault(module.name, module)) is not module:
-            raise FileError(
-                module.source.path,
-                f"module {module.name} is in {other.source.path}, too; give the files of one task at a time",
+    def __init__(self, files: TaskFiles, options: ReadOptions, *, whole: bool) -> None:
+        self.files = files
+        with self._named():
+            self._sources = tuple([Source.read(file) for file in files.files])
+            names = frozenset(source.path.name.lower() for source in self._sources)
+            unread = "" if options.whole_task else files.unread
+            self.data = RapidTask(
+                options, whole and not unread, unread, files.hidden, named=len(self._sources) > 1, files=names
             )
-    for module in modules:
-        module.declare()
-    for module in modules:
-        module.read()
-    try:
-        task.flow.solve()
-    except BlockError as error:
-        raise FileError(sources[0].path, f"{error}; correct the file") from None
-    _attach(task)
-    return task, tuple(sources)
+            self._modules = [RapidModule(source, self.data) for source in self._sources]
+            first: dict[str, RapidModule] = {}
+            for module in self._modules:
+                if (other := first.setdefault(module.name, module)) is not module:
+                    raise FileError(
+                        module.source.path,
+                        f"module {module.name} is in {other.source.path}, too; give the files of one task at a time",
+                    )
+            for module in self._modules:
+                module.declare()
+
+    def read(self) -> None:
+        """Read the statements of all modules, and follow the displacements."""
+        with self._named():
+            for module in self._modules:
+                module.read()
+            try:
+                self.data.flow.solve()
+            except BlockError as error:
+                raise FileError(self._sources[0].path, f"{error}; correct the file") from None
+        _attach(self.data)
+        _leave(self.data, self.files)
+
+    def program(self, frames: KnownFrames) -> Program:
+        """Return the program with its verdicts."""
+        path, data = self.files.path, self.data
+        judge = Judge(frames, data.options, "abb", changed=data.changed)
+        runs = [
+            (Sweep.of(first.uses[0], lines.items), run_of(first.source, lines, judge.target(first)))
+            for first, lines in data.runs
+        ]
+        targets, circles = judge.program_targets(data.points, data.circles, runs, self._sources)
+        root = None if path in self.files.files else path
+        return Program(path, self._sources, targets, circles, PLAIN_LEXER, root=root)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Let an error say that it refuses the whole task."""
+        try:
+            yield
+        except FileError as error:
+            if len(self.files.files) == 1:
+                raise
+            raise FileError(
+                self.files.path, f"{error}; all {len(self.files.files)} modules of the task are refused"
+            ) from None
+
+
+def _leave(task: RapidTask, files: TaskFiles) -> None:
+    """Leave the targets of modules that are never corrected, and of a task that does not move the map's robot."""
+    for point in [*task.points, *(first for first, _ in task.runs)]:
+        reason = files.problem or files.kept.get(point.source.path)
+        if reason and (point.problem is None or point.problem.verdict == "refuse"):
+            point.problem = Problem("skip", reason)
 
 
 def _attach(task: RapidTask) -> None:
@@ -137,8 +240,11 @@ def _shifts(state: State) -> Iterator[str]:
 
 def _unseen(task: RapidTask, variable: RobtargetVariable | None) -> Problem | None:
     """Return why a point cannot be corrected although all that is here allows it: others may see it."""
-    if variable is None or not variable.is_global:
+    if variable is None or variable.reach in ("routine", "module"):
         return None
+    if task.unread:
+        reason = f"global to the task: {task.unread}, and may move to it under another workobject"
+        return Problem("refuse", f"{reason}; state that it does not (--whole-task), or declare it LOCAL")
     if not task.whole:
         return _ALONE
     if task.loads:
