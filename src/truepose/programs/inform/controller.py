@@ -1,0 +1,150 @@
+"""What a backup of the controller tells about all jobs: position variables, and the ways from job to job."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from truepose.programs.core.points import Problem
+
+_MOST: Final = 64
+"""Number of values that a variable may have."""
+ELSEWHERE: Final = ""
+"""The name of a job that is known at run time only."""
+
+
+class Pose(NamedTuple):
+    """A position of a variable.
+
+    Attributes
+    ----------
+    numbers : tuple of 6 float [mm, deg]
+        X, Y, Z, Rx, Ry, Rz.
+    frame : str
+        The frame that they are given in: "BASE", "ROBOT", "USER 3"; empty where it is not known.
+    """
+
+    numbers: tuple[float, ...]
+    frame: str
+
+
+class StoredPosition(NamedTuple):
+    """A position variable as VAR.DAT holds it: its line there, and its position unless that is in pulses."""
+
+    line: int
+    pose: Pose | None
+
+
+class Mention(NamedTuple):
+    """A P variable in a job.
+
+    Attributes
+    ----------
+    number : int
+        The number of the variable.
+    job : str
+        The name of the job's file.
+    line : int
+        The line.
+    how : {"given", "moved to", "shift", "element", "other"}
+        How it is used: "given" with a position under //POS, an "element" that is set to a constant, or otherwise.
+    pose : Pose, optional
+        The position that is given; None where it is in pulses.
+    element : (int, float), optional
+        The element that is set, 0 to 5, and its value [mm, deg].
+    """
+
+    number: int
+    job: str
+    line: int
+    how: str
+    pose: Pose | None = None
+    element: tuple[int, float] | None = None
+
+
+class Displacement(NamedTuple):
+    """An instruction that shifts motions.
+
+    Attributes
+    ----------
+    text : str
+        The instruction with its place.
+    number : int, optional
+        The P variable of the shift; None where another operand gives it.
+    along : str
+        The coordinates of the shift: "BF", "RF", "TF", "UF#(3)"; empty where the instruction names none.
+    """
+
+    text: str
+    number: int | None
+    along: str
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """The knowledge that concerns all jobs.
+
+    Attributes
+    ----------
+    variables : mapping of int to StoredPosition
+        The P variables of VAR.DAT that hold a position.
+    mentions : mapping of int to sequence of Mention
+        Every mention of a P variable in any job.
+    entered : mapping of str to frozenset of Displacement
+        The shifts that may be active when a job is called, by job name in upper case.
+    left : mapping of str to frozenset of Displacement
+        The shifts that a job may leave active when it returns.
+    reframed : mapping of str to str
+        Relative jobs that an instruction calls with a user frame of its own, with that instruction.
+    robot : int, optional
+        The number of the robot that the map describes; None: the first robot of each job.
+    """
+
+    variables: Mapping[int, StoredPosition] = field(default_factory=dict)
+    mentions: Mapping[int, Sequence[Mention]] = field(default_factory=dict)
+    entered: Mapping[str, frozenset[Displacement]] = field(default_factory=dict)
+    left: Mapping[str, frozenset[Displacement]] = field(default_factory=dict)
+    reframed: Mapping[str, str] = field(default_factory=dict)
+    robot: int | None = None
+
+    def problem_of(self, number: int, job: str) -> Problem | None:
+        """Return the reason why the copy of a P variable in a job's file is not corrected; None without one."""
+        name = f"P{number:03}"
+        if (stored := self.variables.get(number)) is not None:
+            reason = f"{name} is a variable of all jobs, whose value is in VAR.DAT (line {stored.line})"
+            return Problem("skip", f"{reason}; that file has a checksum and is only read: teach a C position instead")
+        other = next((m for m in self.mentions.get(number, ()) if m.job != job), None)
+        if other is not None:
+            return Problem("refuse", f"{name} is a variable of all jobs: {other.job}, line {other.line}, uses it, too")
+        return None
+
+    def values(self, number: int) -> list[Pose] | None:
+        """Return all values that a P variable may have: as it is stored and given, and as constants set its elements.
+
+        None where it is written in another way, is stored in pulses, has no value, or may have too many.
+        """
+        mentions = self.mentions.get(number, ())
+        if any(m.how == "other" for m in mentions):
+            return None
+        poses = [m.pose for m in mentions if m.how == "given"]
+        if number in self.variables:
+            poses.append(self.variables[number].pose)
+        sets: list[set[float]] = [set() for _ in range(6)]
+        frames = set()
+        for pose in poses:
+            if pose is None:
+                return None
+            frames.add(pose.frame)
+            for values, value in zip(sets, pose.numbers, strict=True):
+                values.add(value)
+        for element in [m.element for m in mentions if m.element is not None]:
+            sets[element[0]].add(element[1])
+        count = 1
+        for values in sets:
+            count *= len(values)
+        if len(frames) > 1 or not 0 < count <= _MOST:
+            return None
+        frame = frames.pop() if frames else ""
+        return [Pose(numbers, frame) for numbers in itertools.product(*map(sorted, sets))]

@@ -1,0 +1,447 @@
+"""Yaskawa INFORM (.jbi): positions under //POS, whose kind, tool and frame are modal, and instructions under //INST."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from truepose.errors import FileError
+from truepose.programs.core import shifts
+from truepose.programs.core.flow import Shift
+from truepose.programs.core.forms import FoundRun, Lines, RunFinder
+from truepose.programs.core.named import Group
+from truepose.programs.core.points import RELATIVE, RUN_TIME, Point, Problem, Use, unknown_motion
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions
+from truepose.programs.core.reader import Instruction, Reader
+from truepose.programs.core.source import Source, Span, shown
+from truepose.programs.inform import words
+from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention
+from truepose.programs.inform.positions import NAME, VALUES, Positions
+
+_OF_ALL_JOBS: Final = Problem(
+    "refuse",
+    "P variables are those of all jobs: another may move to it or write it; state that none does (--whole-task)",
+)
+_COORDINATED: Final = Problem("refuse", "a coordinated motion: its path moves with another group, which has no model")
+_UNSHIFTED: Final = "BASE"
+_HEAD = re.compile(rb"^[ \t]*//(?!/)[ \t]*(\w*)", re.M)
+_JOB_NAME = re.compile(rb"^[ \t]*//NAME[ \t]+([^\r\n]*)", re.M)
+_GROUP = re.compile(rb"[ \t]*///GROUP([12])[ \t]+([^\r\n]*)", re.I)
+_CAM_MOTION: Final = re.compile(
+    rb"[ \t]*+MOV[JLS][ \t]++C([0-9]{3,6}+)[ \t]++V[JR]?=([0-9]{1,6}+(?:\.[0-9]{0,9}+)?+)"
+    rb"(?:[ \t]++PL=([0-9]{1,2}+))?+[ \t]*+\r?+\n"
+)
+_MOTION_PATTERNS: Final = {1: NAME, 2: rb"[0-9]{1,6}+(?:\.[0-9]{0,9}+)?+", 3: rb"[0-9]{1,2}+"}
+
+
+class _Move(NamedTuple):
+    point: Point
+    word: str
+    line: int
+    node: int
+    problem: Problem | None
+
+
+class Survey(NamedTuple):
+    """What a job tells about others.
+
+    Attributes
+    ----------
+    name : str
+        The name of the job, in upper case.
+    mentions : list of Mention
+        The P variables that it names.
+    calls : list of (str, frozenset of Displacement, bool)
+        The jobs that it calls, with the shifts that may be active there, and whether those of its own callers may be.
+    left : frozenset of Displacement
+        The shifts that may be active at its end, without those of its callers.
+    reframed : dict of str to str
+        The jobs that it calls with another user frame, with the instruction.
+    """
+
+    name: str
+    mentions: list[Mention]
+    calls: list[tuple[str, frozenset[Displacement], bool]]
+    left: frozenset[Displacement]
+    reframed: dict[str, str]
+
+
+def read(path: Path, frames: KnownFrames, options: ReadOptions, *, controller: Controller | None = None) -> Program:
+    """Read a .jbi file; a FileError names the line if it is broken.
+
+    `controller` is what a backup tells about all jobs.
+    """
+    return _Reader(Source.read(path), frames, options, controller).read()
+
+
+def survey(path: Path, frames: KnownFrames, controller: Controller) -> Survey:
+    """Return what a job tells about others, given what is known about them."""
+    return _Reader(Source.read(path), frames, ReadOptions(), controller).survey()
+
+
+class _Reader(Reader):
+    def __init__(
+        self, source: Source, frames: KnownFrames, options: ReadOptions, controller: Controller | None
+    ) -> None:
+        super().__init__(source, frames, options)
+        self._controller = controller
+        self._kinds: dict[tuple[str, int], int] = {}
+        self._runs: list[FoundRun] = []
+        self._moves: list[_Move] = []
+        self._indirect = False
+        self._labels: set[bytes] = set()
+        self._displacements: dict[str, Displacement] = {}
+        self._mentions: list[Mention] = []
+        self._calls: list[tuple[str, int]] = []
+        self._ends: list[int] = []
+        self._reframed: dict[str, str] = {}
+        self._groups = {b"1": "RB1", b"2": ""}
+        self._base_moved = ""
+
+    def read(self) -> Program:
+        self._follow()
+        self._settle()
+        self._attach()
+        self.points = [*self._positions.ordered(), *self.points]
+        return self.program("yaskawa", finest=1e-3, runs=self._runs)
+
+    def survey(self) -> Survey:
+        """Return what the job tells about others."""
+        self._follow()
+        states = self.flow.states
+        calls = [
+            (name, self._displaced(states[node].ipo), _UNSHIFTED in states[node].ipo) for name, node in self._calls
+        ]
+        left = frozenset[Displacement]().union(*(self._displaced(states[node].ipo) for node in self._ends))
+        given = [
+            Mention(number, self.source.path.name, point.line, "given", pose)
+            for number, point, pose in self._positions.variables()
+        ]
+        return Survey(self._name(), [*given, *self._mentions], calls, left, self._reframed)
+
+    def _displaced(self, ipo: frozenset[str]) -> frozenset[Displacement]:
+        return frozenset(self._displacements[text] for text in ipo if text != _UNSHIFTED)
+
+    def _name(self) -> str:
+        m = _JOB_NAME.search(self.source.data)
+        return (m[1].decode("latin-1").strip() if m else self.source.path.stem).upper()
+
+    def _sections(self) -> tuple[list[Span], list[Instruction | Lines]]:
+        """Return where positions stand, and the instructions and runs of motions."""
+        data = self.source.data
+        if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):
+            raise FileError(self.source.path, "does not start with /JOB: it is no INFORM job")
+        heads = list(_HEAD.finditer(data))
+        positions: list[Span] = []
+        instructions: list[Instruction | Lines] = []
+        ended = False
+        for head, border in zip(heads, [*(head.start() for head in heads[1:]), len(data)], strict=False):
+            first = self.source.next_line(head.end())
+            section = head[1].upper()
+            if section == b"POS":
+                positions.append((min(first, border), border))
+            elif section == b"INST":
+                ended = self._main(instructions, min(first, border), border)
+                break
+        if not ended:
+            raise FileError(self.source.path, "has no END: the file is truncated")
+        return positions, instructions
+
+    def _main(self, instructions: list[Instruction | Lines], start: int, end: int) -> bool:
+        """Add the instructions between two starts of lines, and the runs of motions; return whether END closes them."""
+        data, position = self.source.data, start
+        finder = RunFinder(self.source, _CAM_MOTION, _MOTION_PATTERNS)
+        while position < end:
+            for line, a, b in self.source.lines(position, end):
+                if (lines := finder.find(a)) is not None and lines.end <= end:
+                    instructions.append(lines)
+                    position = lines.end
+                    break
+                code = data[a:b]
+                if code.strip().upper() == b"END":
+                    if (more := re.compile(rb"[ \t]*/JOB\b", re.M).search(data, b)) is not None:
+                        at = self.source.line(more.start() + 1)
+                        raise self.source.error(at, "a second job in the file; write each into a file of its own")
+                    return True
+                if m := _GROUP.match(code):
+                    self._groups[m[1]] = m[2].decode("latin-1").strip().upper()
+                instructions.append(Instruction(line, code))
+            else:
+                break
+        return False
+
+    def _follow(self) -> None:
+        """Take the instructions and follow all ways through them."""
+        spans, instructions = self._sections()
+        self._positions = Positions(self.source, spans)
+        codes = [one.code for one in instructions if isinstance(one, Instruction)]
+        self._labels = {m[1] for code in codes if (m := words.LABEL.match(code))}
+        flow = self.flow
+        flow.begin_routine("JOB", outside=True)
+        for shift in sorted(self._known().entered.get(self._name(), ())):
+            self._may_shift(shift)
+        self.body(instructions, self._take)
+        self._ends.append(flow.node)
+        flow.solve()
+        self.arc(None)
+
+    def _known(self) -> Controller:
+        return self._controller or Controller()
+
+    def _may_shift(self, shift: Displacement) -> None:
+        """Let a shift be active from here on, or not."""
+        self._displacements[shift.text] = shift
+        self.flow.begin("IF", 0)
+        self.flow.change(ipo=shift.text)
+        self.flow.end("ENDIF", "IF")
+
+    def _take(self, piece: Instruction | Lines) -> None:
+        """Take an instruction, or a run of motions."""
+        if isinstance(piece, Instruction):
+            self._instruction(piece)
+            return
+        m = words.MOTION.match(self.source.data, piece.start)
+        assert m is not None  # of `_CAM_MOTION`
+        kind = self._kinds.setdefault((m[3].decode().upper(), self.flow.node), len(self._kinds))
+        if self._plain() and self._positions.named.move(piece, 0, kind):
+            self.arc(None)
+            return
+        for line, a, b in self.source.lines(piece.start, piece.end):
+            self._instruction(Instruction(line, self.source.data[a:b]))
+
+    def _plain(self) -> bool:
+        """Return whether nothing but the positions themselves is against a correction of plain motions."""
+        return self._group_problem("1") is None and not self._base_moved
+
+    def _instruction(self, instruction: Instruction) -> None:
+        line, code = instruction
+        if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
+            return
+        code, flow = words.without_comment(code), self.flow
+        if m := words.LABEL.match(code):
+            flow.label(m[1].decode("latin-1"))
+            code = code[m.end() :]
+        parts = words.TOGETHER.split(code)
+        for part in parts:
+            begin = re.match(rb"[ \t]*+[+*]?+[ \t]*+\w*+", part)
+            for m in words.STRAY.finditer(part, begin.end() if begin else 0):
+                if m[1]:
+                    message = f"a motion or shift inside another instruction ({shown(code)}): write each on its own line"
+                    raise self.source.error(line, message)
+        if words.MOTION.match(code):
+            for part in parts:
+                if m := words.MOTION.match(part):
+                    self._motion(m, line, words.CONVEYOR.search(part, m.end()))
+            return
+        shifts.follow(flow, shifts.INFORM, code, line)
+        if words.OPERAND.search(code):
+            self.arc(None)
+        self._control(line, code)
+        if m := words.FRAME_CHANGE.match(code):
+            self.changed.setdefault(("base", int(m[1]) if m[1] else None), line)
+        elif m := words.TOOL_CHANGE.match(code):
+            self.changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
+        self._operands(line, code)
+
+    def _control(self, line: int, code: bytes) -> None:
+        """Follow jumps, blocks, calls and shifts of positions."""
+        flow, labels = self.flow, self._labels
+        self._call(line, code)
+        if m := words.JUMP.match(code):
+            to_job = words.CALLED.match(code)
+            for label in [m[2]] if m[2] in labels else labels if m[2] is None and not to_job else ():
+                flow.may_go(label.decode("latin-1"))
+            if not words.CONDITION.search(code) and (m[2] in labels or to_job):
+                self._ends += [flow.node] if to_job else []
+                flow.leave()
+        elif m := words.BLOCK.match(code):
+            self._block(line, m[1].upper())
+        elif m := words.SHIFT.match(code):
+            self._shift(line, m)
+        elif words.UNSHIFT.match(code):
+            flow.change(ipo=_UNSHIFTED)
+        elif words.RETURN.match(code):
+            self._ends.append(flow.node)
+            flow.leave()
+        elif words.RETURNS.match(code):
+            self._ends.append(flow.node)
+
+    def _block(self, line: int, word: bytes) -> None:
+        """Follow IFTHEN, WHILE, FOR and SWITCH."""
+        flow = self.flow
+        if word in (b"IFTHEN", b"IFTHENEXP"):
+            flow.begin("IF", line)
+        elif word in (b"ELSEIF", b"ELSEIFEXP", b"ELSE"):
+            flow.branch("ELSE", last=word == b"ELSE")
+        elif word in (b"WHILE", b"WHILEEXP", b"FOR", b"SWITCH"):
+            flow.begin(word[:5].decode() if word != b"SWITCH" else "SWITCH", line)
+        elif word in (b"CASE", b"DEFAULT"):
+            flow.branch("CASE", last=word == b"DEFAULT")
+        else:
+            flow.end(word.decode(), {b"ENDIF": "IF", b"NEXT": "FOR", b"ENDWHILE": "WHILE"}.get(word, "SWITCH"))
+
+    def _shift(self, line: int, m: re.Match[bytes]) -> None:
+        """Begin a shift of all positions by a P variable."""
+        text = f"SFTON (line {line})" if self._controller is None else f"SFTON (line {line} of {self.source.path.name})"
+        plain = m[2] and not m[1] and not m[4].strip()
+        along = m[3].decode("latin-1").upper().replace(" ", "").replace("\t", "")
+        self._displacements[text] = Displacement(text, int(m[2]) if plain else None, along)
+        self.flow.change(ipo=text)
+        if m[2]:
+            self._mention(int(m[2]), line, "shift" if plain else "other")
+
+    def _call(self, line: int, code: bytes) -> None:
+        """Follow a call of another job: it may be shifted, and may leave a shift behind."""
+        if m := words.CALLED.match(code):
+            name = m[1].decode("latin-1").upper()
+            if b"UF#(" in m[2].upper():
+                self._reframed.setdefault(name, f"{shown(code)} (line {line} of {self.source.path.name})")
+        elif words.UNKNOWN_CALL.match(code):
+            name = ELSEWHERE
+        else:
+            return
+        self._calls.append((name, self.flow.node))
+        for shift in sorted(self._known().left.get(name, ())):
+            self._may_shift(shift)
+
+    def _mention(self, number: int, line: int, how: str, element: tuple[int, float] | None = None) -> None:
+        self._mentions.append(Mention(number, self.source.path.name, line, how, element=element))
+
+    def _group_problem(self, group: str) -> Problem | None:
+        """Return the reason why the positions of a group are not corrected; None for the robot of the map."""
+        robots = [word for word in re.split(r"[,\s]+", self._groups[group.encode()]) if word.startswith("R")]
+        robot = robots[0] if robots else "RB1" if group == "1" else "another group"
+        wanted = self._known().robot
+        if (wanted is None and group == "1") or robot == f"RB{wanted}":
+            return None
+        return Problem("skip", f"moves {robot}, which is not the robot of the map")
+
+    def _motion(self, m: re.Match[bytes], line: int, conveyor: re.Match[bytes] | None) -> None:
+        word, operand = m[3].decode().upper(), m[4]
+        axes = [(e[0].decode().upper(), int(e[1])) for e in words.AXES.findall(m[5])]
+        if alone := words.AXES.fullmatch(operand):  # base axes or a station without the robot
+            kind, number = alone[1].decode().upper(), int(alone[2])
+            if kind.startswith("B") and (kind, number) in self._positions.axes_in_use:
+                self._base_moved = f"{operand.decode('latin-1')} (line {line})"
+            return
+        problem = self._group_problem("2" if m[1] else "1")
+        found = words.OPERAND.fullmatch(operand)
+        if found and found[1] == b"P":
+            self._mention(int(found[2]), line, "moved to")
+        elif not found and operand[:1].upper() in (b"P", b"C"):
+            self._indirect = True
+        point = self._positions.get(found[1].decode(), int(found[2])) if found else None
+        if point is None:
+            self.other(word, line, problem or self._elsewhere(found), operand.decode("latin-1"))
+            self.arc(None)
+            return
+        if problem is None and m[2]:
+            problem = _COORDINATED
+        if problem is None and conveyor:
+            problem = shifts.problem_of([Shift("conveyor", f"{shown(conveyor[0])} (line {line})")])
+        external = [axis for axis in axes if axis in self._positions.axes_in_use and not self._station(axis[0])]
+        if external and not self.options.external_axes:
+            name = words.AXES.search(m[5])
+            shown_axis = name[0].decode("latin-1") if name else external[0][0]
+            problem = Problem("refuse", f"external axis {shown_axis} is in use and has no model; allow external_axes")
+        self._moves.append(_Move(point, word, line, self.flow.node, problem))
+        self.arc(point if word == "MOVC" else None)
+
+    def _station(self, kind: str) -> bool:
+        """Return whether axes of a kind are those of a station, which carries neither the robot nor its base."""
+        return kind.startswith("E") and any("ST" in group for group in self._groups.values())
+
+    def _elsewhere(self, found: re.Match[bytes] | None) -> Problem:
+        """Return the reason why a motion to a position that is not in the job is left out."""
+        stored = self._known().variables.get(int(found[2])) if found and found[1] == b"P" else None
+        if stored is None:
+            return RUN_TIME
+        return self._known().problem_of(int(found[2]), self.source.path.name) or RUN_TIME if found else RUN_TIME
+
+    def _operands(self, line: int, code: bytes) -> None:
+        """Take the positions in an instruction that is no motion."""
+        relative = words.RELATIVE.match(code) is not None
+        word = (code.split() or [b"?"])[0].decode("latin-1")
+        element = words.ELEMENT.match(code)
+        shift = words.SHIFT.match(code)
+        for m in words.OPERAND.finditer(code):
+            point = self._positions.get(m[1].decode(), int(m[2]))
+            if m[1] == b"P" and element:
+                value = int(element[3]) / (1e3 if element[2] < b"4" else 1e4)
+                self._mention(int(m[2]), line, "element", (int(element[2]) - 1, value))
+            elif m[1] == b"P" and not shift:
+                self._mention(int(m[2]), line, "other")
+            if relative:
+                self.other(word, line, RELATIVE)
+                if point is not None:
+                    point.reads.append((line, "used by a relative motion"))
+                return
+            if words.SPEED.search(code):
+                self.other(word, line, unknown_motion(shown(code)))
+                return
+            if point is not None and m[1] == b"P":
+                point.writes.append((line, f"written or read by {word}"))
+            elif point is not None:
+                point.reads.append((line, f"read by {word}"))
+
+    def _settle(self) -> None:
+        """Keep the runs of positions to which motions of one kind go, and take the other positions out of them."""
+        named = self._positions.named
+        before, kinds = named.taken.copy(), list(self._kinds)
+        for group, lines in named.groups(self._alike):
+            point = self._positions.read_at(lines.start, self._positions.first[group.run])
+            if group.kind >= 0:
+                point.uses = [self._use_in(group, int(group.lines[0]))]
+            self._runs.append(FoundRun(lines, point, VALUES, group.lines, ("C", "")))
+        for row in np.flatnonzero(named.taken & ~before).tolist():
+            self._positions.take_out(row)
+        moves = list(self._moves)
+        for row, line, kind in named.left():
+            word, node = kinds[kind]
+            moves.append(_Move(self._positions.take_out(row), word, line, node, None))
+        self._moves = sorted(moves, key=_line)
+
+    def _alike(self, group: Group) -> bool:
+        """Return whether the motions of a group differ in their lines at most."""
+        if group.kind < 0:
+            return True
+        first, last = (self._use_in(group, int(line)) for line in group.lines[[0, -1]])
+        return first._replace(line=last.line) == last
+
+    def _use_in(self, group: Group, line: int) -> Use:
+        word, node = list(self._kinds)[group.kind]
+        return self._use_at(_Move(self._positions.first[group.run], word, line, node, None))
+
+    def _attach(self) -> None:
+        """Give each position the motions to it, now that the shifts in force at each are known."""
+        for number, point, _ in self._positions.variables():
+            if self._controller is not None:
+                point.shared = self._controller.problem_of(number, self.source.path.name)
+        for move in self._moves:
+            move.point.uses.append(self._use_at(move))
+
+    def _use_at(self, move: _Move) -> Use:
+        """Return a motion with the frames of its position, and what is against a correction there."""
+        point, problem = move.point, move.problem
+        tool, frame = self._positions.frames_of(point)
+        state = self.flow.states[move.node]
+        shifted_by = [ipo for ipo in state.ipo if ipo != _UNSHIFTED]
+        if problem is None and shifted_by:
+            problem = Problem("skip", f"{min(shifted_by)} shifts it at run time")
+        problem = shifts.problem_of(state.shifts) or problem
+        reframed = self._known().reframed.get(self._name())
+        if problem is None and reframed and frame is not None and frame.key != 0:
+            problem = Problem("skip", f"a relative job: {reframed} gives it another user frame")
+        if problem is None and self._base_moved and not self.options.external_axes:
+            problem = Problem("refuse", f"base axis {self._base_moved} has no model; allow external_axes")
+        if problem is None and point.name.startswith("P") and not self.options.whole_task and self._controller is None:
+            problem = _OF_ALL_JOBS
+        return self.use(move.word, move.line, tool, frame, problem)
+
+
+def _line(move: _Move) -> int:
+    return move.line
