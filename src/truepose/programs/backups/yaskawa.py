@@ -1,23 +1,201 @@
-"""Backups of Yaskawa: .JBI jobs with UFRAME.CND, TOOL.CND and VAR.DAT."""
+"""Backups of Yaskawa: a flat folder of .JBI jobs with TOOL.CND, UFRAME.CND and VAR.DAT.
+
+These data files have checksums, so they are only read.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, Final, NamedTuple
 
-from truepose.programs.backups.controller import Contents, StoredFrames
+from truepose._typing import FloatArray
+from truepose.geometry import euler, make_transform
+from truepose.programs.backups.controller import Contents, StoredFrame, StoredFrames
+from truepose.programs.core.source import Source, parse_number
+from truepose.programs.frame_table import FrameTable
+from truepose.programs.inform.controller import Pose, StoredPosition
+from truepose.programs.inform.survey import survey_jobs
+
+_BESIDE: Final = frozenset(["tool.cnd", "uframe.cnd", "var.dat", "all.prm", "system.sys", "rc.prm", "sc.prm"])
+"""Files that a backup has beside its jobs."""
+_KINDS: Final = {".cnd": "data", ".dat": "data", ".prm": "machine data", ".sys": "system data", ".bin": "image"}
+_BLOCK = re.compile(rb"[ \t]*//(?!/)[ \t]*(\w+)[ \t]*(\d{0,9})")
+_ENTRY = re.compile(rb"[ \t]*/{3,4}(\w+)[ \t]*([^\r\n]*)")
+_ROBOT = re.compile(rb"[ \t]*R(\d)[ \t]*:[ \t]*([^\r\n]*)")
+_VARIABLE = re.compile(rb"[ \t]*\"?(PULSE|RECTAN|UNUSED)\"?[ \t]*,?([^\r\n]*)", re.I)
+_IN_BASE, _IN_ROBOT, _IN_USER = 16, 17, 19
+_AXES: Final = 8
+
+
+class _Line(NamedTuple):
+    """A line of a data file: its number, its text, its block and entry, and whether it begins the entry."""
+
+    number: int
+    text: bytes
+    block: str
+    block_number: int | None
+    entry: str
+    begins: bool = False
 
 
 def roots(files: Sequence[Path]) -> list[Path]:
     """Return the folders of the controllers among the files of a backup."""
-    return []
+    jobs = {file.parent for file in files if file.suffix.lower() == ".jbi"}
+    data = {file.parent for file in files if file.name.lower() in _BESIDE}
+    return sorted(jobs & data)
 
 
 def contents(root: Path, files: Sequence[Path]) -> Contents:
     """Return the files of one controller, sorted."""
-    return Contents([])
+    own = [file for file in files if file.parent == root]
+    jobs = [file for file in own if file.suffix.lower() == ".jbi"]
+    others = {file: kind for file in own if (kind := _KINDS.get(file.suffix.lower()))}
+    robots, version = _system(_named(own, "system.sys"))
+    warnings = []
+    if len(robots) > 1:
+        listed = ", ".join(f"R{number} {name}" for number, name in robots.items())
+        warnings.append(f"{root.name}: {len(robots)} robots ({listed}); jobs of R1 are corrected, those of others not")
+    if _named(own, "uframe.cnd") is None:
+        warnings.append(f"{root.name}: has no UFRAME.CND, so no user frame is known")
+    return Contents([(job,) for job in jobs], others, warnings, robots.get(1, ""), version)
 
 
 def stored_frames(root: Path, files: Sequence[Path]) -> StoredFrames:
     """Return the tools and bases of one controller."""
-    return StoredFrames()
+    own = [file for file in files if file.parent == root]
+    tools, bases = _named(own, "tool.cnd"), _named(own, "uframe.cnd")
+    return StoredFrames(_tools(tools) if tools else {}, _bases(bases) if bases else {})
+
+
+def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
+    """Return what all jobs of one controller tell about each: see `truepose.programs.inform.controller.Controller`."""
+    own = [file for file in files if file.parent == root]
+    jobs = [file for file in own if file.suffix.lower() == ".jbi"]
+    variables = _named(own, "var.dat")
+    robots, _ = _system(_named(own, "system.sys"))
+    known = _variables(variables) if variables else {}
+    return {"controller": survey_jobs(jobs, FrameTable(), known, 1 if len(robots) > 1 else None)}
+
+
+def _named(files: Sequence[Path], name: str) -> Path | None:
+    return next((file for file in files if file.name.lower() == name), None)
+
+
+def _lines(source: Source) -> Iterator[_Line]:
+    """Yield the lines of a data file that hold values or are entries of their own."""
+    block, index, entry = "", None, ""
+    for number, start, end in source.lines():
+        text = source.data[start:end]
+        if m := _ENTRY.match(text):
+            entry = m[1].decode("latin-1").upper()
+            yield _Line(number, m[2].strip(), block, index, entry, begins=True)
+        elif m := _BLOCK.match(text):
+            block, index, entry = m[1].decode("latin-1").upper(), int(m[2]) if m[2] else None, ""
+        elif text.strip():
+            yield _Line(number, text.strip(), block, index, entry)
+
+
+def _numbers(source: Source, line: _Line, count: int) -> list[float]:
+    """Return the numbers of a line; a FileError names it if they are broken or too few."""
+    try:
+        values = [parse_number(token.strip()) for token in line.text.split(b",") if token.strip()]
+    except ValueError as error:
+        raise source.error(line.number, f"{error}; save the backup again") from None
+    if len(values) < count:
+        raise source.error(line.number, f"has {len(values)} numbers, expected {count}; save the backup again")
+    return values
+
+
+def _pose(values: Sequence[float]) -> FloatArray:
+    return make_transform(euler("yaskawa", values[3:6]), values[:3])
+
+
+def _tools(path: Path) -> Mapping[int | str, StoredFrame]:
+    """Return the tools of TOOL.CND. A tool of zeros without a name is not set, except number 0."""
+    source = Source.read(path)
+    found: dict[int | str, StoredFrame] = {}
+    names: dict[int, str] = {}
+    seen: dict[int, int] = {}
+    for line in _lines(source):
+        if line.block != "TOOL" or line.block_number is None:
+            continue
+        if line.begins:
+            if line.entry == "NAME" and line.text:
+                names[line.block_number] = line.text.decode("latin-1")
+            continue
+        if line.block_number in seen:  # behind the pose: centre of gravity, mass, inertia, flags
+            continue
+        seen[line.block_number] = line.number
+        values, name = _numbers(source, line, 6), names.get(line.block_number, "")
+        if any(values[:6]) or name or line.block_number == 0:
+            found[line.block_number] = StoredFrame(_pose(values), name, f"{path.name}, line {line.number}")
+    return found
+
+
+def _bases(path: Path) -> Mapping[int | str, StoredFrame]:
+    """Return the user frames of UFRAME.CND, in the base of robot 1."""
+    source = Source.read(path)
+    found: dict[int | str, StoredFrame] = {}
+    name, problem = "", ""
+    block: int | None = None
+    for line in _lines(source):
+        if line.block != "UFRAME" or line.block_number is None:
+            continue
+        if line.block_number != block:
+            block, name, problem = line.block_number, "", ""
+            if block in found:
+                raise source.error(line.number, f"user frame {block} is given twice; save the backup again")
+        if not line.begins:
+            continue
+        if line.entry == "NAME":
+            name = line.text.decode("latin-1")
+        elif line.entry == "GROUP":
+            groups = [token.strip() for token in line.text.split(b",")]
+            if any(token not in (b"0", b"") for token in groups[1:]) or groups[0] in (b"0", b""):
+                problem = f"user frame {block} belongs to another group than R1 ({path.name}, line {line.number})"
+        elif line.entry == "BASICFRM":
+            values = _numbers(source, line, 2)
+            if values[1] != _IN_BASE:
+                problem = f"user frame {block} is not given in the base ({path.name}, line {line.number})"
+        elif line.entry == "BUSER":
+            values = _numbers(source, line, 6)
+            found[block] = StoredFrame(_pose(values), name, f"{path.name}, line {line.number}", problem)
+    return found
+
+
+def _variables(path: Path) -> dict[int, StoredPosition]:
+    """Return the P variables of VAR.DAT that hold a position."""
+    source = Source.read(path)
+    found: dict[int, StoredPosition] = {}
+    number = 0
+    for line in _lines(source):
+        if line.entry != "P" or line.begins or not (m := _VARIABLE.match(line.text)):
+            continue
+        kind = m[1].upper()
+        if kind == b"PULSE":
+            found[number] = StoredPosition(line.number, None)
+        elif kind == b"RECTAN":
+            tail = b",".join(m[2].split(b",")[-_AXES - 2 :])  # behind the tool and the digits of the configuration
+            user, frame, *values = _numbers(source, line._replace(text=tail), 2 + _AXES)
+            named = {_IN_BASE: "BASE", _IN_ROBOT: "ROBOT", _IN_USER: f"USER {user:.0f}"}.get(int(frame), "")
+            found[number] = StoredPosition(line.number, Pose(tuple(values[:6]), named))
+        number += 1
+    return found
+
+
+def _system(path: Path | None) -> tuple[dict[int, str], str]:
+    """Return the robots of SYSTEM.SYS by number, and the version of the software."""
+    robots: dict[int, str] = {}
+    version = ""
+    if path is None:
+        return robots, version
+    data = Source.read(path).data
+    if m := re.search(rb"//SYSTEM NO[ \t]*:[ \t]*([^\r\n]*)", data):
+        version = m[1].decode("latin-1").strip()
+    if (start := data.find(b"//ROBOT NAME")) >= 0:
+        end = data.find(b"\n//", start + 2)
+        for robot in _ROBOT.finditer(data, start, end if end >= 0 else len(data)):
+            robots[int(robot[1])] = robot[2].decode("latin-1").strip()
+    return robots, version

@@ -147,7 +147,8 @@ class Positions:
 
     def _run(self, finder: RunFinder, line: int, start: int, stop: int, end: int) -> bool:
         """Take a run of positions; return whether there is one."""
-        if (lines := finder.find(start)) is None or lines.end > end or not (m := _POSITION.match(self._source.data, start)):
+        lines, m = finder.find(start), _POSITION.match(self._source.data, start)
+        if lines is None or lines.end > end or m is None:
             return False
         first = self._position(m, line, stop)
         if not first.values or not is_run(lines, "yaskawa", first, VALUES):

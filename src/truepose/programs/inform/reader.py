@@ -28,8 +28,7 @@ _OF_ALL_JOBS: Final = Problem(
 )
 _COORDINATED: Final = Problem("refuse", "a coordinated motion: its path moves with another group, which has no model")
 _UNSHIFTED: Final = "BASE"
-_HEAD = re.compile(rb"^[ \t]*//(?!/)[ \t]*(\w*)", re.M)
-_JOB_NAME = re.compile(rb"^[ \t]*//NAME[ \t]+([^\r\n]*)", re.M)
+_HEAD = re.compile(rb"(?<!/)//(?!/)[ \t]*(\w*)([^\r\n]*+)(?:\r\n|[\r\n])?+")
 _GROUP = re.compile(rb"[ \t]*///GROUP([12])[ \t]+([^\r\n]*)", re.I)
 _CAM_MOTION: Final = re.compile(
     rb"[ \t]*+MOV[JLS][ \t]++C([0-9]{3,6}+)[ \t]++V[JR]?=([0-9]{1,6}+(?:\.[0-9]{0,9}+)?+)"
@@ -101,6 +100,7 @@ class _Reader(Reader):
         self._reframed: dict[str, str] = {}
         self._groups = {b"1": "RB1", b"2": ""}
         self._base_moved = ""
+        self._title = ""
 
     def read(self) -> Program:
         self._follow()
@@ -127,25 +127,26 @@ class _Reader(Reader):
         return frozenset(self._displacements[text] for text in ipo if text != _UNSHIFTED)
 
     def _name(self) -> str:
-        m = _JOB_NAME.search(self.source.data)
-        return (m[1].decode("latin-1").strip() if m else self.source.path.stem).upper()
+        return self._title or self.source.path.stem.upper()
 
     def _sections(self) -> tuple[list[Span], list[Instruction | Lines]]:
         """Return where positions stand, and the instructions and runs of motions."""
         data = self.source.data
         if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"/JOB"):
             raise FileError(self.source.path, "does not start with /JOB: it is no INFORM job")
-        heads = list(_HEAD.finditer(data))
+        heads = list(_section_heads(data))
+        borders = [*(start for start, _ in heads[1:]), len(data)]
         positions: list[Span] = []
         instructions: list[Instruction | Lines] = []
         ended = False
-        for head, border in zip(heads, [*(head.start() for head in heads[1:]), len(data)], strict=False):
-            first = self.source.next_line(head.end())
+        for (_, head), border in zip(heads, borders, strict=False):
             section = head[1].upper()
-            if section == b"POS":
-                positions.append((min(first, border), border))
+            if section == b"NAME":
+                self._title = head[2].decode("latin-1").strip().upper()
+            elif section == b"POS":
+                positions.append((head.end(), border))
             elif section == b"INST":
-                ended = self._main(instructions, min(first, border), border)
+                ended = self._main(instructions, head.end(), border)
                 break
         if not ended:
             raise FileError(self.source.path, "has no END: the file is truncated")
@@ -230,8 +231,8 @@ class _Reader(Reader):
             begin = re.match(rb"[ \t]*+[+*]?+[ \t]*+\w*+", part)
             for m in words.STRAY.finditer(part, begin.end() if begin else 0):
                 if m[1]:
-                    message = f"a motion or shift inside another instruction ({shown(code)}): write each on its own line"
-                    raise self.source.error(line, message)
+                    found = f"a motion or shift inside another instruction ({shown(code)})"
+                    raise self.source.error(line, f"{found}: write each on its own line")
         if words.MOTION.match(code):
             for part in parts:
                 if m := words.MOTION.match(part):
@@ -441,6 +442,16 @@ class _Reader(Reader):
         if problem is None and point.name.startswith("P") and not self.options.whole_task and self._controller is None:
             problem = _OF_ALL_JOBS
         return self.use(move.word, move.line, tool, frame, problem)
+
+
+def _section_heads(data: bytes) -> Iterator[tuple[int, re.Match[bytes]]]:
+    """Yield the lines that begin a section, each with its first byte."""
+    for m in _HEAD.finditer(data):
+        start = m.start()
+        while start and data[start - 1] in b" \t":
+            start -= 1
+        if not start or data[start - 1] in b"\r\n":
+            yield start, m
 
 
 def _line(move: _Move) -> int:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import Final
 
-MOTION: Final = re.compile(rb"[ \t]*([+*]?)[ \t]*(S?)(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CPX]X?\d+)*)", re.I)
+MOTION: Final = re.compile(
+    rb"[ \t]*([+*]?)[ \t]*(S?)(MOV[JLCS])[ \t]+([A-Z]+[\d\[][^\s]*)((?:[ \t]+[BE][CPX]X?\d+)*)", re.I
+)
 """A motion: whether it belongs to the second group, whether it is coordinated, its word, its operand, its axes."""
 TOGETHER: Final = re.compile(rb"[ \t]+(?=\+[ \t]*S?MOV[JLCS]\b)", re.I)
 """Between two motions of one instruction, those of two groups."""
-STRAY: Final = re.compile(
-    rb"\"[^\"]*+\"|(?<![\w*:#$])([SE]?I?MOV[JLCS](?=[ \t]+[A-Z]+[\d\[])|SFTON\b|SFTOF\b)", re.I
-)
+STRAY: Final = re.compile(rb"\"[^\"]*+\"|(?<![\w*:#$])([SE]?I?MOV[JLCS](?=[ \t]+[A-Z]+[\d\[])|SFTON\b|SFTOF\b)", re.I)
 """Words that must begin an instruction; texts are skipped."""
 OPERAND: Final = re.compile(rb"(?<![\w#$])(?:ARGF)?(C|P)X?(\d{3,6})\b")
 AXES: Final = re.compile(rb"([BE][CPX])X?(\d{1,9})", re.I)
@@ -24,8 +24,13 @@ CALLED: Final = re.compile(rb"[ \t]*(?:CALL|JUMP|PSTART)\b[^'\"]*?\bJOB:([^\s\"'
 """A job that is called, jumped to or started beside; behind it the rest of the instruction."""
 UNKNOWN_CALL: Final = re.compile(rb"[ \t]*(?:CALL|MACRO\w*)[ \t]+(?!JOB:)", re.I)
 """A call whose job is known at run time only."""
+CONDITION: Final = re.compile(rb"[ \t]IF[ \t]", re.I)
+RETURNS: Final = re.compile(rb"[ \t]*RET\b", re.I)
 RETURN: Final = re.compile(rb"[ \t]*RET\b(?![^\r\n]*\bIF\b)", re.I)
-SHIFT: Final = re.compile(rb"[ \t]*SFTON(3D)?\b[ \t]*(?:P[X]?(\d{3,6})\b)?[ \t]*((?:BF|RF|TF|UF#\([ \t]*\d+[ \t]*\))?)[ \t]*(.*)", re.I)
+SHIFT: Final = re.compile(
+    rb"[ \t]*SFTON(3D)?\b[ \t]*(?:P(\d{3,6})\b)?[ \t]*((?:BF|RF|TF|UF#\([ \t]*\d{1,2}[ \t]*\))?)[ \t]*(.*)", re.I
+)
+"""A shift: of three dimensions, by which P variable, along what, and what else the instruction names."""
 UNSHIFT: Final = re.compile(rb"[ \t]*SFTOF\b", re.I)
 ELEMENT: Final = re.compile(rb"[ \t]*SETE[ \t]+P(\d{3,6})[ \t]*\([ \t]*([1-6])[ \t]*\)[ \t]+(-?\d{1,9})[ \t]*$", re.I)
 """An element of a P variable that is set to a constant, in micrometres or 1e-4 degrees."""

@@ -1,0 +1,77 @@
+"""What all jobs of a controller tell together: which P variables they use, and which shifts reach which job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from truepose.errors import FileError
+from truepose.programs.core.program import KnownFrames
+from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention, StoredPosition
+from truepose.programs.inform.reader import Survey, survey
+
+_NONE: frozenset[Displacement] = frozenset()
+
+
+def survey_jobs(
+    jobs: Sequence[Path], frames: KnownFrames, variables: Mapping[int, StoredPosition], robot: int | None
+) -> Controller:
+    """Return the knowledge of all jobs of a controller; a job that cannot be read tells nothing.
+
+    Parameters
+    ----------
+    jobs : sequence of Path
+        The files of the jobs.
+    frames : KnownFrames
+        The controller's tools and bases.
+    variables : mapping of int to StoredPosition
+        The P variables of VAR.DAT.
+    robot : int, optional
+        The number of the robot that the map describes.
+    """
+    controller = Controller(variables=variables, robot=robot)
+    found: dict[Path, Survey] = {}
+    again = list(jobs)
+    while again:
+        for path in again:
+            try:
+                found[path] = survey(path, frames, controller)
+            except FileError:
+                found.pop(path, None)  # reading it will give the reason
+        left = _left(list(found.values()))
+        changed = {name for name in left if left[name] != controller.left.get(name, _NONE)}
+        controller = replace(controller, left=left)
+        again = [path for path, one in found.items() if changed & {name for name, _, _ in one.calls}]
+    mentions: dict[int, list[Mention]] = {}
+    reframed: dict[str, str] = {}
+    for one in found.values():
+        for mention in one.mentions:
+            mentions.setdefault(mention.number, []).append(mention)
+        reframed = {**one.reframed, **reframed}
+    return replace(controller, mentions=mentions, reframed=reframed, entered=_entered(list(found.values())))
+
+
+def _left(jobs: Sequence[Survey]) -> dict[str, frozenset[Displacement]]:
+    """Return the shifts that each job may leave active; those of any job for one that is known at run time only."""
+    left: dict[str, frozenset[Displacement]] = {}
+    for one in jobs:
+        left[one.name] = left.get(one.name, _NONE) | one.left
+    return {**left, ELSEWHERE: _NONE.union(*left.values())}
+
+
+def _entered(jobs: Sequence[Survey]) -> dict[str, frozenset[Displacement]]:
+    """Return the shifts that may be active when each job begins, those of its callers' callers included."""
+    names = {one.name for one in jobs}
+    entered: dict[str, frozenset[Displacement]] = dict.fromkeys(names, _NONE)
+    changed = True
+    while changed:
+        changed = False
+        for one in jobs:
+            for name, shifts, passes in one.calls:
+                here = shifts | entered[one.name] if passes else shifts
+                for called in names if name == ELSEWHERE else names & {name}:
+                    if not here <= entered[called]:
+                        entered[called] |= here
+                        changed = True
+    return entered

@@ -1,0 +1,175 @@
+"""The code of VAL3 programs (.pgx): statements, calls and references to data."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from truepose._io import files
+from truepose.programs.core.source import Source, parse_number
+
+_HIDING: Final = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
+"""Parameters and local variables of a program hide the data of the application that have their names."""
+_CODE: Final = re.compile(rb"<Code>\s*(?:<!\[CDATA\[)?|(?:\]\]>)?\s*</Code>")
+_TEXT: Final = re.compile(rb"//[^\r\n]*|\"[^\"\r\n]*\"")
+_STEP = rb"[A-Za-z_]\w*\s*(?:\[[^\[\]\r\n]*\])?"
+REFERENCE: Final = re.compile(rb"(?<![\w.:])(?:(\w+):)?(" + _STEP + rb"(?:\." + _STEP + rb")*)(?!\w)(?![ \t]*[:(])")
+"""A reference to data, such as ``lib:tray[1].pPick``; a name with a bracket behind it is a function."""
+ASSIGNMENT: Final = re.compile(rb"^\s*([^=<>!\r\n()]+?)[ \t]*=(?!=)[ \t]*", re.M)
+_SET_FRAME: Final = re.compile(rb"\bsetFrame\s*\(", re.I)
+_PART: Final = re.compile(rb"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?")
+_BORDER: Final = re.compile(
+    rb"\s*(?:begin|end|if|elseif|else|endif|while|endwhile|for|endfor|do|until|switch|case|default|endswitch|return|"
+    rb"call|wait|watch|delay|get\w*|taskcreate\w*)\b",
+    re.I,
+)
+"""Statements at which control may come from elsewhere, or other programs may run."""
+
+
+class Reference(NamedTuple):
+    """A reference to data.
+
+    Attributes
+    ----------
+    alias : str
+        The library; empty for the application's own data.
+    parts : tuple of (str, str or None)
+        Names in lower case, each with its index: a number, "" for none, or None where it is known at run time only.
+    start, end : int
+        Its bytes.
+    """
+
+    alias: str
+    parts: tuple[tuple[str, str | None], ...]
+    start: int
+    end: int
+
+    @property
+    def text(self) -> str:
+        """The reference as a key: equal for equal references."""
+        steps = [name if index == "" else f"{name}[{index}]" for name, index in self.parts]
+        return (self.alias + ":" if self.alias else "") + ".".join(steps)
+
+
+class Statement(NamedTuple):
+    """A statement: its line, its bytes, and whether values of variables are unknown behind it."""
+
+    line: int
+    start: int
+    end: int
+    is_border: bool
+
+
+class ProgramCode:
+    """A program.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    hidden : set of str
+        The names, in lower case, that parameters and local variables hide.
+    source : Source
+        Its text, with comments and texts blanked.
+    """
+
+    def __init__(self, path: Path) -> None:
+        text = files.read_bytes(path)
+        self.path = path
+        self.hidden = {m[1].decode("latin-1").lower() for m in _HIDING.finditer(text)}
+        self.source = Source(path, _TEXT.sub(lambda m: b" " * len(m[0]), text))
+
+    @property
+    def data(self) -> bytes:
+        """The blanked text."""
+        return self.source.data
+
+    def statements(self) -> Iterator[Statement]:
+        """Yield the statements; one goes on over lines while a bracket is open."""
+        data = self.data
+        start, depth, first = -1, 0, 0
+        for line, a, b in self.source.lines():
+            if start < 0:
+                start, first, depth = a, line, 0
+            depth += sum(data.count(c, a, b) for c in (b"(", b"{")) - sum(data.count(c, a, b) for c in (b")", b"}"))
+            if depth > 0 and line - first < 20:
+                continue
+            if data[start:b].strip():
+                border = _BORDER.match(data, start, b) or _CODE.search(data, start, b)
+                yield Statement(first, start, b, border is not None)
+            start = -1
+
+    def references(self, start: int, end: int) -> Iterator[Reference]:
+        """Yield the references to data between two bytes; hidden names are none."""
+        for m in REFERENCE.finditer(self.data, start, end):
+            if (found := self._reference(m)) is not None:
+                yield found
+
+    def reference(self, start: int, end: int) -> Reference | None:
+        """Return the reference that a piece of code is; None if it is anything else, or hidden."""
+        a, b = self.trim(start, end)
+        m = REFERENCE.match(self.data, a, b)
+        return self._reference(m) if m is not None and m.end() == b else None
+
+    def local(self, start: int, end: int) -> str:
+        """Return the parameter or local variable that a piece of code is; empty if it is anything else."""
+        a, b = self.trim(start, end)
+        text = self.data[a:b].decode("latin-1").lower()
+        return text if text in self.hidden else ""
+
+    def written(self) -> Iterator[tuple[Reference, int]]:
+        """Yield the references that assignments and `setFrame` write, each with its line."""
+        for m in ASSIGNMENT.finditer(self.data):
+            if (found := self.reference(*m.span(1))) is not None:
+                yield found, self.source.line(m.start(1))
+        for m in _SET_FRAME.finditer(self.data):
+            for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[3:]:
+                if (found := self.reference(start, end)) is not None:
+                    yield found, self.source.line(start)
+
+    def _reference(self, m: re.Match[bytes]) -> Reference | None:
+        parts = []
+        position, end = m.start(2), m.end(2)
+        while part := _PART.match(self.data, position, end):
+            index = (part[2] or b"").strip()
+            parts.append((part[1].decode("latin-1").lower(), index.decode() if index.isdigit() or not index else None))
+            position = part.end() + 1
+        alias = (m[1] or b"").decode("latin-1").lower()
+        if not alias and parts[0][0] in self.hidden:
+            return None
+        return Reference(alias, tuple(parts), m.start(), m.end())
+
+    def arguments(self, start: int, end: int) -> list[tuple[int, int]]:
+        """Return the arguments of a call whose opening bracket ends at `start`; empty where it is not closed."""
+        data, depth, first = self.data, 0, start
+        found: list[tuple[int, int]] = []
+        for i in range(start, end):
+            c = data[i]
+            if c in b"([{":
+                depth += 1
+            elif c in b")]}":
+                if depth == 0:
+                    return [*found, (first, i)]
+                depth -= 1
+            elif c == ord(",") and depth == 0:
+                found.append((first, i))
+                first = i + 1
+        return []
+
+    def constants(self, start: int, end: int) -> tuple[float, ...] | None:
+        """Return the numbers of a constant ``{1,2,3,…}``; None for anything else."""
+        a, b = self.trim(start, end)
+        text = self.data[a:b]
+        if not (text.startswith(b"{") and text.endswith(b"}")):
+            return None
+        try:
+            return tuple([parse_number(token.strip()) for token in text[1:-1].split(b",")])
+        except ValueError:
+            return None
+
+    def trim(self, start: int, end: int) -> tuple[int, int]:
+        """Return a span without the blanks at its ends."""
+        text = self.data[start:end]
+        return start + len(text) - len(text.lstrip()), end - (len(text) - len(text.rstrip()))

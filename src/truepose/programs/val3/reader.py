@@ -1,0 +1,289 @@
+"""Stäubli VAL3 (.dtx): points of an application's data, with the frames and tools of the application and its libraries.
+
+The uses of a point are read from the programs (.pgx) beside the file, and from those of other applications that have
+this one as a library. Without any, every point counts as one that is moved to. Public data are judged over a project;
+in a file that is read alone they are refused, because other applications may use them as ``alias:name``. The XML is
+never written again: only digits of attributes change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from truepose.errors import FileError
+from truepose.programs.core.forms import FoundRun, is_run
+from truepose.programs.core.points import (
+    AS_MEASURED,
+    JOINTS,
+    Frame,
+    Point,
+    Problem,
+)
+from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
+from truepose.programs.core.reader import Reader
+from truepose.programs.core.source import Source
+from truepose.programs.val3.code import ProgramCode, Reference
+from truepose.programs.val3.project import Project
+from truepose.programs.val3.uses import ShiftedMotion, Uses
+from truepose.programs.val3.values import KEYS, POINTS, VALUES, Value, element_of, read_data
+
+_PUBLIC: Final = Problem(
+    "refuse",
+    "it is public: another application may move to it or write it; give the folder with all applications, state that "
+    "none does (--whole-task), or make it private",
+)
+_NO_FATHER: Final = Problem("refuse", "it has no fatherId: its frame is not known")
+
+
+def read(
+    path: Path,
+    frames: KnownFrames,
+    options: ReadOptions,
+    *,
+    folder: Path | None = None,
+    project: Project | None = None,
+) -> Program:
+    """Read a .dtx file.
+
+    `folder` or `project` holds all applications that may use its public data.
+    """
+    if project is None:
+        project = Project.beside(path) if folder is None else Project(_within(folder), whole=True)
+    return _Reader(Source.read(path), frames, options, project).read()
+
+
+def _within(folder: Path) -> list[Path]:
+    return [file for file in sorted(folder.rglob("*")) if file.is_file()]
+
+
+class _Place(NamedTuple):
+    """A point with its value; or the first point of a run, which stands for all of them."""
+
+    point: Point
+    value: Value
+
+
+class _Reader(Reader):
+    def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions, project: Project) -> None:
+        super().__init__(source, frames, options)
+        self._project, self._application = project, project.of(source.path)
+        self._places: dict[tuple[str, ...], list[_Place]] = {}
+        self._missing: dict[str, Point] = {}
+        self._fathers: dict[int, tuple[Frame | None, str]] = {}
+        self._runs: list[_Place] = []
+
+    def read(self) -> Program:
+        application, project = self._application, self._project
+        if not application.millimetres:
+            raise FileError(application.path, "states lengths in inches (millimeterUnit), which are not read")
+        data = read_data(self.source)
+        self._declared = {name.lower(): one for name, one in data.declared.items()}
+        own = [ProgramCode(path) for path in application.programs]
+        self._frames = project.table(application, "frame")
+        indices = _indices(own)
+        for value in data.values:
+            self._add(value, indices)
+        uses = Uses(self._points, lambda point: self._fathers[id(point)][0])
+        if own and self._places:
+            self._by_programs(uses, own)
+        else:
+            self._moved_by_nobody()
+        self._by_others(uses)
+        self._derive(uses.moved)
+        self._changes()
+        runs = [self._found(place) for place in self._runs]
+        self.points += self._missing.values()
+        return self.program("staubli", tool=Frame(AS_MEASURED), runs=runs)
+
+    def _add(self, value: Value, indices: Mapping[str, set[int]]) -> None:
+        """Add the points of a value."""
+        if value.run is None:
+            self._add_point(value)
+            return
+        run, source = value.run, self.source
+        starts = run.starts(source.data)
+        for first, last, alone in _parts(value, indices.get(value.way[0].name.lower(), set())):
+            lines = None if alone else run.part(source.data, first, last)
+            if lines is None or not self._add_run(element_of(source, value, starts[first], run.line + first, lines)):
+                for k in range(first, last):
+                    self._add_point(element_of(source, value, starts[k], run.line + k))
+
+    def _add_run(self, value: Value) -> bool:
+        """Add a run of points; False where they are not all alike."""
+        point = self._point(value)
+        assert value.run is not None
+        if point.problem is not None or not is_run(value.run, "staubli", point, VALUES):
+            return False
+        place = _Place(point, value)
+        self._runs.append(place)
+        self._places.setdefault(tuple(step.name.lower() for step in value.way), []).append(place)
+        return True
+
+    def _add_point(self, value: Value) -> None:
+        if not (value.kind in POINTS or value.kind.startswith("joint")):
+            return
+        point = self._point(value)
+        self.points.append(point)
+        names = tuple([step.name.lower() for step in value.way])
+        self._places.setdefault(names, []).append(_Place(point, value))
+
+    def _point(self, value: Value) -> Point:
+        """Return a point with its father frame."""
+        point = Point(value.name, self.source, value.line)
+        father = value.text("fatherId")
+        frame = self._frames.named(father) if value.kind in POINTS else None
+        self._fathers[id(point)] = frame, father
+        if value.kind not in POINTS:
+            point.problem = JOINTS
+            return point
+        point.values, point.spans = value.numbers(self.source)
+        words = [value.text(key) for key in ("shoulder", "elbow", "wrist")]
+        point.configuration = " ".join(word for word in words if word)
+        written = KEYS if self.options.orientation else KEYS[:3]
+        if missing := [key for key in written if key not in value.attributes]:
+            point.problem = Problem("skip", f"{', '.join(missing)} not written, so 0: nothing is added to a file")
+        elif frame is None:
+            point.problem = _NO_FATHER
+        return point
+
+    def _points(self, reference: Reference, every: bool = False) -> tuple[list[Point], int] | None:
+        """Return the points that a reference names, and how many of its parts; None where it names no point.
+
+        `every`: a name without an index stands for the whole array.
+        """
+        names = [name for name, _ in reference.parts]
+        count = next((n for n in range(len(names), 0, -1) if tuple(names[:n]) in self._places), 0)
+        if not count:
+            declared = self._declared.get(names[0])
+            if declared is None or not (declared.kind in POINTS or declared.kind.startswith("joint")):
+                return None
+            return [self._not_written(reference)], 1
+        wanted = [index for _, index in reference.parts[:count]]
+        places = self._places[tuple(names[:count])]
+        found = [place.point for place in places if _named(place.value, wanted, every=every)]
+        return found or [self._not_written(reference)], count
+
+    def _not_written(self, reference: Reference) -> Point:
+        """Return the point of an element that has no <Value>."""
+        name = reference.parts[0][0]
+        if reference.text not in self._missing:
+            line = self._declared[name].line
+            problem = Problem("skip", "it has no <Value> in the file, so it is 0: nothing is added to a file")
+            point = self._missing[reference.text] = Point(reference.text, self.source, line, problem=problem)
+            self._fathers[id(point)] = None, ""
+        return self._missing[reference.text]
+
+    def _all(self) -> Iterator[_Place]:
+        return (place for places in self._places.values() for place in places)
+
+    def _moved_by_nobody(self) -> None:
+        """Let every point count as one that is moved to."""
+        for place in self._all():
+            frame = self._fathers[id(place.point)][0]
+            place.point.uses.append(self.use(place.value.kind, place.point.line, None, frame))
+
+    def _by_programs(self, uses: Uses, own: Sequence[ProgramCode]) -> None:
+        """Take the application's own programs."""
+        tools = self._project.table(self._application, "tool")
+        for code in own:
+            uses.take(code, tools.named, code.path.name, "")
+
+    def _by_others(self, uses: Uses) -> None:
+        """Take the programs of other applications that use public points, and refuse what may be used unseen."""
+        project, public = self._project, {name for name, one in self._declared.items() if one.public}
+        if not project.whole:
+            if not self.options.whole_task:
+                for place in self._all():
+                    if place.value.public:
+                        place.point.problem = place.point.problem or _PUBLIC
+            return
+        for other in project.applications:
+            if other is self._application:
+                continue
+            tools = project.table(other, "tool")
+            for code in map(ProgramCode, other.programs):
+                aliases = {reference.alias for reference in code.references(0, len(code.data)) if reference.alias}
+                for alias in sorted(aliases):
+                    library = project.library(other, alias)
+                    if library is self._application:
+                        uses.take(code, tools.named, project.shown(code.path), alias)
+                    elif library is None:
+                        self._refuse_unseen(code, alias, public)
+
+    def _refuse_unseen(self, code: ProgramCode, alias: str, public: set[str]) -> None:
+        """Refuse public points of a name that another program uses in a library that is not known."""
+        for reference in code.references(0, len(code.data)):
+            if reference.alias != alias or reference.parts[0][0] not in public:
+                continue
+            line = code.source.line(reference.start)
+            used = f"{reference.text.split('.')[0]} (line {line} of {self._project.shown(code.path)})"
+            for point in (self._points(reference, True) or ([], 0))[0]:
+                reason = f"it is public, and another application may use it: {used}"
+                point.problem = point.problem or Problem("refuse", reason)
+
+    def _derive(self, moved: Sequence[ShiftedMotion]) -> None:
+        """Let points know the positions that programs derive from them by constant shifts."""
+        for motion in moved:
+            for point in motion.value.points:
+                point.reads.append((motion.place, "read by arithmetic"))
+
+    def _changes(self) -> None:
+        """Refuse the targets whose frame or tool, or one that it hangs on, a program changes."""
+        written = self._project.written()
+        tools = self._project.table(self._application, "tool")
+        frames = {frame.key: father for frame, father in self._fathers.values() if frame is not None}
+        named = {use.tool.key: use.tool.text for place in self._all() for use in place.point.uses if use.tool}
+        for which, table, texts in (("base", self._frames, frames), ("tool", tools, named)):
+            for key, text in texts.items():
+                change = next((written[place] for place, _ in table.chain(text) if place in written), None)
+                if change is not None and key is not None:
+                    self.changed.setdefault((which, frame_key(key)), change)
+
+    def _found(self, place: _Place) -> FoundRun:
+        """Return a run of points with the motion to them."""
+        point, lines = place.point, place.value.run
+        assert lines is not None
+        moved_in = None
+        if point.uses and not isinstance(point.uses[0].line, int):
+            moved_in = np.full(lines.items, point.uses[0].line.line, np.int32)
+        return FoundRun(lines, point, VALUES, moved_in, (place.value.way[0].name + "[", "]"))
+
+
+def _indices(programs: Iterable[ProgramCode]) -> dict[str, set[int]]:
+    """Return the elements of arrays that programs name one by one."""
+    found: dict[str, set[int]] = {}
+    for code in programs:
+        for reference in code.references(0, len(code.data)):
+            name, index = reference.parts[0]
+            if index is not None:
+                found.setdefault(name, set()).add(int(index or 0))
+    return found
+
+
+def _parts(value: Value, alone: set[int]) -> Iterator[tuple[int, int, bool]]:
+    """Yield the parts of a run: the first place, that behind the last, and whether the elements stand alone."""
+    assert value.run is not None
+    first, items = int(value.way[0].key), value.run.items
+    places = sorted(k - first for k in alone if 0 <= k - first < items)
+    done = 0
+    for k in places:
+        if k > done:
+            yield done, k, False
+        yield k, k + 1, True
+        done = k + 1
+    if done < items:
+        yield done, items, False
+
+
+def _named(value: Value, wanted: Sequence[str | None], *, every: bool) -> bool:
+    """Return whether indices are those of a value."""
+    if value.run is not None:
+        return wanted[0] is None or (every and wanted[0] == "")
+    return all(
+        index is None or (every and index == "") or (index or "0") == (step.key or "0")
+        for step, index in zip(value.way, wanted, strict=True)
+    )
