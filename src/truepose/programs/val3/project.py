@@ -112,10 +112,10 @@ class Project:
             for application in self.applications:
                 for code in map(ProgramCode, application.programs):
                     for reference, line in code.written():
+                        name = reference.parts[0][0] + _index(reference.parts[0][1])
                         owner = self.library(application, reference.alias) if reference.alias else application
-                        if owner is not None:
-                            place = (owner.path, reference.parts[0][0] + _index(reference.parts[0][1]))
-                            self._written.setdefault(place, FileLine(self.shown(code.path), line))
+                        for one in self.applications if owner is None else (owner,):
+                            self._written.setdefault((one.path, name), FileLine(self.shown(code.path), line))
         return self._written
 
     @staticmethod

@@ -16,6 +16,7 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core.forms import FoundRun, is_run
+from truepose.programs.core.joint_targets import JointNumbers, in_degrees
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
@@ -29,13 +30,14 @@ from truepose.programs.core.source import Source
 from truepose.programs.val3.code import ProgramCode, Reference
 from truepose.programs.val3.project import Project
 from truepose.programs.val3.uses import ShiftedMotion, Uses
-from truepose.programs.val3.values import KEYS, POINTS, VALUES, Value, element_of, read_data
+from truepose.programs.val3.values import JOINT_KEYS, KEYS, POINTS, VALUES, Value, element_of, read_data
 
 _PUBLIC: Final = Problem(
     "refuse",
     "it is public: another application may move to it or write it; give the folder with all applications, state that "
     "none does (--whole-task), or make it private",
 )
+_JOINTS: Final = in_degrees(1e-3)
 _NO_FATHER: Final = Problem("refuse", "it has no fatherId: its frame is not known")
 
 
@@ -138,7 +140,11 @@ class _Reader(Reader):
         frame = self._frames.named(father) if value.kind in POINTS else None
         self._fathers[id(point)] = frame, father
         if value.kind not in POINTS:
-            point.problem = JOINTS
+            if all(key in value.attributes for key in JOINT_KEYS):
+                numbers, spans = value.numbers(self.source, JOINT_KEYS)
+                point.joints = JointNumbers(numbers, spans, _JOINTS)
+            else:
+                point.problem = JOINTS
             return point
         point.values, point.spans = value.numbers(self.source)
         words = [value.text(key) for key in ("shoulder", "elbow", "wrist")]

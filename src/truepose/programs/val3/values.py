@@ -8,7 +8,7 @@ The XML is parsed once and never written again. Values nest in structures: ``<Va
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 from xml.parsers import expat
@@ -20,6 +20,7 @@ from truepose.programs.core.points import NOT_HERE, numbers_at
 from truepose.programs.core.source import Source, Span
 
 KEYS: Final = ("x", "y", "z", "rx", "ry", "rz")
+JOINT_KEYS: Final = ("j1", "j2", "j3", "j4", "j5", "j6")
 POINTS: Final = ("pointRx", "point")
 _ATTRIBUTE = re.compile(rb"([\w:.-]+)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
 _LIST: Final = re.compile(rb"<Data\b[^<>]*?\btype=\"pointRx\"[^<>]*>[ \t]*\r?\n")
@@ -80,9 +81,9 @@ class Value:
         """Return an attribute; empty where it is not written."""
         return self.attributes[key][0].decode("latin-1") if key in self.attributes else ""
 
-    def numbers(self, source: Source) -> tuple[tuple[float, ...], tuple[Span, ...]]:
-        """Return the position and orientation, zero where not written, and the bytes of what is written."""
-        written = [key for key in KEYS if key in self.attributes]
+    def numbers(self, source: Source, keys: Sequence[str] = KEYS) -> tuple[tuple[float, ...], tuple[Span, ...]]:
+        """Return the numbers of attributes, zero where not written, and the bytes of those that are."""
+        written = [key for key in keys if key in self.attributes]
         tokens = [self.attributes[key][0].strip() for key in written]
         texts = [self.attributes[key] for key in written]
         starts = [start + len(text) - len(text.lstrip()) for text, start in texts]
@@ -90,8 +91,8 @@ class Value:
         numbers, spans = numbers_at(source, line, [f"{self.name} {key}" for key in written], tokens, starts)
         found = dict(zip(written, zip(numbers, spans, strict=True), strict=True))
         return (
-            tuple([found[key][0] if key in found else 0.0 for key in KEYS]),
-            tuple([found[key][1] if key in found else NOT_HERE for key in KEYS]),
+            tuple([found[key][0] if key in found else 0.0 for key in keys]),
+            tuple([found[key][1] if key in found else NOT_HERE for key in keys]),
         )
 
 
