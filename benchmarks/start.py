@@ -52,6 +52,11 @@ def starts(folder: Path) -> Iterator[Start]:
     cell.write_text(virtual.cell.to_toml())
     write_samples(held_out, virtual.measure(virtual.design(100, seed=2), seed=2))
     fit_cell(virtual.cell, virtual.measure(virtual.design(100, seed=1), seed=1), "kinematic-kriging").save(saved)
+    hard = VirtualCell("hard", seed=1)
+    hard_cell, samples, large = folder / "hard.toml", folder / "samples.csv", folder / "large.truepose"
+    hard_cell.write_text(hard.cell.to_toml())
+    write_samples(samples, hard.measure(hard.design(600, seed=1), seed=1))
+    fit_cell(hard.cell, hard.measure(hard.design(600, seed=1), seed=1), "kinematic-kriging").save(large)
     program = folder / "panel.src"
     program.write_text("DEF panel()\n$TOOL = TOOL_DATA[1]\nLIN {X 1500, Y 0, Z 900, A 0, B 90, C 0}\nEND\n")
     (folder / "config.dat").write_text("TOOL_DATA[1]={X 0,Y 0,Z 200,A 0,B 0,C 0}\n")
@@ -67,6 +72,11 @@ def starts(folder: Path) -> Iterator[Start]:
     yield command("init", folder / "new", "--robot", "kuka-kr150-2", "--force")
     yield command("check", program, "--cell", cell, "--config-dat", folder / "config.dat")
     yield command("validate, 100 poses", saved, held_out, wanted="libraries + 0.7 s")
+    beyond = "`truepose.error_map` + 3 s"
+    yield command("explain, 600 samples", large, wanted=beyond)
+    yield command("similarity, 600 samples, --joint-wise", hard_cell, samples, "--joint-wise", wanted=beyond)
+    yield command("report, 600 samples", large, "--out", folder / "report.html", "--force", wanted=beyond)
+    yield command("plan, --n 60", cell, "--n", 60, "--out", folder / "plan", "--force", wanted="4 s")
     first = "imports, variogram, Kriging, local Kriging, likelihood"
     yield Start(f"{first}; kernels from the cache", ("-c", FIRST_USE))
     yield Start(f"{first}; first use ever", ("-c", FIRST_USE), "15 s", compiles=True)
