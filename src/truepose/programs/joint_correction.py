@@ -218,7 +218,7 @@ def _objections(robot: Robot, q: FloatArray, verb: str) -> dict[int, str]:
     for k, j in reversed(np.argwhere(~robot.within_limits(q)).tolist()):
         low, high = np.rad2deg(robot.limits[j])
         why[k] = f"joint {j + 1} {verb} at {np.rad2deg(q[k, j]):.3f}°, limits {low:g}° to {high:g}°"
-    return why
+    return dict(sorted(why.items()))
 
 
 def _moved(poses: FloatArray, change: FloatArray) -> FloatArray:
