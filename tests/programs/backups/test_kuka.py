@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.programs.backups import kuka as corpus
 
+from truepose.errors import FileError
 from truepose.programs import FrameTable, Program, ReadOptions
 from truepose.programs.backups import kuka
 from truepose.programs.krl.reader import read_project
@@ -174,3 +175,144 @@ def test_system_modules_and_their_points_are_no_targets(program: Program) -> Non
     of_system = sorted(target.name for target in program.targets if target.path.parent.name == "System")
     assert of_system == ["XGCHANGE", "XGCLEAN", "XGPARK", "XHOME"]
     assert [t.reason for t in program.targets if t.name == "XSEEN"] == ["its value is known at run time only"]
+
+
+# variants and bad input
+
+NAME = "KRC/R1/Program/Weld/weld_01.src"
+
+
+def changed(folder: Path, **more: bytes | None) -> Path:
+    """Lay the backup with some files replaced, or left out; names with / are given by a dictionary."""
+    return lay(folder, {name: data for name, data in {**corpus.backup(), **more}.items() if data is not None})
+
+
+def test_an_older_controller_in_lower_case_gives_the_same_targets(tmp_path: Path, program: Program) -> None:
+    folder = lay(tmp_path, corpus.older())
+    older = read(folder)
+    assert older.counts() == program.counts()
+    a, b = (
+        {(t.path.name.lower(), t.line, t.name): (t.verdict, t.xyz) for t in one.targets} for one in (program, older)
+    )
+    assert a == b
+    stored = kuka.stored_frames(folder / "krc/r1", listing(folder))
+    assert "may move with the external axis E1" in stored.bases[17].problem
+
+
+def test_two_robots_have_their_own_programs_frames_and_places(tmp_path: Path, program: Program) -> None:
+    folder = lay(tmp_path, corpus.two_robots())
+    files = listing(folder)
+    assert kuka.roots(files) == [folder / "KRC/R1", folder / "KRC/R2"]
+    first, second = (read(folder, root) for root in kuka.roots(files))
+    assert first.counts() == second.counts() == program.counts()
+    np.testing.assert_allclose(first.positions_base(), program.positions_base(), atol=1e-9)
+    assert np.abs(second.positions_base() - first.positions_base()).max() > 500.0
+    for root in kuka.roots(files):
+        found = kuka.contents(root, files)
+        other = "R2" if root.name == "R1" else "R1"
+        assert not [path for path in (*found.others, *found.programs[0]) if other in path.parts]
+
+
+def test_a_folder_is_recognised_by_what_it_holds(tmp_path: Path) -> None:
+    assert kuka.roots(listing(lay(tmp_path / "a", {"R1/Program/a.src": b"DEF a()\nEND\n"}))) == [tmp_path / "a/R1"]
+    assert kuka.roots(listing(lay(tmp_path / "b", {"a.src": b"", "RAPID/TASK1/PROGMOD/m.mod": b""}))) == []
+    renamed = {f"left robot/{name}": data for name, data in corpus.robot_folder().items()}
+    assert kuka.roots(listing(lay(tmp_path / "c", renamed))) == [tmp_path / "c/left robot"]
+    steu = {name: data for name, data in corpus.backup().items() if "STEU" in name}
+    assert kuka.roots(listing(lay(tmp_path / "d", steu))) == []
+
+
+def test_without_config_dat_the_backup_is_recognised_and_says_what_is_missing(tmp_path: Path) -> None:
+    folder = changed(tmp_path, **{"KRC/R1/System/$config.dat": None})
+    (root,) = kuka.roots(listing(folder))
+    assert "has no System/$config.dat" in kuka.contents(root, listing(folder)).warnings[0]
+    assert not kuka.stored_frames(root, listing(folder)).bases
+    assert "is not known; give it in [frames]" in " ".join(reasons(read(folder)))
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (
+            {"KRC/R1/Program/Old/WELD_01.SRC": b"DEF weld_01()\nEND\n"},
+            r"(?i)weld_01.src is another module of this name",
+        ),
+        ({"KRC/R1/Program/Old/other.src": b"DEF weld_01()\nEND\n"}, r"WELD_01 is defined twice"),
+        ({NAME: corpus.backup()[NAME][:3000]}, r"weld_01\.src:5: weld_01 has no END: the file is truncated"),
+        (
+            {"KRC/R1/Program/g.dat": b"DEFDAT G PUBLIC\nDECL GLOBAL E6POS XGPARK={X 1,Y 2,Z 3,A 0,B 0,C 0}\nENDDAT\n"},
+            r"XGPARK is GLOBAL here and in line 2 of another file",
+        ),
+    ],
+)
+def test_modules_that_contradict_each_other_are_refused(tmp_path: Path, more: dict[str, bytes], message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        read(changed(tmp_path, **more))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("System/$config.dat", b"BASE_DATA[2]={", b"BASE_DATA[1]={", r"dat:\d+: BASE_DATA\[1\] was given in line \d+"),
+        ("System/$config.dat", b"BASE_DATA[2]={X ", b"BASE_DATA[2]={X 1.2.", r"dat:\d+: X 1\.2\.\S+ is not a number"),
+        ("Mada/$machine.dat", b"$ROBROOT={X 250", b"$ROBROOT={X 251", r"MACHINE_DEF\[1\] has another place .* make"),
+        ("Mada/$machine.dat", b"FRAME $ROBROOT={X", b"FRAME $ROBROOT={N 1,X", r"ROBROOT is not the null frame, nor"),
+    ],
+)
+def test_frames_that_are_broken_or_contradict_each_other(
+    tmp_path: Path, name: str, old: bytes, new: bytes, message: str
+) -> None:
+    path = f"KRC/R1/{name}"
+    assert old in corpus.backup()[path]
+    folder = changed(tmp_path, **{path: corpus.backup()[path].replace(old, new)})
+    with pytest.raises(FileError, match=message):
+        kuka.stored_frames(folder / "KRC/R1", listing(folder))
+
+
+def test_a_robot_on_a_track_has_no_base_that_can_be_used(tmp_path: Path) -> None:
+    folder = changed(tmp_path, **{"KRC/R1/Mada/$machine.dat": corpus.machine_dat(carried=True)})
+    bases = kuka.stored_frames(folder / "KRC/R1", listing(folder)).bases
+    assert bases.keys() >= {0, 1, 17}
+    assert all("external axis E1 carries (#ERSYS)" in one.problem for one in bases.values())
+
+
+def test_what_a_called_system_module_does_counts(tmp_path: Path) -> None:
+    grip = corpus.backup()["KRC/R1/TP/GripTech/grip.src"]
+    moved = grip.replace(b"$OUT[21]=TRUE", b"BASE_DATA[4].Z=$POS_ACT.Z")
+    found = reasons(read(changed(tmp_path, **{"KRC/R1/TP/GripTech/grip.src": moved})))
+    assert any("BASE_DATA[#] is changed by the program (grip.src, line #)" in why for why in found)
+    broken = grip.replace(b"WAIT FOR $IN[21]", b'LIN XGPARK\nHALT "')
+    program = read(changed(tmp_path, **{"KRC/R1/TP/GripTech/grip.src": broken}))
+    (why,) = [target.reason for target in program.targets if target.name == "XGPARK"]
+    assert "named by a system module that cannot be read (grip.src, line 1)" in why
+    (why,) = [target.reason for target in program.targets if target.name == "XGCLEAN"]
+    assert not why
+
+
+def test_what_a_submit_does_to_a_point_counts(tmp_path: Path) -> None:
+    sub = corpus.backup()["KRC/R1/System/sps.sub"].replace(b"XSEEN.X=N", b"XGPARK.X=N")
+    program = read(changed(tmp_path, **{"KRC/R1/System/sps.sub": sub}))
+    (why,) = [target.reason for target in program.targets if target.name == "XGPARK"]
+    assert "component .X set at run time" in why
+
+
+def test_an_encoded_module_is_named_and_may_use_every_global_point(tmp_path: Path) -> None:
+    folder = changed(tmp_path, **{"KRC/R1/Program/Special.src": b"\0\1\2\3" * 40})
+    (root,) = kuka.roots(listing(folder))
+    found = kuka.contents(root, listing(folder))
+    assert found.others[root / "Program/Special.src"] == "encoded"
+    assert "Special.src is encoded" in found.warnings[0]
+    of_global = {target.reason for target in read(folder).targets if target.name.startswith("XG")}
+    assert all("named by a system module that cannot be read" in why for why in of_global)
+
+
+def test_a_point_of_config_dat_is_never_written(tmp_path: Path) -> None:
+    path = "KRC/R1/System/$config.dat"
+    pose = b"DECL E6POS XSEEN={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
+    files = corpus.backup()
+    sub = files["KRC/R1/System/sps.sub"].replace(b"XSEEN.X=N", b"N=N+1")
+    config = files[path].replace(b"DECL E6POS XSEEN", pose)
+    program = read(changed(tmp_path, **{path: config, "KRC/R1/System/sps.sub": sub}))
+    (target,) = [target for target in program.targets if target.name == "XSEEN"]
+    assert (target.verdict, target.path.name) == ("refuse", "$config.dat")
+    assert "system file of the controller, which is never written" in target.reason
