@@ -314,5 +314,5 @@ def test_a_point_of_config_dat_is_never_written(tmp_path: Path) -> None:
     config = files[path].replace(b"DECL E6POS XSEEN", pose)
     program = read(changed(tmp_path, **{path: config, "KRC/R1/System/sps.sub": sub}))
     (target,) = [target for target in program.targets if target.name == "XSEEN"]
-    assert (target.verdict, target.path.name) == ("refuse", "$config.dat")
+    assert (target.verdict, target.path.name) == ("skip", "$config.dat")
     assert "system file of the controller, which is never written" in target.reason

@@ -17,10 +17,10 @@ from truepose.programs.core.source import Source
 from truepose.programs.krl.words import KEEPS_FRAMES
 
 NOT_WRITTEN: Final = Problem(
-    "refuse",
+    "skip",
     "its numbers are in a system file of the controller, which is never written; declare it in a data list of its own",
 )
-HALF_CIRCLE: Final = Problem("refuse", "the other point of its circle has no numbers in the programs")
+HALF_CIRCLE: Final = Problem("skip", "the other point of its circle has no numbers in the programs")
 _CALLED: Final = re.compile(rb"([A-Za-z_$][\w$]*+)[ \t]*+\(")
 _DEFINED: Final = re.compile(
     rb"^[ \t]*+GLOBAL[ \t]++(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M
