@@ -133,6 +133,8 @@ class Correction(CellSection):
 
     ``tolerance_mm`` is the tolerated distance of the tool from its target; by default ``max_std_mm`` is half of it.
     ``max_bend_mm`` is the largest bend that corrections may add to a path, see `truepose.programs.core.paths`.
+    ``max_difference_mm`` and ``max_difference_mrad`` are the largest differences between the correction of a target and
+    those that the map gives at positions which share it, see `truepose.programs.core.alternatives`.
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
     ``max_distance_mm`` applies to maps in Cartesian space, ``max_distance_deg`` to maps in joint space.
     """
@@ -148,6 +150,8 @@ class Correction(CellSection):
     max_rotation_mrad: Positive = 10.0
     max_rotation_std_mrad: Positive = 3.0
     max_bend_mm: Positive | None = None
+    max_difference_mm: Positive = 0.2
+    max_difference_mrad: Positive = 1.0
     require: Share = 0.0
     on_guard: Literal["refuse", "skip", "clip"] = "refuse"
 

@@ -95,6 +95,17 @@ class Reading:
             "--offsets", help="Use one correction for a point and its constant offsets (RAPID Offs, RelTool)."
         ),
     ] = False
+    derived: Annotated[
+        bool,
+        typer.Option("--derived", help="Correct points and the positions that constant shifts derive from them alike."),
+    ] = False
+    frame_tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--frame-tolerance",
+            help="Use stored frames that the program sets at run time within this distance and angle: 5mm,0.5deg.",
+        ),
+    ] = None
     angles: Annotated[
         str,
         typer.Option(
@@ -132,7 +143,7 @@ class Reading:
 
     def options(self, *, orientation: bool = False) -> ReadOptions:
         """Return the options of `truepose.programs.read_programs`."""
-        from truepose.programs import ReadOptions
+        from truepose.programs import FrameTolerance, ReadOptions
 
         return ReadOptions(
             ambiguous="skip" if self.ambiguous is Ambiguous.skip else "refuse",
@@ -140,6 +151,8 @@ class Reading:
             absolute_accuracy=self.absolute_accuracy,
             external_axes=self.external_axes,
             offsets=self.offsets,
+            derived=self.derived,
+            frame_tolerance=None if self.frame_tolerance is None else FrameTolerance.parse(self.frame_tolerance),
             angles=self.angles,
             orientation=orientation,
             joint_targets=self.joint_targets,

@@ -9,7 +9,7 @@ from truepose._lazy import lazy_names
 if TYPE_CHECKING:
     from truepose.programs.batch import CorrectedBatch, RefusedProgram, correct_programs
     from truepose.programs.core.outcomes import CorrectedShare, Outcome
-    from truepose.programs.core.program import Program, ReadOptions
+    from truepose.programs.core.program import FrameTolerance, Program, ReadOptions
     from truepose.programs.core.target import Target
     from truepose.programs.correct import correct_program
     from truepose.programs.corrected import CorrectedProgram
@@ -27,6 +27,7 @@ _HOME = {
     "Corrector": "corrector",
     "FolderWatch": "watching",
     "FrameTable": "frame_table",
+    "FrameTolerance": "core.program",
     "Outcome": "core.outcomes",
     "Program": "core.program",
     "ProgramVerification": "verified",
@@ -50,6 +51,7 @@ __all__ = [
     "Corrector",
     "FolderWatch",
     "FrameTable",
+    "FrameTolerance",
     "Outcome",
     "Program",
     "ProgramVerification",

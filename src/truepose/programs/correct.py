@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
 from truepose.programs.agreement import check_cell, check_library, check_maker
+from truepose.programs.core.alternatives import Alternatives, alternatives
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
@@ -33,7 +34,7 @@ from truepose.programs.core.paths import Paths
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.core.reasons import without_numbers
 from truepose.programs.core.source import printable
-from truepose.programs.core.target import Verdict
+from truepose.programs.core.target import Target, Verdict
 from truepose.programs.corrected import CorrectedProgram
 from truepose.programs.corrector import (
     ChecksArm,
@@ -172,6 +173,11 @@ def correct_program(
         if near is not None:
             more["near"] = near[rows]
         asked = _ask(error_map, columns, on_guard, orientation, more)
+        for k, shared in _shared(error_map, program, columns, asked, limits, orientation, more).items():
+            i = int(rows[k])
+            outcomes.differences[i], outcomes.notes[i] = shared.difference, shared.note
+            if shared.refused:
+                asked[0][k], asked[3][k], asked[4][k] = 0.0, _left(on_guard), shared.refused
         change[rows] = asked[0]
         _note(outcomes, rows, asked)
         done += len(rows)
@@ -199,6 +205,7 @@ def correct_program(
     limits = limits.with_found({"max_bend_mm": (paths.limit, paths.origin)})
     CorrectedShare.of([outcomes]).check(limits.values["require"], program.path)
     warnings += _weakness(error_map)
+    outcomes.tell_followers()
     _write_digits(program, outcomes, change.shape[1], resolution)
     joints.finish()
     hashes = proven_hashes(outcomes, resolution)
@@ -267,12 +274,90 @@ def _weakness(error_map: Corrector) -> list[str]:
     return []
 
 
+def _left(on_guard: Policy) -> int:
+    """Return the code of a target that a guard refuses."""
+    return DONE.index("refuse" if on_guard == "refuse" else "skip")
+
+
+class _Shared(NamedTuple):
+    """The largest difference [mm] of a correction that several positions share, a note, and why it is refused."""
+
+    difference: float
+    note: str
+    refused: str
+
+
+def _shared(
+    error_map: Corrector,
+    program: Program,
+    columns: TargetColumns,
+    asked: _Asked,
+    limits: LimitsInForce,
+    orientation: bool,
+    more: Mapping[str, Any],
+) -> dict[int, _Shared]:
+    """Compare corrections with those at all other positions that share them; return the results by row.
+
+    The other positions are derived ones, and those within the tolerance of a frame; see
+    `truepose.programs.core.alternatives`.
+    """
+    tolerance = program.options.frame_tolerance if program.options else None
+    most_mm, most_mrad = (limits.values[f"max_difference_{unit}"] for unit in ("mm", "mrad"))
+    if "limits" in more:  # a correction that is too small to be applied counts with its size
+        more = {**more, "limits": replace(limits, values={**limits.values, "min_correction_stds": 0.0})}
+    found: dict[int, _Shared] = {}
+    for others in alternatives(columns, np.flatnonzero(np.isin(asked[3], (1, 2))), tolerance):
+        near = {"near": more["near"][others.owner]} if "near" in more else {}
+        at = columns.take(others.owner)
+        change, _, _, code, reasons = _ask(error_map, at, limits.on_guard, orientation, {**more, **near}, others)
+        differs = change - others.corrections(asked[0])
+        size = np.linalg.norm(differs[:, :3], axis=1)
+        turned = 1e3 * np.linalg.norm(differs[:, 3:], axis=1)
+        excess = np.maximum(size / most_mm, turned / most_mrad)
+        excess[~np.isin(code, (1, 2))] = np.inf  # a guard refuses there
+        for k in np.unique(others.owner).tolist():
+            mine = np.flatnonzero(others.owner == k)
+            i, why = int(mine[np.argmax(excess[mine])]), ""
+            if np.isinf(excess[i]):
+                why = f"{others.words[i]}: {reasons.get(i, 'the map gives no correction')}"
+            elif excess[i] > 1.0:
+                why = f"{others.words[i]}, the correction differs by {size[i]:.3f} mm"
+                why += f" and {turned[i]:.3f} mrad" if orientation else ""
+                why += f", limit {most_mm:g} mm" + (f" and {most_mrad:g} mrad" if orientation else "")
+            largest = float(size[mine].max())
+            found[k] = _Shared(largest, _note(columns.target(k), largest), why)
+    return found
+
+
+def _note(target: Target, difference: float) -> str:
+    """Return what the correction of a target assumes."""
+    texts = []
+    if target.derived:
+        n, first = sum(len(one.shifts) for one in target.derived), target.derived[0].how
+        others = f" and {n - 1} more" if n > 1 else ""
+        texts.append(f"shared with the position derived from it, {first}{others}")
+    if target.frame_changed:
+        texts.append(f"corrected in the stored frame: {target.frame_changed}")
+    return f"{'; '.join(texts)}; corrections differ by up to {difference:.3f} mm"
+
+
 def _ask(
-    error_map: Corrector, columns: TargetColumns, on_guard: Policy, orientation: bool, more: Mapping[str, Any]
+    error_map: Corrector,
+    columns: TargetColumns,
+    on_guard: Policy,
+    orientation: bool,
+    more: Mapping[str, Any],
+    others: Alternatives | None = None,
 ) -> _Asked:
-    """Ask the map about targets; return changes in their frames (n, 3 or 6), e, std, codes, and reasons by row."""
+    """Ask the map about targets; return changes in their frames (n, 3 or 6), e, std, codes, and reasons by row.
+
+    With `others`, it is asked about these instead, one for each of the columns.
+    """
     known = CorrectionContext.of(error_map)
-    poses, tools = columns.poses_base(), columns.tf_flange_tool(known.tf_flange_tool)
+    poses, tf_base_frame = columns.poses_base(), columns.tf_base_frame()
+    if others is not None:
+        poses, tf_base_frame = others.poses, others.tf_base_frame
+    tools = columns.tf_flange_tool(known.tf_flange_tool)
     answer = error_map.correct(
         poses,
         tf_flange_tool=tools,
@@ -299,9 +384,8 @@ def _ask(
     if known.robot is not None:
         for k, why in changed_words(known.robot, columns, poses, after, tools).items():
             if code[k] in (1, 2):
-                code[k], reasons[k] = DONE.index("refuse" if on_guard == "refuse" else "skip"), why
+                code[k], reasons[k] = _left(on_guard), why
     # R_frame_base = R_base_frameᵀ
-    tf_base_frame = columns.tf_base_frame()
     change = np.einsum("nji,nkj->nki", tf_base_frame[:, :3, :3], change.reshape(len(change), -1, 3))
     change = np.where(np.isin(code, (1, 2))[:, None, None], change, 0.0).reshape(len(change), -1)
     return change, answer.e, answer.std, code, reasons

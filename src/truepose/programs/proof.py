@@ -24,7 +24,9 @@ from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.source import Source, printable, prove, replaced
 from truepose.programs.core.target import Target
 
-_OF_ONE: Final = ("name", "line", "xyz", "angles", "status", "turn", "spans", "reason", "joints")
+_OF_ONE: Final = (
+    *("name", "line", "xyz", "angles", "status", "turn", "spans", "reason", "joints", "derived", "follows"),
+)
 """The attributes that targets of one kind do not share."""
 _SHARED: Final = tuple([field.name for field in fields(Target) if field.name not in _OF_ONE])
 _EQUAL: Final = 1e-9  # [mm; the controller's angles] two readings of the same digits
@@ -73,7 +75,8 @@ def prove_meaning(outcomes: Outcomes, contents: Mapping[Path, bytes]) -> None:
             again = program.again()
         except FileError as error:
             raise RefusedError(f"the corrected program cannot be read ({error}); {_REMEDY}") from None
-    if len(again.targets) != len(program.targets) or again.circles != program.circles:
+    same = again.circles == program.circles and again.targets.follows == program.targets.follows
+    if len(again.targets) != len(program.targets) or not same:
         counts = f"{len(again.targets)} targets in place of {len(program.targets)}"
         raise RefusedError(f"{program.path}: the corrected program reads otherwise ({counts}); {_REMEDY}")
     for first, old, new in _side_by_side(program.targets, again.targets):
@@ -105,6 +108,11 @@ def _compare(outcomes: Outcomes, first: int, old: TargetColumns, new: TargetColu
     for name in ("line", "status", "turn"):
         for i in np.flatnonzero(getattr(old, name) != getattr(new, name))[:1].tolist():
             _refuse(old, i, f"its {name} is {getattr(new, name)[i]}, not {getattr(old, name)[i]}")
+    for name in ("derived", "follows"):
+        before, after_ = getattr(old, name), getattr(new, name)
+        for i in sorted({*before, *after_}):
+            if before.get(i) != after_.get(i):
+                _refuse(old, i, f"what is {name} reads {after_.get(i)}, not {before.get(i)}")
     if old.names != new.names:
         i = next(i for i in range(len(old)) if old.names[i] != new.names[i])
         _refuse(old, i, f"it is named {new.name(i)}")

@@ -33,13 +33,15 @@ _COLUMNS: Final = (
     *("file", "line", "name", "motion", "frame", "tool", "status", "turn"),
     *("x_mm", "y_mm", "z_mm", "x_after_mm", "y_after_mm", "z_after_mm"),
     *("ex_mm", "ey_mm", "ez_mm", "sx_mm", "sy_mm", "sz_mm", "bend_mm", "turn_deg", "spacing_mm"),
+    "difference_mm",
 )
 _quoted = json.encoder.encode_basestring
 
 
 def head_csv(outcomes: Outcomes) -> str:
     """Return the names of the columns as a line of CSV."""
-    return ",".join([*_COLUMNS, *_angle_columns(outcomes), *_joint_columns(outcomes), "verdict", "reason"]) + "\n"
+    columns = [*_COLUMNS, *_angle_columns(outcomes), *_joint_columns(outcomes), "verdict", "reason", "note"]
+    return ",".join(columns) + "\n"
 
 
 def _angle_columns(outcomes: Outcomes) -> list[str]:
@@ -62,7 +64,10 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
         before = columns.values[:, :k]
         after = np.where(np.isnan(done.after[here]), before, done.after[here])
         size = np.linalg.norm(done.std[here], axis=1)[:, None]
-        bends = np.column_stack([path.bend[here], path.direction[here], path.spacing[here]])
+        differs = np.full(len(columns), np.nan)
+        if done.differences:
+            differs[:] = [done.differences.get(first + i, np.nan) for i in range(len(columns))]
+        bends = np.column_stack([path.bend[here], path.direction[here], path.spacing[here], differs])
         if done.joints is not None:
             before, after = _with_joints(done.joints, here, before, after)
         xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], bends, after[:, :3] - before[:, :3], size]
@@ -76,12 +81,13 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
             name, line = columns.name(i), str(columns.line[i])
             status, turn = (str(n) if n >= 0 else "" for n in (int(columns.status[i]), int(columns.turn[i])))
             verdict, reason = DONE[code], done.why.get(first + i, kinds[kind].reason)
+            note = done.notes.get(first + i, "")
             json_form, csv_form = templates[kind]
             filled = [number or "null" for number in (status, turn, *row)]
             more = "" if joints is None else _json_joints(joints[i], kinds[kind])
-            lines.append(json_form % (line, _quoted(name), *filled, more, verdict, _quoted(reason)))
-            shown = (*row[:15], *row[19:], *(() if joints is None else joints[i]))
-            cells.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason)))
+            lines.append(json_form % (line, _quoted(name), *filled, more, verdict, _quoted(reason), _quoted(note)))
+            shown = (*row[:16], *row[20:], *(() if joints is None else joints[i]))
+            cells.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason), _cell(note)))
         yield lines, cells
 
 
@@ -135,11 +141,11 @@ def _templates(target: Target, angles: int, joints: int) -> tuple[str, str]:
         f'{{"file": {_quoted(file)}, "line": %s, "name": %s, "motion": {_quoted(motion)}, "frame": {_quoted(frame)}, '
         f'"tool": {_quoted(tool)}, "configuration": {_quoted(configuration)}, "status": %s, "turn": %s, '
         f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, '
-        f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "correction_mm": {three}, '
-        f'"std_mm": %s{oriented}%s, "verdict": "%s", "reason": %s}}'
+        f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "difference_mm": %s, "correction_mm": {three}, '
+        f'"std_mm": %s{oriented}%s, "verdict": "%s", "reason": %s, "note": %s}}'
     )
     head = f"{_cell(file)},%s,%s,{_cell(motion)},{_cell(frame)},{_cell(tool)},%s,%s,"
-    return json_form, head + ",".join(["%s"] * (15 + 2 * angles + joints + 2)) + "\n"
+    return json_form, head + ",".join(["%s"] * (16 + 2 * angles + joints + 3)) + "\n"
 
 
 def _cell(text: str) -> str:

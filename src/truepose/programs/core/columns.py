@@ -6,8 +6,8 @@ and code that works on all of them takes `TargetColumns`, some thousand at a tim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol, overload
@@ -20,7 +20,7 @@ from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.geometry import make_transform
 from truepose.programs.core import orientations
 from truepose.programs.core.joint_targets import MOST_JOINTS
-from truepose.programs.core.target import Target
+from truepose.programs.core.target import Shifts, Target
 
 CHUNK: Final = 2048
 """Number of targets that are processed at a time."""
@@ -64,6 +64,10 @@ class TargetColumns:
         The names; None where the target is named by its motion and line.
     joints : (n, 6) array [the controller's unit], optional
         The joints of joint targets, whose `spans` come first; NaN where there are none. None where none has joints.
+    derived : mapping of int to tuple of Shifts
+        The positions that the program derives from some of them, by their places here.
+    follows : mapping of int to tuple of str
+        The names of what some of them follow, by their places here.
     """
 
     alike: Sequence[Target]
@@ -75,6 +79,8 @@ class TargetColumns:
     spans: IntArray
     names: Sequence[str | None]
     joints: FloatArray | None = None
+    derived: Mapping[int, tuple[Shifts, ...]] = field(default_factory=dict)
+    follows: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, targets: Sequence[Target], alike: list[Target], known: dict[object, int]) -> TargetColumns:
@@ -99,6 +105,8 @@ class TargetColumns:
             spans,
             [None if t.name == _name(t.motions, t.line) else t.name for t in targets],
             _joints(targets),
+            {i: t.derived for i, t in enumerate(targets) if t.derived},
+            {i: t.follows for i, t in enumerate(targets) if t.follows},
         )
 
     def __len__(self) -> int:
@@ -131,8 +139,11 @@ class TargetColumns:
 
     @property
     def on_paths(self) -> BoolArray:
-        """Whether every motion to each target is straight, circular or a spline, (n,)."""
-        return np.array([target.on_paths for target in self.alike])[self.kind]
+        """Whether every motion to each target, and to what is derived from it, follows a path in space, (n,)."""
+        on_paths: BoolArray = np.array([target.on_paths for target in self.alike])[self.kind]
+        for i in self.derived:
+            on_paths[i] = self.target(i).on_paths
+        return on_paths
 
     @property
     def commands_joints(self) -> BoolArray:
@@ -147,7 +158,9 @@ class TargetColumns:
         return [self.alike[kind] for kind in kinds], which
 
     def take(self, rows: IntArray) -> TargetColumns:
-        """Return some of them."""
+        """Return some of them, also one several times."""
+        few = {**self.derived, **self.follows}
+        places = [(k, i) for k, i in enumerate(rows.tolist()) if i in few] if few else []
         return TargetColumns(
             self.alike,
             self.kind[rows],
@@ -158,6 +171,8 @@ class TargetColumns:
             self.spans[rows],
             [self.names[i] for i in rows.tolist()],
             None if self.joints is None else self.joints[rows],
+            {k: self.derived[i] for k, i in places if i in self.derived},
+            {k: self.follows[i] for k, i in places if i in self.follows},
         )
 
     def name(self, i: int) -> str:
@@ -182,6 +197,8 @@ class TargetColumns:
             if self.spans[i, 0, 0] >= 0
             else (),
             joints=None if joints is None else tuple(joints.tolist()),
+            derived=self.derived.get(i, ()),
+            follows=self.follows.get(i, ()),
         )
 
     def tf_base_frame(self) -> FloatArray:
@@ -220,6 +237,21 @@ class Motions(NamedTuple):
     on_path: BoolArray
 
 
+class Follow(NamedTuple):
+    """What a target without numbers of its own follows.
+
+    Attributes
+    ----------
+    sources : tuple of int
+        The targets that it is derived from.
+    shift : Shifts, optional
+        Its shift, where it is one shift from one target.
+    """
+
+    sources: tuple[int, ...]
+    shift: Shifts | None
+
+
 NO_MOTIONS: Final = Motions(np.empty(0, np.int64), np.empty(0, bool))
 
 
@@ -232,10 +264,17 @@ class ProgramTargets(Sequence[Target]):
         The targets in that order.
     motions : Motions
         The motions to them.
+    follows : mapping of int to Follow
+        What targets without numbers of their own follow.
     """
 
-    def __init__(self, items: Iterable[Target | Stretch] = (), motions: Motions = NO_MOTIONS) -> None:
-        self.motions = motions
+    def __init__(
+        self,
+        items: Iterable[Target | Stretch] = (),
+        motions: Motions = NO_MOTIONS,
+        follows: Mapping[int, Follow] | None = None,
+    ) -> None:
+        self.motions, self.follows = motions, dict(follows or {})
         self._alike: list[Target] = []
         self._pieces: list[tuple[TargetColumns | Stretch, list[int]]] = []
         known: dict[object, int] = {}
@@ -315,14 +354,14 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     key = (
         target.path, target.motions, target.verdict, target.reason, target.frame, target.tool, target.frame_number,
         target.tool_number, target.controller, target.configuration, target.unit, target.joint_form,
+        target.frame_changed,
         None if target.tf_base_frame is None else target.tf_base_frame.tobytes(),
         None if target.tf_flange_tool is None else target.tf_flange_tool.tobytes(),
     )  # fmt: skip
     if key not in known:
         known[key] = len(alike)
-        alike.append(
-            replace(target, name="", line=0, xyz=None, angles=None, status=None, turn=None, spans=(), joints=None)
-        )
+        own = {"xyz": None, "angles": None, "status": None, "turn": None, "spans": (), "joints": None}
+        alike.append(replace(target, name="", line=0, derived=(), follows=(), **own))  # type: ignore[arg-type]
     return known[key]
 
 
@@ -333,6 +372,7 @@ def _name(motions: Sequence[str], line: int) -> str:
 def _join(parts: list[TargetColumns]) -> TargetColumns:
     if len(parts) == 1:
         return parts[0]
+    starts = [0, *accumulate(map(len, parts))]
     return TargetColumns(
         parts[0].alike,
         np.concatenate([part.kind for part in parts]),
@@ -343,6 +383,8 @@ def _join(parts: list[TargetColumns]) -> TargetColumns:
         np.concatenate([part.spans for part in parts]),
         [name for part in parts for name in part.names],
         _joined_joints(parts),
+        {first + i: one for first, part in zip(starts, parts, strict=False) for i, one in part.derived.items()},
+        {first + i: one for first, part in zip(starts, parts, strict=False) for i, one in part.follows.items()},
     )
 
 

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
+from truepose.programs.core.graph import Counter, Graph, Part
+
 
 class InForce(NamedTuple):
     """A tool or base that may be in force.
@@ -105,15 +107,7 @@ class _Block:
     exits: list[int] = field(default_factory=list)
     complete: bool = False
     branches: int = 0
-
-
-@dataclass(slots=True)
-class _Part:
-    """Nodes that control may enter from anywhere, and those in `returns` where it goes back."""
-
-    first: int
-    last: int = -1
-    returns: list[int] = field(default_factory=list)
+    counter: Counter | None = None
 
 
 class BlockError(Exception):
@@ -138,13 +132,15 @@ class Flow:
         self._open: set[int] = set()
         self._exits: list[int] = []
         self._routine = ""
-        self._parts: list[_Part] = []
+        self._parts: list[Part] = []
         self._interrupting = False
         self.handlers: list[str] = []
         self.concurrent = False
         """Whether handlers run beside the program (threads), and do not only interrupt it."""
         self._started: list[tuple[str, int]] = []
         self.states: list[State] = []
+        self.graph: Graph | None = None
+        self._loops: dict[int, tuple[Counter, int, int]] = {}
         self._new()
         self._open.add(0)
 
@@ -191,12 +187,12 @@ class Flow:
         """Begin an error handler or another part that control may enter from anywhere; the body before it ends."""
         self._close_part()
         self._exits.append(self.node)
-        self._parts.append(_Part(self._new()))
+        self._parts.append(Part(self._new()))
 
     def interrupt_program(self) -> None:
         """Mark the routine that begins here as one that an interrupt may call from anywhere."""
         self._interrupting = True
-        self._parts.append(_Part(self._advance()))
+        self._parts.append(Part(self._advance()))
 
     def resume(self) -> None:
         """Return to the place that control came from: RETRY and similar."""
@@ -249,11 +245,14 @@ class Flow:
         """End the program, or leave it by an error; nothing follows."""
         self._new()
 
-    def begin(self, kind: str, line: int) -> None:
-        """Open IF, SWITCH or a loop."""
+    def begin(self, kind: str, line: int, counter: Counter | None = None) -> None:
+        """Open IF, SWITCH or a loop; one that counts has a counter."""
         before = self.node
         entry = self._advance()
-        self._blocks.append(_Block(kind, line, before if kind in ("IF", "SWITCH") else entry))
+        if kind not in ("IF", "SWITCH"):
+            before = entry
+            self._advance()  # the body; the loop comes back to the node before it
+        self._blocks.append(_Block(kind, line, before, counter=counter))
 
     def branch(self, kind: str, *, last: bool) -> None:
         """Begin ELSE (last), CASE, or DEFAULT (last)."""
@@ -274,7 +273,9 @@ class Flow:
         else:
             self._nodes[last].followers.append(block.entry)
             # FOR and WHILE may run not at all; LOOP ends by EXIT only, yet what follows it is reached by text
-            self._new(last, block.entry, *block.exits)
+            self._new(block.entry, *block.exits)
+            if block.counter is not None:
+                self._loops[block.entry] = (block.counter, block.entry + 1, self.node)
 
     def _top(self, kind: str, opener: str) -> _Block:
         if not self._blocks or self._blocks[-1].kind != opener:
@@ -290,6 +291,16 @@ class Flow:
     def section(self) -> int:
         """Return a number that changes where a routine or a part of one begins."""
         return len(self._routines) + len(self._parts)
+
+    @property
+    def counters(self) -> tuple[Counter, ...]:
+        """Return the counters of the open loops."""
+        return tuple([block.counter for block in self._blocks if block.counter is not None])
+
+    @property
+    def counter(self) -> Counter | None:
+        """Return the counter of the innermost block; None where it does not count."""
+        return self._blocks[-1].counter if self._blocks else None
 
     @property
     def innermost(self) -> str:
@@ -332,6 +343,7 @@ class Flow:
 
     def solve(self) -> State:
         """Follow all ways to the end; return the values that interrupt handlers may set, which count everywhere."""
+        self.graph = self._graph()
         called, changing = set(), self._changing()
         for name, before, after, text in self._calls:
             if name in self._routines:
@@ -356,6 +368,19 @@ class Flow:
         if started := self._connect_started():
             self._follow(first - (started - self._open))
         return ambient
+
+    def _graph(self) -> Graph:
+        """Return the ways through the program before calls are connected."""
+        ends = {name: self._last.get(name, len(self._nodes) - 1) for name in self._routines}
+        return Graph(
+            [list(node.followers) for node in self._nodes],
+            [(name, before, after) for name, before, after, _ in self._calls],
+            {name: (entry, ends[name], exits) for name, (entry, exits) in self._routines.items()},
+            {name for name, (entry, _) in self._routines.items() if entry in self._open},
+            [(part.first, part.last) for part in self._parts],
+            {*self.handlers, *(name for name, _ in self._started)},
+            dict(self._loops),
+        )
 
     def _follow(self, first: set[int]) -> None:
         """Follow all ways from some nodes until no new value arrives."""

@@ -20,7 +20,8 @@ from truepose.errors import DataError
 from truepose.geometry import euler
 from truepose.programs.core.columns import CHUNK, TargetColumns
 from truepose.programs.core.digits import values_at
-from truepose.programs.core.points import Judge, Point, Sweep
+from truepose.programs.core.order import Sweep
+from truepose.programs.core.points import Judge, Point
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target
 
@@ -270,7 +271,7 @@ class FoundRun(NamedTuple):
         """Return the targets, and the motions to them."""
         point = self.point
         run = Run(point.source, self.lines, (judge.target(point),), self.holes, name=self.name, blanks=self.blanks)
-        sweep = Sweep.of(point.uses[0], len(run)) if point.uses else None
+        sweep = Sweep.of(point.uses[0].visit(0), len(run)) if point.uses else None
         return (sweep if sweep is None or self.moved_in is None else sweep._replace(line=self.moved_in)), run
 
 

@@ -107,6 +107,11 @@ class Outcomes(Sequence[Outcome]):
         The reasons that the program itself does not give.
     joints : JointOutcomes, optional
         The outcomes of joint targets; None where none is to be corrected.
+    differences : dict of int to float [mm]
+        The largest difference between the correction of a target and those that the map gives at its derived positions
+        and within the tolerance of its frame, where it has such.
+    notes : dict of int to str
+        What the correction of a target assumes, where it assumes something.
     """
 
     program: Program
@@ -116,6 +121,8 @@ class Outcomes(Sequence[Outcome]):
     std: FloatArray
     why: dict[int, str] = field(default_factory=dict)
     joints: JointOutcomes | None = None
+    differences: dict[int, float] = field(default_factory=dict)
+    notes: dict[int, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {verdict}" for k, verdict in enumerate(DONE) if (n := int((self.code == k).sum())))
@@ -163,8 +170,19 @@ class Outcomes(Sequence[Outcome]):
         """Whether each target is corrected, (n,)."""
         return np.isin(self.code, _CORRECTED)
 
+    @property
+    def moved(self) -> BoolArray:
+        """Whether each target is corrected, or follows others that all are, (n,)."""
+        moved = self.corrected
+        for i, follow in self.program.targets.follows.items():
+            moved[i] = all(DONE[self.code[j]] in ("correct", "clip") for j in follow.sources)
+        return moved
+
     def leave(self, rows: IntArray, why: str) -> None:
-        """Leave the corrected targets of some rows as they are, with a reason."""
+        """Leave the corrected targets of some rows, and those that some of them follow, as they are, with a reason."""
+        if follows := self.program.targets.follows:
+            more = [j for i in rows.tolist() if i in follows for j in follows[i].sources]
+            rows = np.concatenate([rows, np.array(more, np.int64)])
         for i in rows[self.corrected[rows]].tolist():
             self.code[i], self.after[i], self.why[i] = 0, 0.0, why
 
@@ -176,9 +194,23 @@ class Outcomes(Sequence[Outcome]):
             self.code[j], self.after[j] = 0, 0.0
             self.why[j] = f"its circle's other point {self.program.targets[i].name} is not corrected"
 
+    def tell_followers(self) -> None:
+        """State of each target that follows others whether it gets their correction."""
+        moved, targets = self.moved, self.program.targets
+        for i, follow in targets.follows.items():
+            names = ", ".join(dict.fromkeys(targets[j].name for j in follow.sources))
+            if moved[i]:
+                self.why[i] = f"derived from {names}: gets the correction of that point"
+                continue
+            j = next(j for j in follow.sources if DONE[self.code[j]] not in ("correct", "clip"))
+            cause = targets[j]
+            reason = self.why.get(j, cause.reason)
+            self.why[i] = f"derived from {cause.name} (line {cause.line}), which is not corrected: {reason}"
+
     def summary(self) -> dict[str, Any]:
         """Return the counts of the verdicts, and the largest correction and standard deviation [mm]."""
         skipped, correct, clipped, refused, below = (int(np.count_nonzero(self.code == k)) for k in range(len(DONE)))
+        following = int(np.count_nonzero(self.moved & ~self.corrected))
         correction = std = 0.0
         for first, columns in self.program.targets.chunks():  # a million rows are not copied
             here = slice(first, first + len(columns))
@@ -191,12 +223,16 @@ class Outcomes(Sequence[Outcome]):
             "targets": len(self),
             "corrected": correct + clipped,
             "clipped": clipped,
-            "skipped": skipped,
+            "following": following,
+            "skipped": skipped - following,
             "refused": refused,
             "below_uncertainty": below,
             "largest_correction_mm": correction,
             "largest_std_mm": std,
             **({} if self.joints is None else self.joints.summary()),
+            "largest_difference_mm": max(
+                (size for i, size in self.differences.items() if self.code[i] in _CORRECTED), default=0.0
+            ),
         }
 
     def pieces(self, source: Source, resolution: float) -> Iterator[tuple[int, int, bytes, list[Span]]]:
@@ -269,7 +305,7 @@ def _longest(vectors: FloatArray) -> float:
 
 
 class CorrectedShare(NamedTuple):
-    """The number of motion targets, and of those that are corrected."""
+    """The number of motion targets, and of those that are corrected, or follow corrected ones."""
 
     corrected: int
     targets: int
@@ -279,7 +315,7 @@ class CorrectedShare(NamedTuple):
         """Count the motion targets of programs; points that no motion goes to do not count."""
         corrected = targets = 0
         for outcomes in programs:
-            done = outcomes.corrected
+            done = outcomes.moved
             for first, columns in outcomes.program.targets.chunks():
                 kinds, which = columns.shared()
                 moved_to = np.array([bool(target.motions) for target in kinds])[which]

@@ -123,7 +123,7 @@ class Paths:
             If a path bends too much and `on_guard` is ``refuse``.
         """
         while True:
-            continuity, kinks = self.judge(outcomes.corrected)
+            continuity, kinks = self.judge(outcomes.moved)
             if not kinks:
                 return continuity
             if on_guard == "refuse" and modules is not None:
@@ -206,6 +206,15 @@ def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArr
     if outcomes.joints is not None:
         joints = np.isfinite(outcomes.joints.p[:, 0])
         p[joints], change[joints] = outcomes.joints.p[joints], outcomes.joints.change[joints]
+    for i, follow in program.targets.follows.items():
+        if follow.shift is None:
+            continue  # one of several positions
+        (j,) = follow.sources
+        source = program.targets[j]
+        if source.rotation is not None and source.tf_base_frame is not None:
+            axes = source.rotation.as_matrix() if follow.shift.axes == "tool" else np.eye(3)
+            p[i] = p[j] + source.tf_base_frame[:3, :3] @ axes @ follow.shift.shifts[0]
+            change[i] = change[j]
     return p, change
 
 

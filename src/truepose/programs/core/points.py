@@ -7,21 +7,20 @@ the verdicts (docs/programs.md).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import accumulate
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truepose._typing import FloatArray
 from truepose.programs.core import orientations
-from truepose.programs.core.columns import NO_MOTIONS, Motions, ProgramTargets, Stretch
+from truepose.programs.core.columns import Follow, ProgramTargets, Stretch
 from truepose.programs.core.joint_targets import JointNumbers
-from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key, linked
+from truepose.programs.core.order import Sweep, Visit, in_order
+from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key
 from truepose.programs.core.source import Source, Span, parse_number
-from truepose.programs.core.target import JOINT_MOTION, Target, Verdict
+from truepose.programs.core.target import Shifts, Target, Verdict
 
 AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
@@ -41,52 +40,6 @@ Place = int | FileLine
 def at(place: Place) -> str:
     """Return a place in words."""
     return f"line {place}" if isinstance(place, int) else f"{place.file}, line {place.line}"
-
-
-class Visit(NamedTuple):
-    """A motion to a target, with its place in the text.
-
-    Attributes
-    ----------
-    file : str
-        The name of the file; empty where there is one.
-    line, order : int
-        The line, and the place among the motions of the line.
-    section : int
-        The number of the section. Control does not go from one section into the next.
-    item : int
-        The target, or the run of targets.
-    word : str
-        The word of the motion.
-    """
-
-    file: str
-    line: int
-    order: int
-    section: int
-    item: int
-    word: str
-
-
-class Sweep(NamedTuple):
-    """Motions of one word to consecutive targets, one to each; see `Visit` for the attributes.
-
-    `line` is an array (n,); it need not ascend.
-    """
-
-    file: str
-    line: NDArray[np.int32]
-    order: int
-    section: int
-    word: str
-
-    @classmethod
-    def of(cls, first: Use, n: int) -> Sweep:
-        """Return n motions line after line, from the first one."""
-        visit = first.visit(0)
-        return cls(
-            visit.file, np.arange(visit.line, visit.line + n, dtype=np.int32), visit.order, visit.section, visit.word
-        )
 
 
 class Problem(NamedTuple):
@@ -133,11 +86,15 @@ class Frame(NamedTuple):
         The key in the frame table.
     tf : bytes, optional
         The (4, 4) array [mm] if the program itself gives the values; the frame table takes precedence.
+    changed : str
+        Where the program changes a base whose stored value is used within the tolerance of the options; empty for any
+        other.
     """
 
     text: str
     key: Key | None = None
     tf: bytes | None = None
+    changed: str = ""
 
 
 _NO_FRAME: Final = Frame("")
@@ -162,6 +119,35 @@ class Use(NamedTuple):
         """Return the motion as one to a target."""
         file, line = ("", self.line) if isinstance(self.line, int) else self.line
         return Visit(file, line, self.order, self.section, item, self.word)
+
+
+class Derived(NamedTuple):
+    """Positions that a program derives from a point by constant shifts, and moves to.
+
+    Attributes
+    ----------
+    place : Place
+        Where.
+    how : str
+        How the program does it, such as ``Offs(p1,0,0,50)``.
+    shifts : tuple of (x, y, z) [mm]
+        The shifts.
+    axes : {"frame", "tool"}
+        The axes of the shifts: those of the point's frame, or those of the tool at the point.
+    uses : tuple of Use
+        The motions to these positions, which count for the tool and the frame of the point.
+    """
+
+    place: Place
+    how: str
+    shifts: tuple[tuple[float, float, float], ...]
+    axes: Literal["frame", "tool"] = "frame"
+    uses: tuple[Use, ...] = ()
+
+    def of_target(self) -> Shifts:
+        """Return the shifts as a target holds them."""
+        words = tuple([use.word for use in self.uses])
+        return Shifts(f"{self.how} ({at(self.place)})", self.shifts, self.axes, words)
 
 
 @dataclass(slots=True, eq=False)
@@ -194,6 +180,12 @@ class Point:
         The motions to it.
     reads, writes : list of (place, how)
         The places that use it other than by a motion, each with a phrase for the reason.
+    derived : list of Derived
+        The positions that the program derives from it and moves to; see `derive`.
+    follows : list of Point
+        The points that this target is derived from by constant shifts: it has no numbers of its own.
+    shift : Shifts, optional
+        Its shift from the point that it follows, where it is one shift from one point.
     """
 
     name: str
@@ -211,6 +203,26 @@ class Point:
     uses: list[Use] = field(default_factory=list)
     reads: list[tuple[Place, str]] = field(default_factory=list)
     writes: list[tuple[Place, str]] = field(default_factory=list)
+    derived: list[Derived] = field(default_factory=list)
+    follows: list[Point] = field(default_factory=list)
+    shift: Shifts | None = None
+
+
+def derive(target: Point, derived: Sequence[tuple[Point, Derived]]) -> None:
+    """Let the target of motions follow the points that it is derived from.
+
+    Parameters
+    ----------
+    target : Point
+        The target, with its uses; its problem says why it is left without the option ``derived``.
+    derived : sequence of (Point, Derived)
+        Each point with the shifts of the target from it.
+    """
+    target.follows = list(dict.fromkeys(point for point, _ in derived))
+    for point, one in derived:
+        point.derived.append(one._replace(uses=tuple(target.uses)))
+    if len(derived) == 1 and len(derived[0][1].shifts) == 1:
+        target.shift = derived[0][1].of_target()
 
 
 class NotCorrected(Exception):  # noqa: N818 - ends the questions about one target
@@ -273,6 +285,7 @@ class Judge:
         self._controller, self.unit = controller, unit
         self._default = {"tool": tool_default, "base": frame_default}
         self._changed = changed or {}
+        self._derived = options.derived or (options.offsets and controller == "abb")
 
     def target(self, point: Point) -> Target:
         """Return the target of a point."""
@@ -282,11 +295,13 @@ class Judge:
             self._check(point)
         except NotCorrected as stop:
             problem = stop.problem
+        uses = _uses(point)
         try:  # also where the target stays as it is: a path may go through it
-            if point.uses:
-                tool, frame = self._in_force(point)
+            if uses:
+                tool, frame = self._in_force(point, uses)
                 if problem is None and point.objection is not None:
                     raise NotCorrected(*point.objection)
+                frame = self._within_tolerance(frame)
                 tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
         except NotCorrected as stop:
             problem = problem or stop.problem
@@ -316,9 +331,15 @@ class Judge:
             unit=self.unit,
             joints=None if joints is None else joints.values,
             joint_form=None if joints is None else joints.form,
+            derived=tuple([one.of_target() for one in point.derived]) if self._derived else (),
+            follows=tuple([one.name for one in point.follows]) if self._derived else (),
+            frame_changed=frame.changed if frame else "",
         )
 
     def _check(self, point: Point) -> None:
+        if point.follows and self._derived:
+            names = ", ".join(dict.fromkeys(one.name for one in point.follows))
+            raise NotCorrected("skip", f"derived from {names}: it gets the correction of that point")
         if point.problem is not None and (point.uses or point.problem.verdict == "skip"):
             raise NotCorrected(*point.problem)
         if point.reads:
@@ -332,25 +353,36 @@ class Judge:
             raise NotCorrected("skip", f"{how} at run time ({at(line)})")
         if point.shared is not None:
             raise NotCorrected(*point.shared)
-        if not point.uses:
+        if point.derived and not self._derived:
+            raise NotCorrected(*self._only_if_allowed(point))
+        uses = _uses(point)
+        if not uses:
             raise NotCorrected("skip", "no motion of this program goes to it")
         if not point.values and point.joints is None:
             raise NotCorrected(*RUN_TIME)
-        problems = {use.problem for use in point.uses}
-        hindered = [use for use in point.uses if use.problem is not None]
+        problems = {use.problem for use in uses}
+        hindered = [use for use in uses if use.problem is not None]
         if not hindered:
             return
         first = hindered[0]
         assert first.problem is not None
         if None in problems and first.problem.verdict == "skip":
-            other = next(use for use in point.uses if use.problem is None)
+            other = next(use for use in uses if use.problem is None)
             reason = f"moved to ({at(other.line)}) and, in {at(first.line)}, {first.problem.reason}: teach two points"
             raise NotCorrected(self._options.ambiguous, reason)
         raise NotCorrected(*first.problem)
 
-    def _in_force(self, point: Point) -> tuple[Frame, Frame]:
+    def _only_if_allowed(self, point: Point) -> Problem:
+        """Return why a point is left from which positions are derived, although nothing else is against it."""
+        first = point.derived[0]
+        allow = f"read by arithmetic ({at(first.place)}): {first.how}; --derived corrects both alike"
+        if not point.uses:
+            return Problem("skip", allow)
+        return Problem(self._options.ambiguous, f"both moved to ({at(point.uses[0].line)}) and {allow}")
+
+    def _in_force(self, point: Point, uses: Sequence[Use]) -> tuple[Frame, Frame]:
         found: dict[tuple[Frame, Frame], Use] = {}
-        for use in point.uses:
+        for use in uses:
             frame = self._of("base", use.frame) if point.joints is None else _NO_FRAME
             found.setdefault((self._of("tool", use.tool), frame), use)
         if len(found) > 1:
@@ -370,14 +402,29 @@ class Judge:
             return known
         raise NotCorrected("refuse", f"the program names no {which}; state the one in force (--{which} NAME)")
 
+    def _changed_at(self, which: str, frame: Frame) -> str:
+        """Return where the program changes a tool or base; empty if it does not."""
+        if frame.key is None:
+            return ""
+        key = frame_key(frame.key)
+        place = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
+        return f"{frame.text} is changed by the program ({at(place)})" if place else ""
+
+    def _within_tolerance(self, frame: Frame) -> Frame:
+        """Return a base whose stored value counts, if the options allow that and it is known."""
+        how = self._changed_at("base", frame) if self._options.frame_tolerance else ""
+        known = frame.tf is not None or (frame.key is not None and frame_key(frame.key) in self._frames.bases)
+        return frame._replace(changed=how) if how and known else frame
+
     def _transform(self, which: str, frame: Frame) -> FloatArray | None:
         if frame.text == AS_MEASURED or frame is _NO_FRAME:
             return None
         table = self._frames.tools if which == "tool" else self._frames.bases
         key = None if frame.key is None else frame_key(frame.key)
-        line = self._changed.get((which, key)) or (self._changed.get((which, None)) if key != 0 else None)
-        if line and key is not None:
-            raise NotCorrected("refuse", f"{frame.text} is changed by the program ({at(line)})")
+        if not frame.changed and (how := self._changed_at(which, frame)):
+            stored = which == "base" and (key in table or frame.tf is not None)
+            remedy = "; --frame-tolerance corrects with the stored frame" if stored else ""
+            raise NotCorrected("refuse", how + remedy)
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:
@@ -412,89 +459,25 @@ class Judge:
         sweeps = [(sweep, i) for i, (sweep, _) in enumerate(runs, len(points)) if sweep is not None]
         sources = sources or list({point.source: None for point in points})
         items: list[Target | Stretch] = [*map(self.target, points), *(stretch for _, stretch in runs)]
-        return in_order(items, joined, sources, visits, sweeps)
+        return in_order(items, joined, sources, visits, sweeps, self._followers(points, place))
+
+    def _followers(self, points: Sequence[Point], place: Mapping[int, int]) -> dict[int, Follow]:
+        """Return what the targets without numbers of their own follow, by their places."""
+        return {
+            i: Follow(tuple([place[id(source)] for source in point.follows]), point.shift)
+            for i, point in enumerate(points)
+            if point.follows and self._derived
+        }
+
+
+def _uses(point: Point) -> list[Use]:
+    """Return all motions that count for the tool and frame of a point."""
+    return [*point.uses, *(use for one in point.derived for use in one.uses)]
 
 
 @lru_cache(maxsize=256)
 def _array(tf: bytes) -> FloatArray:
     return np.frombuffer(tf).reshape(4, 4)
-
-
-def in_order(
-    items: Sequence[Target | Stretch],
-    circles: Iterable[Sequence[int]],
-    sources: Sequence[Source],
-    visits: Iterable[Visit],
-    sweeps: Sequence[tuple[Sweep, int]] = (),
-) -> tuple[ProgramTargets, tuple[tuple[int, ...], ...]]:
-    """Return a program's targets in the order of the text, file by file, and its circles by their places there.
-
-    A target whose circle has another point that is left out is left out, too. `circles`, `visits` and `sweeps` refer to
-    places in `items`; `sources` gives the order of the files.
-    """
-    rank = {source.path: k for k, source in enumerate(sources)}
-
-    def key(i: int) -> tuple[int, int, tuple[Span, ...]]:
-        first = item if isinstance(item := items[i], Target) else item.like
-        return rank[first.path], first.line, first.spans
-
-    order = sorted(range(len(items)), key=key)
-    starts = accumulate([1 if isinstance(item := items[i], Target) else len(item) for i in order], initial=0)
-    place = dict(zip(order, starts, strict=False))
-    replaced = _joined(items, tuple([tuple(circle) for circle in circles]))
-    motions = _motions(list(visits), sweeps, [place[i] for i in range(len(items))])
-    targets = ProgramTargets((replaced.get(i, items[i]) for i in order), motions)
-    return targets, tuple([tuple([place[i] for i in circle]) for circle in circles])
-
-
-def _motions(visits: Sequence[Visit], sweeps: Sequence[tuple[Sweep, int]], places: Sequence[int]) -> Motions:
-    """Return the motions in the order of the text.
-
-    Parameters
-    ----------
-    visits : sequence of Visit
-        Motions to single targets.
-    sweeps : sequence of (Sweep, int)
-        Motions to targets in a row, each with the item that they are.
-    places : sequence of int
-        The place of each item's first target.
-    """
-    if not visits and not sweeps:
-        return NO_MOTIONS
-    files = {name: k for k, name in enumerate(sorted({v.file for v in visits} | {s.file for s, _ in sweeps}))}
-    words = {word: k for k, word in enumerate(sorted({v.word for v in visits} | {s.word for s, _ in sweeps}))}
-    by_visit = [(files[v.file], v.line, v.order, v.section, v.item, words[v.word]) for v in visits]
-    singles = np.array(by_visit, np.int32).reshape(-1, 6).T
-    targets = [np.array([places[v.item] for v in visits], np.int64)]
-    keys: list[list[NDArray[np.int32]]] = [[key] for key in singles]
-    for sweep, item in sweeps:
-        n = len(sweep.line)
-        one = (files[sweep.file], sweep.line, sweep.order, sweep.section, item, words[sweep.word])
-        for column, value in zip(keys, one, strict=True):
-            column.append(np.broadcast_to(np.asarray(value, np.int32), n))
-        targets.append(np.arange(places[item], places[item] + n))
-    file, line, order, section, item_, word = map(np.concatenate, keys)
-    sequence = np.lexsort((word, item_, section, order, line, file))
-    on_path = np.array([JOINT_MOTION.fullmatch(text) is None for text in words])[word[sequence]]
-    file, section = file[sequence], section[sequence]
-    on_path[:1] = False
-    on_path[1:] &= (file[1:] == file[:-1]) & (section[1:] == section[:-1])
-    return Motions(np.concatenate(targets)[sequence], on_path)
-
-
-def _joined(items: Sequence[Target | Stretch], circles: tuple[tuple[int, ...], ...]) -> dict[int, Target]:
-    """Return the targets that are left out because of another one in their circle, by their places."""
-    targets = {i: target for circle in circles for i in circle if isinstance(target := items[i], Target)}
-    causes = linked(circles, [i for i, target in targets.items() if target.verdict != "correct"])
-    replaced = {}
-    for i in causes:
-        k = i
-        while k in causes:
-            k = causes[k]
-        cause = targets[k]
-        reason = f"its circle's other point {cause.name} (line {cause.line}) is left out: {cause.reason}"
-        replaced[i] = replace(targets[i], verdict=cause.verdict, reason=reason)
-    return replaced
 
 
 def numbers_at(

@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
-from truepose.errors import FileError
+from truepose.errors import DataError, FileError
 from truepose.programs.core.columns import ProgramTargets, TargetColumns
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Verdict
@@ -20,6 +20,52 @@ Key = int | str
 """The number or name of a tool or base."""
 IDENTITY: Final = np.eye(4)
 IDENTITY.flags.writeable = False
+
+
+_TOLERANCE: Final = re.compile(r"\s*([0-9.]{1,12})\s*mm\s*(?:[,;]\s*([0-9.]{1,12})\s*(?:deg|°)\s*)?")
+
+
+class FrameTolerance(NamedTuple):
+    """How far a frame that a program sets at run time may lie from its stored value, along and about each axis.
+
+    Attributes
+    ----------
+    mm : float [mm]
+        Along each axis.
+    deg : float [deg]
+        About each axis.
+    """
+
+    mm: float
+    deg: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the tolerance that a text such as ``"5mm"`` or ``"5mm,0.5deg"`` states.
+
+        Raises
+        ------
+        DataError
+            If it states none.
+
+        Examples
+        --------
+        >>> FrameTolerance.parse("5mm,0.5deg")
+        FrameTolerance(mm=5.0, deg=0.5)
+        """
+        try:
+            if (m := _TOLERANCE.fullmatch(text)) is None:
+                raise ValueError
+            found = cls(float(m[1]), float(m[2] or 0.0))
+        except ValueError:
+            raise DataError(f'expected a tolerance such as "5mm" or "5mm,0.5deg", got {text!r}') from None
+        return found.checked()
+
+    def checked(self) -> Self:
+        """Return the tolerance if it is one; a DataError says what is wrong with it."""
+        if not (0.0 < self.mm <= 1000.0 and 0.0 <= self.deg <= 45.0):
+            raise DataError(f"a tolerance of {self.mm:g} mm and {self.deg:g}° is none; expected up to 1000 mm and 45°")
+        return self
 
 
 @dataclass(frozen=True)
@@ -39,7 +85,13 @@ class ReadOptions:
         Whether to correct targets with an external axis away from zero. Allow it only if the axis moves neither the
         robot nor the base.
     offsets : bool
-        Whether to correct points that are also moved to with a constant offset; both get one correction.
+        As `derived`, for RAPID alone.
+    derived : bool
+        Whether to correct points from which the program derives others by constant shifts; all get one correction, if
+        the map says that theirs differ by less than ``max_difference_mm``.
+    frame_tolerance : FrameTolerance, optional
+        How far a frame that the program sets at run time may lie from its stored value. Its targets are corrected with
+        the stored value, if the map says that corrections differ by less than ``max_difference_mm`` over the tolerance.
     angles : str
         The convention of the angles A, B, C in G-code ("kuka", "fanuc", "staubli", "yaskawa"), of the angles in a
         table ("yaskawa", "staubli"), or of the tool axis i, j, k in APT: "z" along the tool's z, "-z" against it.
@@ -66,12 +118,18 @@ class ReadOptions:
     absolute_accuracy: bool = False
     external_axes: bool = False
     offsets: bool = False
+    derived: bool = False
+    frame_tolerance: FrameTolerance | None = None
     angles: str = ""
     orientation: bool = False
     joint_targets: bool = False
     whole_task: bool = False
     system_modules: bool = False
     mechanical_unit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.frame_tolerance is not None:
+            self.frame_tolerance.checked()
 
 
 class MotionGroups(NamedTuple):

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,6 +21,27 @@ JOINT_MOTION: Final = re.compile(
     r"S?PTP(?:_REL)?|ASYPTP|\w*J(?:DO|AO|GO|SYNC|IOS)?|G0*0|pointRx|point|joint\w*", re.IGNORECASE
 )
 """Words of joint motions, whose path is no line in space, and of data whose motions are not known."""
+
+
+class Shifts(NamedTuple):
+    """Positions that a program derives from a target by constant shifts, and moves to.
+
+    Attributes
+    ----------
+    how : str
+        How and where the program does it.
+    shifts : tuple of (x, y, z) [mm]
+        The shifts.
+    axes : {"frame", "tool"}
+        The axes of the shifts: those of the target's frame, or those of the tool at the target.
+    motions : tuple of str
+        The motion word of every use of these positions.
+    """
+
+    how: str
+    shifts: tuple[tuple[float, float, float], ...]
+    axes: Literal["frame", "tool"] = "frame"
+    motions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -65,6 +86,12 @@ class Target:
         The joints of a joint target, as the program writes them; `spans` are theirs then.
     joint_form : JointForm, optional
         How the controller writes joints; None where it is no joint target.
+    derived : tuple of Shifts
+        The positions that the program derives from it: its correction is theirs, too.
+    follows : tuple of str
+        The names of the targets that it is derived from, and whose correction it gets; it has no numbers of its own.
+    frame_changed : str
+        Where the program changes its frame, if the stored value is used within a tolerance; empty for any other.
     """
 
     name: str
@@ -89,6 +116,9 @@ class Target:
     unit: float = 1.0
     joints: tuple[float, ...] | None = None
     joint_form: JointForm | None = None
+    derived: tuple[Shifts, ...] = ()
+    follows: tuple[str, ...] = ()
+    frame_changed: str = ""
 
     @property
     def p(self) -> FloatArray:
@@ -102,8 +132,9 @@ class Target:
 
     @property
     def on_paths(self) -> bool:
-        """Whether every motion to it is straight, circular or a spline."""
-        return bool(self.motions) and not any(map(JOINT_MOTION.fullmatch, self.motions))
+        """Whether every motion to it, and to what is derived from it, is straight, circular or a spline."""
+        motions = [*self.motions, *(word for one in self.derived for word in one.motions)]
+        return bool(motions) and not any(map(JOINT_MOTION.fullmatch, motions))
 
     @property
     def uses(self) -> dict[str, int]:

@@ -10,7 +10,8 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.points import FileLine, Point, Problem, Sweep
+from truepose.programs.core.order import Sweep
+from truepose.programs.core.points import FileLine, Point, Problem
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl.lexer import LEXER
@@ -250,7 +251,7 @@ def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Swe
         point = judge.point(first)
         assert point is not None  # a motion goes to it
         run = Run(src, lines.start, lines.end, lines.line, lines.lines, judge.target(point))
-        yield Sweep.of(point.uses[0], len(run)), run
+        yield Sweep.of(point.uses[0].visit(0), len(run)), run
 
 
 def _variables(module: KrlModule) -> list[PointVariable]:

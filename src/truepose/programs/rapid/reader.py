@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
-from truepose.programs.core.points import Judge, Problem, Sweep, at
+from truepose.programs.core.order import Sweep
+from truepose.programs.core.points import Judge, Problem, at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -174,7 +175,7 @@ class _Task:
         path, data = self.files.path, self.data
         judge = Judge(frames, data.options, "abb", changed=data.changed)
         runs = [
-            (Sweep.of(first.uses[0], lines.items), run_of(first.source, lines, judge.target(first)))
+            (Sweep.of(first.uses[0].visit(0), lines.items), run_of(first.source, lines, judge.target(first)))
             for first, lines in data.runs
         ]
         targets, circles = judge.program_targets(data.points, data.circles, runs, self._sources)
