@@ -325,11 +325,11 @@ def _shared(
                 why += f" and {turned[i]:.3f} mrad" if orientation else ""
                 why += f", limit {most_mm:g} mm" + (f" and {most_mrad:g} mrad" if orientation else "")
             largest = float(size[mine].max())
-            found[k] = _Shared(largest, _note(columns.target(k), largest), why)
+            found[k] = _Shared(largest, _assumes(columns.target(k), largest), why)
     return found
 
 
-def _note(target: Target, difference: float) -> str:
+def _assumes(target: Target, difference: float) -> str:
     """Return what the correction of a target assumes."""
     texts = []
     if target.derived:
