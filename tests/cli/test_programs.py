@@ -181,7 +181,7 @@ def test_check_takes_a_folder(run, tmp_path):
 
 
 def test_an_interrupt_is_told_and_leaves_nothing(run, program, monkeypatch):
-    def interrupted(*_args):
+    def interrupted(*_args, **_options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("truepose.programs.read_programs", interrupted)

@@ -22,15 +22,15 @@ DECL E6AXIS XHOME={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 0.0,A6 0.0}
 ENDDAT
 """
 FILES = {
-    "R1/System/$config.dat": CONFIG,
-    "R1/Program/points.dat": f"DEFDAT POINTS PUBLIC\nDECL GLOBAL E6POS XG={POSE}\n"
+    "press/System/$config.dat": CONFIG,
+    "press/Program/points.dat": f"DEFDAT POINTS PUBLIC\nDECL GLOBAL E6POS XG={POSE}\n"
     f"DECL GLOBAL FRAME GF={POSE}\nENDDAT\n",
-    "R1/Program/main.src": "DEF main()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nPTP XHOME\nLIN XG\nsub()\nLIN XM\nhelp()\nEND\n"
+    "press/Program/main.src": "DEF main()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nPTP XHOME\nLIN XG\nsub()\nLIN XM\nhelp()\nEND\n"
     "DEF help()\nLIN XM\nEND\n",
-    "R1/Program/MAIN.DAT": f"DEFDAT MAIN\nDECL E6POS XM={POSE}\nENDDAT\n",
-    "R1/Program/deep/sub.src": f"DEF sub()\nLIN xg\nLIN {POSE}\nhelp()\nEND\nDEF help()\nEND\n",
-    "R1/readme.txt": "LIN {X 1",
-    "R1/curves.dat": "1 2 3\n",
+    "press/Program/MAIN.DAT": f"DEFDAT MAIN\nDECL E6POS XM={POSE}\nENDDAT\n",
+    "press/Program/deep/sub.src": f"DEF sub()\nLIN xg\nLIN {POSE}\nhelp()\nEND\nDEF help()\nEND\n",
+    "press/readme.txt": "LIN {X 1",
+    "press/curves.dat": "1 2 3\n",
 }
 
 
@@ -68,7 +68,7 @@ def test_a_global_point_alone_is_refused_as_before(tmp_path: Path) -> None:
 
 def test_a_global_point_under_two_frames_is_refused_with_both_places(tmp_path: Path) -> None:
     sub = "DEF sub()\nBAS(#BASE,2)\nLIN xg\nEND\n"
-    target = named(lay(tmp_path, {**FILES, "R1/Program/deep/sub.src": sub}), "XG")
+    target = named(lay(tmp_path, {**FILES, "press/Program/deep/sub.src": sub}), "XG")
     assert (target.verdict, target.reason) == (
         "refuse",
         "moved to under BASE_DATA[1] (main.src, line 5) and BASE_DATA[2] (sub.src, line 3): teach two points",
@@ -77,15 +77,15 @@ def test_a_global_point_under_two_frames_is_refused_with_both_places(tmp_path: P
 
 def test_a_base_changed_in_another_module_is_refused(tmp_path: Path) -> None:
     other = "DEF other()\nBASE_DATA[1].X=5\nEND\n"
-    target = named(lay(tmp_path, {**FILES, "R1/Program/other.src": other}), "XM")
+    target = named(lay(tmp_path, {**FILES, "press/Program/other.src": other}), "XM")
     assert target.reason == "BASE_DATA[1] is changed by the program (other.src, line 2)"
 
 
 def test_an_imported_point_is_that_of_its_module(tmp_path: Path) -> None:
     files = {
         **FILES,
-        "R1/Program/im.src": "DEF im()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nLIN P\nEND\n",
-        "R1/Program/im.dat": "DEFDAT IM\nIMPORT E6POS P IS /R1/MAIN..XM\nENDDAT\n",
+        "press/Program/im.src": "DEF im()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nLIN P\nEND\n",
+        "press/Program/im.dat": "DEFDAT IM\nIMPORT E6POS P IS /R1/MAIN..XM\nENDDAT\n",
     }
     assert named(lay(tmp_path, files), "XM").uses == {"LIN": 3}
 
@@ -110,16 +110,16 @@ def test_what_the_project_does_not_hold_is_not_known(tmp_path: Path) -> None:
     ("more", "message"),
     [
         (
-            {"R1/old/main.src": "DEF main()\nEND\n"},
+            {"press/old/main.src": "DEF main()\nEND\n"},
             r"is another module of this name; give the folder",
         ),
         (
-            {"R1/p2.dat": f"DEFDAT P2\nDECL GLOBAL POS XG={POSE}\nENDDAT\n"},
+            {"press/p2.dat": f"DEFDAT P2\nDECL GLOBAL POS XG={POSE}\nENDDAT\n"},
             r"XG is GLOBAL here and in line 2 of",
         ),
-        ({"R1/t.src": "DEF main()\nEND\n"}, r"MAIN is defined twice"),
-        ({"R1/t.src": "DEF t()\nLIN {X 1.2.3}\nEND\n"}, r"t\.src:2: X .* is not a number"),
-        ({"R1/t.src": "DEF t()\n"}, r"t\.src:1: t has no END: the file is truncated"),
+        ({"press/t.src": "DEF main()\nEND\n"}, r"MAIN is defined twice"),
+        ({"press/t.src": "DEF t()\nLIN {X 1.2.3}\nEND\n"}, r"t\.src:2: X .* is not a number"),
+        ({"press/t.src": "DEF t()\n"}, r"t\.src:1: t has no END: the file is truncated"),
     ],
 )
 def test_broken_projects(tmp_path: Path, make_map: Any, more: dict[str, str], message: str) -> None:
@@ -137,13 +137,13 @@ def test_the_output_mirrors_the_tree(tmp_path: Path, make_map: Any) -> None:
     krl = {name for name in FILES if name.lower().endswith((".src", ".dat")) and "curves" not in name}
     assert out == krl | {"cell.corrections.json", "cell.corrections.csv"}
     assert {p for p in (tmp_path / "out").rglob("*") if p.is_file()} == set(written)
-    assert (tmp_path / "out/R1/Program/points.dat").read_text().count("{X 813.0,Y -40.25,Z") == 1
-    assert (tmp_path / "out/R1/System/$config.dat").read_text() == CONFIG
+    assert (tmp_path / "out/press/Program/points.dat").read_text().count("{X 813.0,Y -40.25,Z") == 1
+    assert (tmp_path / "out/press/System/$config.dat").read_text() == CONFIG
     with pytest.raises(RefusedError, match=r"was corrected already, see cell\.corrections\.json"):
         correct_program(tmp_path / "out", make_map())
     assert correct_program(folder, make_map()).files == {folder / name: (folder / name).read_bytes() for name in krl}
     corrected.write_in_place()
-    assert (folder / "R1/Program/MAIN.DAT.original").read_text() == FILES["R1/Program/MAIN.DAT"]
+    assert (folder / "press/Program/MAIN.DAT.original").read_text() == FILES["press/Program/MAIN.DAT"]
     with pytest.raises(RefusedError, match="was corrected already"):
         correct_program(folder, make_map())
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from truepose._io import zips
 from truepose._io.commits import Commit, recover, written
 from truepose.errors import FileError
 
@@ -64,12 +65,12 @@ def overwrite(force: bool) -> None:
 
 
 def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a file.
+    """Return the content of a file, which may lie in a .zip (`truepose._io.zips`).
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file, or a path that leads into a .zip.
     largest : int
         The largest size in bytes; a larger file is not opened.
 
@@ -84,14 +85,22 @@ def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
             if (watch := _WATCH.get()) is not None:
                 watch.read.add(_identity(os.fstat(file.fileno())))
             return file.read()
-    except FileNotFoundError:
-        raise FileError(path, "no such file") from None
+    except (FileNotFoundError, NotADirectoryError):
+        return _read_in_zip(Path(path), largest)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         if isinstance(error, FileError):
             raise
         raise FileError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
     except MemoryError:
         raise FileError(path, "is too large for the memory of this machine; split it") from None
+
+
+def _read_in_zip(path: Path, largest: int) -> bytes:
+    if (found := zips.read_member(path, largest)) is None:
+        raise FileError(path, "no such file")
+    if (watch := _WATCH.get()) is not None:
+        watch.read.add(_identity(zips.on_disk(path).stat()))
+    return found
 
 
 def path_exists(path: str | Path) -> bool:

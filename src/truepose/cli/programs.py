@@ -60,7 +60,10 @@ class Ambiguous(StrEnum):
 
 Programs = Annotated[
     list[Path],
-    typer.Argument(metavar="PROGRAM...", help="Programs, or folders of programs. KRL: the .src or .dat of a pair."),
+    typer.Argument(
+        metavar="PROGRAM...",
+        help="Programs, folders of them, or backups of controllers (folder or .zip). KRL: the .src or .dat of a pair.",
+    ),
 ]
 
 
@@ -125,6 +128,10 @@ class Reading:
     mechanical_unit: Annotated[
         str, typer.Option("--mechanical-unit", help="ABB backup with several robots: the robot of the map (ROB_1).")
     ] = ""
+    controllers: Annotated[
+        list[str] | None,
+        typer.Option("--controller", help="Controller of a backup with several, such as KRC/R1; may be repeated."),
+    ] = None
 
     def cell(self) -> Cell | None:
         """Return the cell of --cell."""
@@ -172,20 +179,24 @@ def check(
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
-    from truepose.cli.verdicts import say_total, show_checked
+    from truepose.cli.verdicts import say_total, show_backups, show_checked
     from truepose.programs import read_programs
 
     with working("Reading the programs", quiet=as_json):
-        found = read_programs(paths, reading.frames(reading.cell()), reading.options())
+        found = read_programs(
+            paths, reading.frames(reading.cell()), reading.options(), controllers=reading.controllers or ()
+        )
     if as_json:
         emit_json(
             {
+                "backups": [backup.to_dict() for backup in found.backups],
                 "programs": [{"file": p.path, **p.counts()} for p in found.programs],
                 "targets": [target.to_dict() for program in found.programs for target in program.targets],
                 "unreadable": [str(error) for error in found.unreadable],
             }
         )
     else:
+        show_backups(found.backups)
         for program in found.programs:
             show_checked(program)
         say_total(found.programs, len(found.unreadable))
@@ -209,6 +220,9 @@ def correct(
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Overwrite the programs; keep each original as NAME.original.")
     ] = False,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Of a backup write all files, as a folder or .zip like the one given.")
+    ] = False,
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="Correct the others if a program is refused; then exit with 1.")
     ] = False,
@@ -218,13 +232,14 @@ def correct(
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; write the programs and a record of every target."""
+    from truepose.cli.verdicts import show_backups
     from truepose.error_map import load_map
     from truepose.errors import DataError, RefusedError
-    from truepose.programs import CorrectedBatch, RefusedProgram, read_programs
-    from truepose.programs.batch import check_names, correct_read
+    from truepose.programs import CorrectedBatch, RefusedProgram
+    from truepose.programs.batch import check_names, correct_read, read_for
 
-    if in_place and out is not None:
-        raise DataError("--out has no effect with --in-place; give one of them")
+    if in_place and (out is not None or whole):
+        raise DataError(f"{'--whole' if whole else '--out'} has no effect with --in-place; give one of them")
     out = out or Path("corrected")
     overwrite(force)
     policy: Policy | None = None if on_guard is None else on_guard.value
@@ -234,7 +249,8 @@ def correct(
         frames = reading.frames(cell or error_map.cell)
         progress("Reading the programs")
         # correct all before writing any, so that a refusal leaves no program half done
-        found = read_programs(paths, frames, reading.options(orientation=orientation))
+        options = reading.options(orientation=orientation)
+        found = read_for(error_map, paths, frames, options, reading.controllers or (), other_maker=other_maker)
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise _unread(found.unreadable)
@@ -256,10 +272,12 @@ def correct(
         written: list[Path] = []
         if corrected and not dry_run:
             how = {"force": force, "workbook": xlsx}
-            written = batch.write_in_place(**how) if in_place else batch.write(out, **how)
+            written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
     if as_json:
-        emit_json({"written": written, **batch.to_dict()})
+        backups = [backup.to_dict() for backup in found.backups]
+        emit_json({"written": written, "backups": backups, **batch.to_dict()})
     else:
+        show_backups(found.backups)
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))

@@ -10,7 +10,7 @@ from truepose.cli.output import say
 
 if TYPE_CHECKING:
     from truepose._typing import IntArray
-    from truepose.programs import CorrectedProgram, Program
+    from truepose.programs import Backup, CorrectedProgram, Program
     from truepose.programs.core.reasons import Judged
 
 _TARGETS: Final = 3  # targets of a group that are named
@@ -18,6 +18,24 @@ _GROUPS: Final = 20
 _WARNINGS: Final = 40
 _OF_ONE: Final = "max_bend_mm"
 """The limit whose default is found for each program."""
+
+
+def show_backups(backups: Sequence[Backup]) -> None:
+    """Show the controllers of backups, the files that are left as they are, and what the user must know."""
+    from rich.markup import escape
+
+    for backup in backups:
+        for one in backup.controllers:
+            where = backup.path if one.name == "." else f"{backup.path}, {one.name}"
+            left = ", ".join(f"{kind}: {n}" for kind, n in one.left.items())
+            more = f"; left as they are: {sum(one.left.values())} files ({left})" if left else ""
+            say(f"[bold]{escape(str(where))}[/]: {escape(f'{one}{more}')}")
+            for warning in one.contents.warnings:
+                say(escape(f"  {warning}"))
+        if len(backup.makers) > 1:
+            say(escape(f"{backup.path}: holds controllers of {len(backup.makers)} makers: {', '.join(backup.makers)}"))
+        for warning in backup.warnings[:_WARNINGS]:
+            say(escape(warning))
 
 
 def show_checked(program: Program) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from truepose._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from truepose.programs.backups.backup import Backup, Controller
     from truepose.programs.batch import CorrectedBatch, RefusedProgram, correct_programs
     from truepose.programs.core.outcomes import CorrectedShare, Outcome
     from truepose.programs.core.program import FrameTolerance, Program, ReadOptions
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from truepose.programs.watching import FolderWatch, WatchEvent
 
 _HOME = {
+    "Backup": "backups.backup",
+    "Controller": "backups.backup",
     "CorrectedBatch": "batch",
     "CorrectedProgram": "corrected",
     "CorrectedShare": "core.outcomes",
@@ -45,6 +48,8 @@ _HOME = {
 }
 
 __all__ = [
+    "Backup",
+    "Controller",
     "CorrectedBatch",
     "CorrectedProgram",
     "CorrectedShare",

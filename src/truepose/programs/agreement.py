@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
+import warnings
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from truepose.cell import Cell
 from truepose.errors import RefusedError
+from truepose.programs.backups.backup import Backup, Controller
+from truepose.programs.backups.reading import chosen
 from truepose.programs.core.program import Program
 from truepose.programs.languages import LANGUAGES, language_of
 from truepose.robots import Robot, list_robots, load_robot, to_toml
@@ -95,6 +100,62 @@ def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) ->
         f"{where}, but the map is of {robot.name}, a robot of {robot.maker}; take the map of the robot that runs it, "
         "or allow it (--other-maker, other_maker=True) if this robot does"
     )
+
+
+def controllers_for(
+    backup: Backup, robot: Robot | None, names: Sequence[str] = (), *, other_maker: bool = False
+) -> list[Controller]:
+    """Return the controllers of a backup that a map corrects: those of some names, or the only one of its maker.
+
+    Raises
+    ------
+    RefusedError
+        If there is none, or several and no names, or another one of the backup is that of the map's robot.
+    DataError
+        If there is no controller of a name.
+    """
+    known = robot is not None and robot.maker and not other_maker
+    fitting = [one for one in backup.controllers if not known or _same_maker(robot, one)]
+    shown = "; ".join(f"{one.name} ({one})" for one in backup.controllers)
+    wanted = chosen(backup, names) if names else fitting
+    if not wanted:
+        makers = " and ".join(backup.makers)
+        raise RefusedError(f"{backup.path}: is a backup of {makers}, but the map is of {_robot(robot)}; take its map")
+    if len(wanted) > 1 and not names:
+        raise RefusedError(f"{backup.path}: holds {len(wanted)} controllers, name one (--controller NAME): {shown}")
+    if others := [one for one in backup.controllers if one not in wanted]:
+        left = ", ".join(f"{one.name} ({one.maker})" for one in others)
+        warnings.warn(f"{backup.path}: left as they are: {left}", UserWarning, stacklevel=2)
+    for one in wanted:
+        _check_model(backup, one, robot)
+    return wanted
+
+
+def _check_model(backup: Backup, controller: Controller, robot: Robot | None) -> None:
+    """Refuse a controller whose robot is another one than the map's, if the backup has one that is it."""
+    if robot is None or not controller.contents.robot or _fits(controller, robot) or not _numbers(robot.name):
+        return
+    what = f"{controller.root}: the backup names the robot {controller.contents.robot}, the map is of {robot.name}"
+    if better := [one for one in backup.controllers if one.contents.robot and _fits(one, robot)]:
+        raise RefusedError(f"{what}, which is that of {better[0].name}; name that one, or take the map of this robot")
+    warnings.warn(f"{what}: make sure that they are the same", UserWarning, stacklevel=3)
+
+
+def _fits(controller: Controller, robot: Robot) -> bool:
+    """Return whether the numbers in the name of the map's robot are in that of the controller's."""
+    return _numbers(robot.name) <= _numbers(controller.contents.robot)
+
+
+def _numbers(name: str) -> set[str]:
+    return set(re.findall(r"\d+", name.replace(".", "")))  # a reach of 1.45 m is 145 in other names
+
+
+def _robot(robot: Robot | None) -> str:
+    return "no robot" if robot is None else f"{robot.name}, a robot of {robot.maker}"
+
+
+def _same_maker(robot: Robot | None, controller: Controller) -> bool:
+    return robot is not None and _plain(controller.maker) in _plain(robot.maker)
 
 
 def _plain(maker: str) -> str:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from truepose.cell import Cell
-from truepose.errors import RefusedError, TrueposeError
+from truepose.errors import DataError, RefusedError, TrueposeError
+from truepose.programs.agreement import controllers_for
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram, names, write, write_in_place
-from truepose.programs.corrector import Corrector
+from truepose.programs.corrector import CorrectionContext, Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import clear_leftovers
-from truepose.programs.reading import read_programs
+from truepose.programs.reading import Reading, read_chosen
+
+_SHOWN: Final = 3  # warnings that a message repeats
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,20 @@ class CorrectedBatch:
             "refused": [one.to_dict() for one in self.refused],
         }
 
-    def write(self, out_dir: str | Path, *, force: bool = False, workbook: bool = False) -> list[Path]:
+    def write(
+        self, out_dir: str | Path, *, force: bool = False, workbook: bool = False, whole: bool = False
+    ) -> list[Path]:
         """Write the corrected programs, all or none; see `CorrectedProgram.write`.
+
+        Of a backup the files that change are written, with ``changed-files.csv``, the list of their hashes. With
+        `whole` the whole backup is, as a folder or as a .zip like the one that was given, in which only these differ.
 
         A warning names files in the folder that an earlier run wrote and this one does not. With `force` they are
         removed, unless they were changed since.
         """
-        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook)
+        if whole and not any(one.program.controller for one in self.corrected):
+            raise DataError("whole has an effect only on the backup of a controller, and none was given")
+        written = write(self.corrected, Path(out_dir), force=force, workbook=workbook, whole=whole)
         clear_leftovers(Path(out_dir), written, force=force)
         return written
 
@@ -105,6 +116,7 @@ def correct_programs(
     *,
     frames: FrameTable | None = None,
     options: ReadOptions | None = None,
+    controllers: Sequence[str] = (),
     keep_going: bool = False,
     **settings: Any,
 ) -> CorrectedBatch:
@@ -118,6 +130,8 @@ def correct_programs(
         The error map, such as `truepose.ErrorMap`.
     cell, frames, options
         The cell, the tools and bases, and the options of reading, as in `correct_program`.
+    controllers : sequence of str
+        The names of the controllers of a backup that are corrected; by default the only one of the map's maker.
     keep_going : bool
         Whether to correct the other programs if one cannot be read or is refused. In a project (KRL) or a task (RAPID)
         this holds for each module.
@@ -153,12 +167,38 @@ def correct_programs(
     if frames is None and cell is not None:
         frames = FrameTable.from_cell(cell)
     options = replace(options or ReadOptions(), orientation=bool(settings.get("orientation", False)))
-    found = read_programs(paths, frames, options)
+    found = read_for(error_map, paths, frames, options, controllers, other_maker=settings.get("other_maker", False))
     refused = [RefusedProgram(Path(error.path), str(error)) for error in found.unreadable]
     if found.unreadable and not keep_going:
         raise found.unreadable[0]
     corrected, more = correct_read(found.programs, error_map, cell, keep_going=keep_going, **settings)
     return CorrectedBatch(tuple(corrected), (*refused, *more))
+
+
+def read_for(
+    error_map: Corrector,
+    paths: Iterable[str | Path],
+    frames: FrameTable | None,
+    options: ReadOptions,
+    controllers: Sequence[str] = (),
+    *,
+    other_maker: bool = False,
+) -> Reading:
+    """Return the programs that a map is to correct: of a backup, those of the controller of its robot.
+
+    Raises
+    ------
+    RefusedError
+        If a backup has no such controller or several, or there is no program.
+    """
+    robot = CorrectionContext.of(error_map).robot
+    choose = partial(controllers_for, robot=robot, names=controllers, other_maker=other_maker)
+    found = read_chosen(paths, frames, options, choose)
+    for backup in found.backups:
+        if not (found.unreadable or any(one.root == backup.path for one in found.programs)):
+            told = [text for one in backup.controllers for text in one.contents.warnings]
+            raise RefusedError("; ".join([f"{backup.path}: has no program that can be read", *told[:_SHOWN]]))
+    return found
 
 
 def correct_read(

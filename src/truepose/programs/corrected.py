@@ -7,12 +7,14 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from truepose._io import files
 from truepose._io.workbook import to_workbook
+from truepose._io.zips import is_zip, on_disk
 from truepose.compensation import LimitsInForce, Policy
 from truepose.errors import FileError
 from truepose.programs import history
@@ -22,6 +24,7 @@ from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, TARGETS, head_csv, rows
+from truepose.programs.whole import Change, CorrectedFiles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,8 +185,12 @@ class CorrectedProgram:
 def names(program: Program) -> list[Path]:
     """Return all files that a correction of this program may write, as seen from its folder."""
     *sources, last = (*program.names(), program.path)
-    # the record of a project is named after its folder, that of a program lies beside it
-    here = Path(last.resolve().name) if last.is_dir() else last.relative_to(program.folder).with_suffix("")
+    if program.path in {source.path for source in program.sources}:  # the record lies beside the program
+        here = last.relative_to(program.folder).with_suffix("")
+    elif program.controller is None or last == program.folder:  # the record of a project is named after its folder
+        here = Path(last.resolve().with_suffix("").name if is_zip(last) else last.resolve().name)
+    else:
+        here = last.relative_to(program.folder)
     records = [here.with_name(f"{here.name}{ending}") for ending in (SUFFIX, ".corrections.csv")]
     return [*sources, *records]
 
@@ -206,6 +213,9 @@ def _write_records(commit: files.Commit, one: CorrectedProgram, paths: Sequence[
 
 def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False, workbook: bool = False) -> list[Path]:
     """Write over programs, all or none; see `CorrectedProgram.write_in_place`."""
+    for source in (source for one in corrected for source in one.program.sources):
+        if on_disk(source.path) != source.path:
+            raise FileError(source.path, "lies in a .zip, which is never written over; give --out, with --whole a .zip")
     changed = [s for one in corrected for s in one.program.sources if one.hashes[s.path] != s.sha256]
     for source in changed:
         if source.path.is_symlink():
@@ -239,28 +249,67 @@ def _original(path: Path) -> Path:
 
 
 def write(
-    corrected: Sequence[CorrectedProgram], out_dir: Path, *, force: bool = False, workbook: bool = False
+    corrected: Sequence[CorrectedProgram],
+    out_dir: Path,
+    *,
+    force: bool = False,
+    workbook: bool = False,
+    whole: bool = False,
 ) -> list[Path]:
-    """Write the files of programs and their records, all or none; see `CorrectedProgram.write`."""
-    kept = [[source for source in one.program.sources if source.path not in one.refused] for one in corrected]
+    """Write the files of programs and their records, all or none; see `CorrectedProgram.write`.
+
+    Of a backup only the files that change are written, and a list of them; with `whole` the whole backup instead.
+    """
+    kept = [[source for source in one.program.sources if _is_written(one, source, whole)] for one in corrected]
     folders = [out_dir / one.program.place for one in corrected]
     programs = [
         [folder / source.path.relative_to(one.program.folder) for source in some]
         for one, some, folder in zip(corrected, kept, folders, strict=True)
     ]
     records = [_records(one.program, folder, workbook) for one, folder in zip(corrected, folders, strict=True)]
+    backups = [CorrectedFiles.of(path, folder, some, whole) for path, folder, some in _by_backup(corrected, out_dir)]
     written = [path for pair in zip(programs, records, strict=True) for path in chain(*pair)]
-    sources = [source.path for one in corrected for source in one.program.sources]
-    files.check_outputs(*written, force=force, inputs=sources)
+    written += [path for backup in backups for path in (backup.list_path, *backup.copies)]
+    sources = {on_disk(source.path) for one in corrected for source in one.program.sources}
+    files.check_outputs(*written, force=force, inputs=[*sources, *(p for b in backups for p in b.copies.values())])
     history.remember(corrected)
     with files.Commit() as commit:
         for one, some, goals, record in zip(corrected, kept, programs, records, strict=True):
             for source, goal in zip(some, goals, strict=True):
-                with commit.open(goal, like=source.path) as file:
+                with commit.open(goal, like=on_disk(source.path)) as file:
                     file.writelines(one.content(source))
             _write_records(commit, one, record)
+        for backup in backups:
+            backup.write(commit)
+    for backup in backups:
+        backup.keep_times()
     remember_written(out_dir, written)
     return written
+
+
+def _is_written(one: CorrectedProgram, source: Source, whole: bool) -> bool:
+    """Return whether a file is written by itself: of a backup only one that changes, and not with the whole of it."""
+    if source.path in one.refused:
+        return False
+    return one.program.controller is None or (not whole and one.hashes[source.path] != source.sha256)
+
+
+def _by_backup(corrected: Sequence[CorrectedProgram], out_dir: Path) -> Iterator[tuple[Path, Path, dict[Path, Change]]]:
+    """Yield each backup with its folder in the output, and the files of it that change."""
+    changes: dict[tuple[Path, Path], dict[Path, Change]] = {}
+    for one in corrected:
+        if one.program.controller is None:
+            continue
+        here = changes.setdefault((one.program.folder, out_dir / one.program.place), {})
+        for source in one.program.sources:
+            if source.path not in one.refused and one.hashes[source.path] != source.sha256:
+                content = partial(_whole_content, one, source)
+                here[source.path] = Change(content, source.sha256, one.hashes[source.path])
+    yield from ((backup, folder, some) for (backup, folder), some in changes.items())
+
+
+def _whole_content(one: CorrectedProgram, source: Source) -> bytes:
+    return b"".join(one.content(source))
 
 
 def _encoded(text: str) -> bytes:

@@ -42,6 +42,8 @@ class FrameTable:
         The transform from that world to the robot's base, once it is known; see `standing_at`.
     groups : MotionGroups
         The motion groups of the controller (FANUC).
+    problems : mapping of ("tool" or "base", int or str) to str
+        The reasons why frames that the controller has cannot be used, whatever the tables say.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class FrameTable:
     in_world: frozenset[Key] = frozenset()
     tf_world_base: FloatArray | None = None
     groups: MotionGroups = field(default_factory=MotionGroups)
+    problems: Mapping[tuple[str, Key], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for kind in ("tools", "bases"):

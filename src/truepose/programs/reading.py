@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import importlib
 import os
-import re
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 from truepose._io.files import check_regular, path_exists, recover
+from truepose._io.folders import files_within
+from truepose._io.zips import is_zip
 from truepose.errors import FileError
+from truepose.programs.backups.backup import Backup, Controller, find_backup
+from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_endings, language_of
 from truepose.programs.robot_base import standing
 
-_TASK: Final = re.compile(r"TASK\d+", re.I)
 _REFUSED: Final = {
     ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
@@ -35,10 +37,13 @@ class Reading:
         The programs that were read.
     unreadable : list of FileError
         The errors of the others.
+    backups : list of Backup
+        The backups of controllers among the folders and .zip files.
     """
 
     programs: list[Program]
     unreadable: list[FileError]
+    backups: list[Backup] = field(default_factory=list)
 
 
 def read_program(path: str | Path, frames: FrameTable | None = None, options: ReadOptions | None = None) -> Program:
@@ -48,7 +53,7 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     ----------
     path : str or Path
         The path of the program. KUKA: the .src, or the .dat beside it, or the folder of a project. docs/programs.md
-        lists the other languages.
+        lists the other languages. A backup of a controller, as a folder or .zip, if it holds one program.
     frames : FrameTable, optional
         The controller's tools and bases. Without it only number 0 is known.
     options : ReadOptions, optional
@@ -76,7 +81,7 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     array([[1., 2., 3.]])
     """
     path = Path(path)
-    if not (path_exists(path) and path.is_dir()):
+    if not (is_zip(path) or (path_exists(path) and path.is_dir())):
         recover(path.parent)
         return _read_file(path, frames, options)
     found = read_programs([path], frames, options)
@@ -114,29 +119,49 @@ def _is_folder(path: Path) -> bool:
 
 
 def read_programs(
-    paths: Iterable[str | Path], frames: FrameTable | None = None, options: ReadOptions | None = None
+    paths: Iterable[str | Path],
+    frames: FrameTable | None = None,
+    options: ReadOptions | None = None,
+    *,
+    controllers: Sequence[str] = (),
 ) -> Reading:
-    """Read programs and folders of programs; one that cannot be read does not stop the others.
+    """Read programs, folders of programs and backups of controllers; one that cannot be read does not stop the others.
 
-    All KRL modules of a folder are one program, and so are its RAPID modules: one task, or one for each folder TASK1,
-    TASK2 … of a controller's backup. RAPID modules that are named together are one task, too. Links in a folder are
-    ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module that
-    cannot be read is left out of its project if it names nothing of the other modules.
+    A folder or .zip in which a maker's backup is recognised is read controller by controller, with the tools and bases
+    that each stores. Of any other folder, all KRL modules are one program, and so are its RAPID modules: one task, or
+    one for each folder TASK1, TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder
+    are ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module
+    that cannot be read is left out of its project if it names nothing of the other modules.
 
     Parameters
     ----------
     paths : iterable of str or Path
-        The paths of files and folders.
+        The paths of files, folders and .zip files.
     frames, options
         The tools and bases, and the options, as in `read_program`.
+    controllers : sequence of str
+        The names of the controllers of a backup that are read, such as ``KRC/R1``; by default all.
 
     Raises
     ------
     FileError
         If a folder holds no program.
+    DataError
+        If a backup has no controller of a name in `controllers`.
     """
+    return read_chosen(paths, frames, options, partial(chosen, names=controllers))
+
+
+def read_chosen(
+    paths: Iterable[str | Path],
+    frames: FrameTable | None,
+    options: ReadOptions | None,
+    choose: Callable[[Backup], Sequence[Controller]],
+) -> Reading:
+    """Read what `read_programs` does; `choose` returns the controllers of a backup that are read."""
     programs: list[Program] = []
     unreadable: list[FileError] = []
+    backups: list[Backup] = []
 
     def take(path: Path, root: Path | None = None) -> None:
         try:
@@ -154,19 +179,33 @@ def read_programs(
             programs.extend(found)
             unreadable.extend(error for program in found for error in program.unreadable)
 
+    def take_backup(path: Path) -> bool:
+        try:
+            if (backup := find_backup(path)) is None:
+                return False
+        except FileError as error:
+            unreadable.append(error)
+        else:
+            wanted = choose(backup)
+            found, errors = read_controllers(backup, wanted, known, allowed)
+            backups.append(backup)
+            programs.extend(found)
+            unreadable.extend(errors if len(wanted) < len(backup.controllers) else [*backup.unreadable, *errors])
+        return True
+
     known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]
     together = [path for path in given if path.suffix.lower() in RAPID and not _is_folder(path)]
     together = together if len(together) > 1 else []
-    places = _places([path for path in given if _is_folder(path)])
+    places = _places([path for path in given if _is_folder(path) or is_zip(path)])
     for path in given:
         first = len(programs)
         if path in together:
             if path is together[0]:
                 take_all(partial(_named_together, together, known, allowed))
-        elif not _is_folder(path):
+        elif path not in places:
             take(path)
-        else:
+        elif not take_backup(path):
             krl, rapid, others = _members(path)
             if krl:
                 take_all(partial(_project, path, krl, known, allowed))
@@ -174,13 +213,14 @@ def read_programs(
                 take_all(partial(_tasks, path, rapid, known, allowed))
             for file in others:
                 take(file, path)
+        if path in places:
             programs[first:] = [replace(one, place=places[path]) for one in programs[first:]]
-    return Reading(programs, unreadable)
+    return Reading(programs, unreadable, backups)
 
 
 def _places(folders: list[Path]) -> dict[Path, Path]:
-    """Return the places of folders within their common one; of a single folder the place is that itself."""
-    whole = [folder.resolve() for folder in folders]
+    """Return the places of folders and .zip files within their common folder; of a single one the place is that."""
+    whole = [folder.resolve().with_suffix("") if is_zip(folder) else folder.resolve() for folder in folders]
     common = os.path.commonpath(whole) if whole else ""
     return {folder: path.relative_to(common) for folder, path in zip(folders, whole, strict=True)}
 
@@ -199,24 +239,15 @@ def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOpt
     tasks: dict[Path, list[Path]] = {}
     for file in files:
         parts = file.relative_to(folder).parts[:-1]
-        k = next((i for i, part in enumerate(parts, 1) if _TASK.fullmatch(part)), 0)
+        k = next((i for i, part in enumerate(parts, 1) if TASK.fullmatch(part)), 0)
         tasks.setdefault(folder.joinpath(*parts[:k]), []).append(file)
     return _rapid(list(tasks.items()), folder, frames, options)
 
 
 def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable, options: ReadOptions) -> list[Program]:
-    """Read RAPID tasks that know how to read themselves again."""
-    from truepose.programs.rapid.reader import read_tasks
-
-    def again(k: int) -> Program:
-        return replace(read_tasks(tasks, frames, options)[k], root=root, options=options)
-
-    frames = standing(frames, root, "rapid")
-    programs = read_tasks(tasks, frames, options)
-    return [
-        replace(one, root=root, options=options, again=partial(again, k), language="rapid")
-        for k, one in enumerate(programs)
-    ]
+    """Read the RAPID tasks of a folder."""
+    programs = read_rapid_tasks(tasks, standing(frames, root, "rapid"), options)
+    return [replace(one, root=root) for one in programs]
 
 
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
@@ -234,16 +265,7 @@ def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadO
 
 def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:
     """Return the KRL and RAPID files of a folder, and its other programs."""
-    found: list[Path] = []
-
-    def fail(error: OSError) -> None:
-        raise FileError(error.filename or folder, f"cannot be read: {error.strerror or error}")
-
-    for place, folders, names in os.walk(folder, onerror=fail):
-        recover(Path(place))
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        files = [Path(place) / name for name in sorted(names) if not name.startswith(".")]
-        found += [file for file in files if file.is_file() and not file.is_symlink()]
+    found = files_within(folder, unpack=False).files
     endings = {file: file.suffix.lower() for file in found}
     sources = {file.stem.lower() for file in found if endings[file] == ".src"}
     krl = [

@@ -6,15 +6,19 @@ twice.
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator, Sequence
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 import numpy as np
 
 from truepose._io.delimited import escaped
+from truepose._io.files import read_bytes
+from truepose._io.folders import files_within
+from truepose._io.zips import is_zip, on_disk
 from truepose._typing import FloatArray
 from truepose.errors import FileError, RefusedError
 from truepose.programs import history
@@ -28,6 +32,8 @@ from truepose.programs.core.target import Target
 FORMAT: Final = "truepose corrections"
 SCHEMA: Final = 1
 SUFFIX: Final = ".corrections.json"
+CHANGED: Final = "changed-files.csv"
+"""The name of the list of the changed files of a corrected backup."""
 TARGETS: Final = ' "targets": ['
 _COLUMNS: Final = (
     *("file", "line", "name", "motion", "frame", "tool", "status", "turn"),
@@ -167,7 +173,7 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
         If a record cannot be read.
     """
     hashes = {source.sha256: source.path for source in program.sources}
-    for path, entries in records_of(program):
+    for path, entries in chain(records_of(program), _lists_of(program)):
         for before, after in entries:
             if before != after and after in hashes:
                 raise RefusedError(
@@ -188,12 +194,37 @@ def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]
     for folder in [*beside, *(parent for parent in above if parent not in own)]:
         for path in sorted(folder.glob(f"*{SUFFIX}")):
             yield path, hashes_of(path)
+    for path in _in_zip(program):
+        if path.name.endswith(SUFFIX):
+            yield path, hashes_of(path)
+
+
+def _lists_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
+    """Yield the lists of changed files of corrected backups in, beside and above a program, each with the hashes."""
+    folder = program.folder.resolve()
+    places = [folder / CHANGED, *(parent / CHANGED for parent in folder.parents)]
+    for path in [*(path for path in places if path.is_file()), *_in_zip(program)]:
+        if path.name == CHANGED:
+            lines = [line.split(",") for line in read_bytes(path).decode("utf-8", "replace").splitlines()]
+            yield path, [(line[-2], line[-1]) for line in lines if len(line) > 2]
+
+
+def _in_zip(program: Program) -> list[Path]:
+    """Return the files of the .zip that a program lies in; none if it lies in no .zip."""
+    outer = on_disk(program.path)
+    return files_within(outer).files if outer != program.path or is_zip(outer) else []
+
+
+def _text(path: Path) -> TextIO:
+    if on_disk(path) == path:
+        return path.open(encoding="utf-8-sig")
+    return io.TextIOWrapper(io.BytesIO(read_bytes(path)), encoding="utf-8-sig")
 
 
 def hashes_of(path: Path) -> list[tuple[str, str]]:
     """Return the hashes before and after of a record's files; targets, which may be a million, are not read."""
     try:
-        with path.open(encoding="utf-8-sig") as lines:
+        with _text(path) as lines:
             head = list(takewhile(lambda line: line.rstrip() != TARGETS, lines))
             more = "]}" if next(lines, None) is not None else ""
         entries = json.loads("".join(head) + (f"{TARGETS}{more}" if more else ""))["files"]

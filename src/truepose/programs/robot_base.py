@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from truepose._io.folders import files_within
+from truepose._io.zips import on_disk
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.programs.frame_table import FrameTable
@@ -57,7 +59,7 @@ def _files(path: Path, language: str) -> list[Path]:
     """Return the files about the robot's base that belong to a program or a folder of them."""
     if (name := _NAMES.get(language)) is None:
         return []
-    found = list(_within(path, name)) if path.is_dir() else []
+    found = _within(path, name) if path.is_dir() or on_disk(path) != path else []
     here = path.resolve() if path.is_dir() else path.resolve().parent
     above = iter([here, *here.parents][: _LEVELS + 1])
     while not found and (folder := next(above, None)) is not None:
@@ -65,10 +67,8 @@ def _files(path: Path, language: str) -> list[Path]:
     return found
 
 
-def _within(folder: Path, wanted: str) -> Iterator[Path]:
-    for place, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        yield from (Path(place) / name for name in sorted(files) if name.lower() == wanted)
+def _within(folder: Path, wanted: str) -> list[Path]:
+    return [file for file in files_within(folder, unpack=False).files if file.name.lower() == wanted]
 
 
 def _named(folder: Path, wanted: str) -> list[Path]:

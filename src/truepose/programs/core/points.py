@@ -425,6 +425,8 @@ class Judge:
             stored = which == "base" and (key in table or frame.tf is not None)
             remedy = "; --frame-tolerance corrects with the stored frame" if stored else ""
             raise NotCorrected("refuse", how + remedy)
+        if key is not None and (why := self._frames.problems.get((which, key))):
+            raise NotCorrected("refuse", f"{which} {frame.text} {why}")
         if key is not None and key in table:
             return table[key]
         if frame.tf is not None:

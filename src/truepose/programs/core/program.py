@@ -170,6 +170,10 @@ class KnownFrames(Protocol):
     def groups(self) -> MotionGroups:
         """The motion groups."""
 
+    @property
+    def problems(self) -> Mapping[tuple[str, Key], str]:
+        """The reasons why a "tool" or "base" of some number or name cannot be used, although the controller has it."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Program:
@@ -201,6 +205,8 @@ class Program:
         The folder of its results within the output folder, if the user gave several folders.
     unreadable : tuple of FileError
         The errors of modules of a project that cannot be read and are left out.
+    controller : Path, optional
+        The folder of its controller, if the user gave a backup of one; `root` is then that backup.
     """
 
     path: Path
@@ -215,6 +221,7 @@ class Program:
     language: str = ""
     place: Path = Path()
     unreadable: tuple[FileError, ...] = ()
+    controller: Path | None = None
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts().items())

@@ -270,7 +270,7 @@ class KrlJudge(Judge):
         if value.pose is not None:
             return Frame(value.text, None, make_transform(euler("kuka", value.pose[3:]), value.pose[:3]).tobytes())
         number = value.number
-        if number not in getattr(self._frames, table):
+        if number not in getattr(self._frames, table) and (which, number) not in self._frames.problems:
             reason = f"{which} {number} is not known; give it in [frames] of the cell file"
             raise NotCorrected("refuse", f"{reason}, or a $config.dat with {data}[{number}]")
         changed = self._numbers_changed
