@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from truepose.error_map import ErrorMap
 from truepose.error_map.fit import fit_cell
 from truepose.errors import RefusedError
 from truepose.geometry import euler
-from truepose.programs import FrameTable, correct_program, read_program
+from truepose.programs import FrameTable, ReadOptions, correct_program, read_program
 from truepose.programs.core.joints import joints_along_paths
 from truepose.robots import load_robot, nearest_branch, status_turn
 from truepose.simulation import VirtualCell
@@ -120,13 +121,31 @@ def test_joints_move_on_from_the_ptp_motion(tmp_path: Path, rng: np.random.Gener
 
 
 def test_no_joints_follow_from_an_unknown_start(tmp_path: Path) -> None:
-    lines = [f"LIN {pose(Q, turn_of(Q))}", "PTP {A1 0,A2 -90,A3 90,A4 0,A5 30,A6 0}", f"LIN {pose(Q, turn_of(Q))}"]
+    lines = [f"LIN {pose(Q, turn_of(Q))}", "PTP {A1 0,A2 -90}", f"LIN {pose(Q, turn_of(Q))}"]
     program = read_program(write(tmp_path, *lines, f"PTP {pose(Q, turn_of(Q))}"), KNOWN)
     near = joints_along_paths(ROBOT, program.targets, EYE)
     assert near is not None
     assert np.isnan(near).all()
     only = read_program(write(tmp_path, *lines[:2]), KNOWN)
     assert joints_along_paths(ROBOT, only.targets, EYE) is None
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_joint_targets_state_the_turns(tmp_path: Path, allowed: bool) -> None:
+    """A6 stands at 300° behind a PTP to joints; the LIN behind it has no Status, or one with a stale Turn."""
+    q = Q + np.deg2rad([0, 0, 0, 0, 0, 280.0])
+    joints = "PTP {" + ",".join(f"A{j} {np.rad2deg(x):.4f}" for j, x in enumerate(q, 1)) + "}"
+    for turn in (None, turn_of(q) ^ STALE):
+        path = write(tmp_path, joints, f"LIN {pose(q, turn)}", f"LIN {pose(q + np.deg2rad(3.0), turn)}")
+        program = read_program(path, KNOWN, ReadOptions(joint_targets=allowed))
+        near = joints_along_paths(ROBOT, program.targets, EYE)
+        assert near is not None
+        assert np.isnan(near[0]).all()
+        np.testing.assert_allclose(near[1:], [q, q + np.deg2rad(3.0)], atol=2e-4)
+    changed = "DEF a()\nDECL AXIS XA\nXA={{A1 5,A2 -90,A3 90,A4 0,A5 30,A6 300}}\nXA.A6=f()\nPTP XA\nLIN {}\nEND\n"
+    path.write_text(changed.format(pose(q, None)))
+    program = read_program(path, replace(KNOWN, tool=0, base=0), ReadOptions(joint_targets=allowed))
+    assert joints_along_paths(ROBOT, program.targets, EYE) is None  # what XA is then is known at run time only
 
 
 def test_a_map_takes_the_joints_nearby(error_map: ErrorMap) -> None:

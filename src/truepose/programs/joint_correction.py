@@ -86,20 +86,22 @@ class JointCorrection:
             q, why = self._joints(columns)
             self.outcomes.code[rows[list(why)]] = DONE.index(self.objected)
             self.outcomes.why.update({int(rows[k]): f"{_KIND}: {reason}" for k, reason in why.items()})
-            good = np.setdiff1d(np.arange(len(rows)), list(why))
-            if robot is None or joints is None or not len(good):
+            known = np.flatnonzero(np.isfinite(q).all(axis=1))
+            if robot is None or joints is None or not len(known):
                 continue
-            rows, columns, q = rows[good], columns.take(good), q[good]
+            rows, columns, q = rows[known], columns.take(known), q[known]
             poses = robot.forward(q) @ columns.tf_flange_tool(self.known.tf_flange_tool)
-            joints.p[rows], joints.change[rows] = poses[:, :3, 3], 0.0
-            yield PosedJoints(rows, columns, q, _as_poses(columns, robot, q, poses))
+            joints.p[rows], joints.change[rows] = poses[:, :3, 3], 0.0  # paths start also at those that stay nominal
+            posed = PosedJoints(rows, columns, q, _as_poses(columns, robot, q, poses))
+            if len(good := np.flatnonzero([k not in why for k in known.tolist()])):
+                yield posed.take(good)
 
     def _joints(self, columns: TargetColumns) -> tuple[FloatArray, dict[int, str]]:
         """Return the robot's joints of targets, (n, dof) [rad], and the reasons why some cannot be corrected."""
         robot, n = self.known.robot, len(columns)
         assert columns.joints is not None  # these are joint targets
         if robot is None:
-            return np.empty((n, 0)), dict.fromkeys(range(n), "the map knows no robot")
+            return np.full((n, 1), np.nan), dict.fromkeys(range(n), "the map knows no robot")
         q, why = np.full((n, robot.dof), np.nan), dict[int, str]()
         for form, rows in by_form(columns):
             reason = ground_objection(robot) if form.ground else ""

@@ -335,6 +335,11 @@ class ProgramTargets(Sequence[Target]):
             yield first, _join(waiting)
 
     @property
+    def names_joints(self) -> bool:
+        """Whether there are joint targets."""
+        return any(target.joint_form is not None for target in self._alike)
+
+    @property
     def corrects_joints(self) -> bool:
         """Whether there are joint targets whose verdict is ``correct``."""
         return any(target.joint_form is not None and target.verdict == "correct" for target in self._alike)

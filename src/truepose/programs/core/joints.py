@@ -2,7 +2,8 @@
 
 KUKA's controller takes Status and Turn of a target into account for PTP motions only. Along straight, circular and
 spline motions the arm keeps its branch, and every joint moves on from where it is. So the full turns of such targets
-follow from the last PTP motion before them, and the Turn in the text may be stale.
+follow from the last PTP motion before them, and the Turn in the text may be stale. A PTP motion to joints (AXIS) states
+the turns by itself.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RobotError
 from truepose.geometry import invert_transform
 from truepose.programs.core.columns import Motions, ProgramTargets
-from truepose.robots import Robot, select
+from truepose.programs.core.joint_targets import KUKA
+from truepose.programs.core.points import ALLOWED_JOINTS
+from truepose.robots import Robot, select, status_turn
 from truepose.robots.inverse.axes import half_turn
 from truepose.robots.inverse.branches import inverse
 
@@ -40,14 +43,18 @@ def joints_along_paths(robot: Robot, targets: ProgramTargets, tf_flange_tool: Fl
     """
     row, on_path = targets.motions
     status, turn, on_paths = _configurations(targets)
-    if not len(row) or not on_paths.any() or not ((turn >= 0) & ~on_paths).any():
+    commanded, stated = _commanded(robot, targets)
+    if not len(row) or not on_paths.any() or not (len(commanded) or ((turn >= 0) & ~on_paths).any()):
         return None
-    status = _first_visits(row, _carried(status[row], on_path), status)
     try:
+        if len(commanded):
+            status[commanded] = status_turn(robot, stated)[0]
+        status = _first_visits(row, _carried(status[row], on_path), status)
         q = _joints(robot, targets, tf_flange_tool, status, turn)
     except RobotError:
         return None  # an arm of another kind
     anchors = ~on_paths & (turn >= 0) & np.isfinite(q[:, 0])
+    q[commanded], anchors[commanded] = stated, True
     along, known = _followed(targets.motions, q, anchors)
     near = np.full_like(q, np.nan)
     known &= on_paths[row]
@@ -64,6 +71,23 @@ def _configurations(targets: ProgramTargets) -> tuple[IntArray, IntArray, BoolAr
         if columns.controller == "kuka":
             status[here], turn[here], on_paths[here] = columns.status, columns.turn, columns.on_paths
     return status, turn, on_paths
+
+
+def _commanded(robot: Robot, targets: ProgramTargets) -> tuple[IntArray, FloatArray]:
+    """Return the KRL joint targets whose joints are certain, (k,), and their joints, (k, 6) [rad]."""
+    rows, joints = [np.empty(0, np.int64)], [np.empty((0, 6))]
+    for first, columns in targets.chunks() if targets.names_joints else ():
+        if columns.joints is None or columns.controller != "kuka" or robot.dof != KUKA.count:
+            continue
+        kinds, which = columns.shared()
+        certain = [
+            kind.joint_form == KUKA and (kind.verdict == "correct" or kind.reason == ALLOWED_JOINTS.reason)
+            for kind in kinds
+        ]
+        here = np.flatnonzero(np.array(certain)[which] & ~columns.on_paths)
+        rows.append(first + here)
+        joints.append(KUKA.joints(columns.joints[here]))
+    return np.concatenate(rows), np.concatenate(joints)
 
 
 def _carried(status: IntArray, on_path: BoolArray) -> IntArray:
