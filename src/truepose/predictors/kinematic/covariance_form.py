@@ -74,7 +74,7 @@ class Likelihood:
         """Return the value and its gradient by the logarithms of `Hyperparameters.to_vector`."""
         scaled = np.hstack([d * s for d, s in zip(self._drift, (1.0, *hyper.tolerance), strict=True)])
         place = _over_ranges(self._place, self._range_of, hyper)
-        covariance = scaled @ scaled.T
+        covariance = blas.dsyrk(1.0, scaled.T, trans=1).T  # its lower triangle alone, in C order
         here = (self._half, self._lever)
         add_joints_and_rest(
             covariance, *here, *here, hyper.joint_std, hyper.joint_length, place, place, hyper.rest_std, True
