@@ -13,13 +13,15 @@ from typing import Any, Final, NamedTuple
 from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
 from truepose.programs.backups.controller import Contents, StoredFrame, StoredFrames
+from truepose.programs.backups.yaskawa_pulses import pulses_of
 from truepose.programs.core.source import Source, parse_number
 from truepose.programs.frame_table import FrameTable
-from truepose.programs.inform.controller import Pose, StoredPosition
+from truepose.programs.inform.controller import Controller, Pose, StoredPosition
 from truepose.programs.inform.survey import survey_jobs
 
 _BESIDE: Final = frozenset(["tool.cnd", "uframe.cnd", "var.dat", "all.prm", "system.sys", "rc.prm", "sc.prm"])
 """Files that a backup has beside its jobs."""
+_PARAMETERS: Final = ("all.prm", "sc.prm", "rc.prm")
 _KINDS: Final = {".cnd": "data", ".dat": "data", ".prm": "machine data", ".sys": "system data", ".bin": "image"}
 _BLOCK = re.compile(rb"[ \t]*//(?!/)[ \t]*(\w+)[ \t]*(\d{0,9})")
 _ENTRY = re.compile(rb"[ \t]*/{3,4}(\w+)[ \t]*([^\r\n]*)")
@@ -75,8 +77,15 @@ def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
     jobs = [file for file in own if file.suffix.lower() == ".jbi"]
     variables = _named(own, "var.dat")
     robots, _ = _system(_named(own, "system.sys"))
-    known = _variables(variables) if variables else {}
-    return {"controller": survey_jobs(jobs, FrameTable(), known, 1 if len(robots) > 1 else None)}
+    parameters = [Source.read(file) for name in _PARAMETERS if (file := _named(own, name)) is not None]
+    pulses = pulses_of(robots.get(1, ""), parameters)
+    known = Controller(
+        _variables(variables) if variables else {},
+        robot=1 if len(robots) > 1 else None,
+        pulses=pulses.per_degree,
+        no_pulses=pulses.reason,
+    )
+    return {"controller": survey_jobs(jobs, FrameTable(), known)}
 
 
 def _named(files: Sequence[Path], name: str) -> Path | None:

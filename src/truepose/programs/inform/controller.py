@@ -100,6 +100,10 @@ class Controller:
         Relative jobs that an instruction calls with a user frame of its own, with that instruction.
     robot : int, optional
         The number of the robot that the map describes; None: the first robot of each job.
+    pulses : tuple of 6 float
+        The pulses of one degree of each of its joints; empty where they are not known.
+    no_pulses : str
+        The reason why they are not known.
     """
 
     variables: Mapping[int, StoredPosition] = field(default_factory=dict)
@@ -108,6 +112,8 @@ class Controller:
     left: Mapping[str, frozenset[Displacement]] = field(default_factory=dict)
     reframed: Mapping[str, str] = field(default_factory=dict)
     robot: int | None = None
+    pulses: tuple[float, ...] = ()
+    no_pulses: str = "the pulses of a degree are in a backup only"
 
     def problem_of(self, number: int, job: str) -> Problem | None:
         """Return the reason why the copy of a P variable in a job's file is not corrected; None without one."""

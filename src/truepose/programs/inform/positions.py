@@ -14,10 +14,11 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core.forms import BLANKS, NUMBER, RunFinder, is_run
+from truepose.programs.core.joint_targets import JointNumbers, in_pulses
 from truepose.programs.core.named import NamedRuns, code_of
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
 from truepose.programs.core.source import Source, Span, shown
-from truepose.programs.inform.controller import Pose
+from truepose.programs.inform.controller import Controller, Pose
 
 _POSITION = re.compile(rb"[ \t]*(B?E?[CP]|EX)(\d{3,6})[ \t]*=[ \t]*")
 _MODAL = re.compile(rb"[ \t]*///(\w+)[ \t]*([^\r\n]*)")
@@ -50,6 +51,8 @@ class Positions:
         The file.
     spans : iterable of Span
         The bytes between which they stand.
+    controller : Controller
+        The knowledge of all jobs.
 
     Attributes
     ----------
@@ -66,8 +69,10 @@ class Positions:
         If a position is broken or given twice.
     """
 
-    def __init__(self, source: Source, spans: Iterable[Span]) -> None:
+    def __init__(self, source: Source, spans: Iterable[Span], controller: Controller) -> None:
         self._source, self._spans = source, list(spans)
+        self._no_pulses = Problem("skip", f"{JOINTS.reason} (pulses): {controller.no_pulses}")
+        self._form = in_pulses(controller.pulses) if controller.pulses else None
         if not self._read_in_runs():
             self._read(None)
             self.named.ready()
@@ -181,21 +186,15 @@ class Positions:
         """Return a position with the tool and frame of the modal lines above it."""
         postype, tool, user = (self._modal.get(key, "") for key in ("POSTYPE", "TOOL", "USER"))
         postype = postype.upper()
-        if postype == "PULSE":
-            point = Point(m[1].decode() + m[2].decode(), self._source, line)
-            point.problem = Problem("skip", f"{JOINTS.reason} (pulses)")
-        else:
-            point = self._numbers(m, line, end)
+        point = self._pulses(m, line, end) if postype == "PULSE" else self._numbers(m, line, end)
         point.configuration = self._modal.get("RCONF", "")
-        if postype == "PULSE":
-            return point
         tool_frame = Frame(f"TOOL {int(tool)}", int(tool)) if _small(tool) else None
         frame = None
         if postype in _BASES:
             frame = Frame(postype, 0)
         elif postype == "USER" and _small(user):
             frame = Frame(f"USER {int(user)}", int(user))
-        elif point.problem is None:
+        elif point.problem is None and point.joints is None:
             said = f"///POSTYPE {postype or 'missing'}" + (" without ///USER" if postype == "USER" else "")
             point.problem = Problem("refuse", f"{said}: the frame of its numbers is not known")
         if tool_frame is None and point.problem is None:
@@ -204,14 +203,32 @@ class Positions:
         self._kept.append(point)
         return point
 
-    def _numbers(self, m: re.Match[bytes], line: int, end: int) -> Point:
-        """Return a position with its numbers."""
+    def _pulses(self, m: re.Match[bytes], line: int, end: int) -> Point:
+        """Return a position in pulses."""
         point = Point(m[1].decode() + m[2].decode(), self._source, line)
+        tokens, starts = self._tokens(m, end)
+        if self._form is None:
+            point.problem = self._no_pulses
+        elif len(tokens) != self._form.count or not all(re.fullmatch(rb"-?[0-9]{1,9}", token) for token in tokens):
+            point.problem = Problem("skip", f"{JOINTS.reason} ({len(tokens)} pulses): expected six whole numbers")
+        else:
+            spans = [(start, start + len(token)) for start, token in zip(starts, tokens, strict=True)]
+            point.joints = JointNumbers(tuple(map(float, tokens)), tuple(spans), self._form)
+        return point
+
+    def _tokens(self, m: re.Match[bytes], end: int) -> tuple[list[bytes], list[int]]:
+        """Return the numbers of a position as they are written, and where each starts."""
         tokens, starts, position = [], [], m.end()
         for piece in self._source.data[m.end() : end].split(b","):
             tokens.append(piece.strip())
             starts.append(position + len(piece) - len(piece.lstrip()))
             position += len(piece) + 1
+        return tokens, starts
+
+    def _numbers(self, m: re.Match[bytes], line: int, end: int) -> Point:
+        """Return a position with its numbers."""
+        point = Point(m[1].decode() + m[2].decode(), self._source, line)
+        tokens, starts = self._tokens(m, end)
         if len(tokens) < 6:
             raise self._source.error(line, f"{point.name} has {len(tokens)} numbers, expected 6; correct the file")
         point.values, point.spans = numbers_at(self._source, line, _KEYS, tokens[:6], starts[:6])

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import FileError
 from truepose.programs.core.program import KnownFrames
-from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention, StoredPosition
+from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention
 from truepose.programs.inform.reader import Survey, survey
 
 _NONE: frozenset[Displacement] = frozenset()
 
 
-def survey_jobs(
-    jobs: Sequence[Path], frames: KnownFrames, variables: Mapping[int, StoredPosition], robot: int | None
-) -> Controller:
+def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controller) -> Controller:
     """Return the knowledge of all jobs of a controller; a job that cannot be read tells nothing.
 
     Parameters
@@ -25,12 +23,9 @@ def survey_jobs(
         The files of the jobs.
     frames : KnownFrames
         The controller's tools and bases.
-    variables : mapping of int to StoredPosition
-        The P variables of VAR.DAT.
-    robot : int, optional
-        The number of the robot that the map describes.
+    controller : Controller
+        The knowledge that other files of the backup give.
     """
-    controller = Controller(variables=variables, robot=robot)
     found: dict[Path, Survey] = {}
     again = list(jobs)
     while again:
