@@ -104,6 +104,8 @@ class Controller:
         The pulses of one degree of each of its joints; empty where they are not known.
     no_pulses : str
         The reason why they are not known.
+    unread : tuple of str
+        The jobs that cannot be read: they may write any P variable.
     """
 
     variables: Mapping[int, StoredPosition] = field(default_factory=dict)
@@ -114,6 +116,7 @@ class Controller:
     robot: int | None = None
     pulses: tuple[float, ...] = ()
     no_pulses: str = "the pulses of a degree are in a backup only"
+    unread: tuple[str, ...] = ()
 
     def problem_of(self, number: int, job: str) -> Problem | None:
         """Return the reason why the copy of a P variable in a job's file is not corrected; None without one."""
@@ -121,6 +124,8 @@ class Controller:
         if (stored := self.variables.get(number)) is not None:
             reason = f"{name} is a variable of all jobs, whose value is in VAR.DAT (line {stored.line})"
             return Problem("skip", f"{reason}; that file has a checksum and is only read: teach a C position instead")
+        if self.unread:
+            return Problem("refuse", f"{name} is a variable of all jobs, and {self.unread[0]} cannot be read")
         other = next((m for m in self.mentions.get(number, ()) if m.job != job), None)
         if other is not None:
             return Problem("refuse", f"{name} is a variable of all jobs: {other.job}, line {other.line}, uses it, too")
@@ -129,10 +134,11 @@ class Controller:
     def values(self, number: int) -> list[Pose] | None:
         """Return all values that a P variable may have: as it is stored and given, and as constants set its elements.
 
-        None where it is written in another way, is stored in pulses, has no value, or may have too many.
+        None where it is written in another way, is stored in pulses, has no value, or may have too many; and where a
+        job cannot be read.
         """
         mentions = self.mentions.get(number, ())
-        if any(m.how == "other" for m in mentions):
+        if self.unread or any(m.how == "other" for m in mentions):
             return None
         poses = [m.pose for m in mentions if m.how == "given"]
         if number in self.variables:

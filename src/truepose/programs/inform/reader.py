@@ -14,13 +14,14 @@ from truepose.programs.core import shifts
 from truepose.programs.core.flow import Shift
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
-from truepose.programs.core.points import RELATIVE, RUN_TIME, Point, Problem, Use, unknown_motion
+from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, Point, Problem, Use, unknown_motion
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, Span, shown
 from truepose.programs.inform import words
 from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention
 from truepose.programs.inform.positions import NAME, VALUES, Positions
+from truepose.programs.inform.shifted import derived_by
 
 _OF_ALL_JOBS: Final = Problem(
     "refuse",
@@ -101,6 +102,7 @@ class _Reader(Reader):
         self._groups = {b"1": "RB1", b"2": ""}
         self._base_moved = ""
         self._title = ""
+        self._own: Controller | None = None
 
     def read(self) -> Program:
         self._follow()
@@ -117,11 +119,15 @@ class _Reader(Reader):
             (name, self._displaced(states[node].ipo), _UNSHIFTED in states[node].ipo) for name, node in self._calls
         ]
         left = frozenset[Displacement]().union(*(self._displaced(states[node].ipo) for node in self._ends))
+        return Survey(self._name(), self._all_mentions(), calls, left, self._reframed)
+
+    def _all_mentions(self) -> list[Mention]:
+        """Return the mentions of P variables, those under //POS included."""
         given = [
             Mention(number, self.source.path.name, point.line, "given", pose)
             for number, point, pose in self._positions.variables()
         ]
-        return Survey(self._name(), [*given, *self._mentions], calls, left, self._reframed)
+        return [*given, *self._mentions]
 
     def _displaced(self, ipo: frozenset[str]) -> frozenset[Displacement]:
         return frozenset(self._displacements[text] for text in ipo if text != _UNSHIFTED)
@@ -395,8 +401,8 @@ class _Reader(Reader):
         before, kinds = named.taken.copy(), list(self._kinds)
         for group, lines in named.groups(self._alike):
             point = self._positions.read_at(lines.start, self._positions.first[group.run])
-            if group.kind >= 0:
-                point.uses = [self._use_in(group, int(group.lines[0]))]
+            if group.kind >= 0 and (use := self._uses_in(group, int(group.lines[0]))[0]) is not None:
+                point.uses = [use]
             self._runs.append(FoundRun(lines, point, VALUES, group.lines, ("C", "")))
         for row in np.flatnonzero(named.taken & ~before).tolist():
             self._positions.take_out(row)
@@ -410,12 +416,14 @@ class _Reader(Reader):
         """Return whether the motions of a group differ in their lines at most."""
         if group.kind < 0:
             return True
-        first, last = (self._use_in(group, int(line)) for line in group.lines[[0, -1]])
-        return first._replace(line=last.line) == last
+        (first, a), (last, b) = (self._uses_in(group, int(line)) for line in group.lines[[0, -1]])
+        if not (first and last):
+            return first is last and not a and not b
+        return first._replace(line=last.line) == last and not a and not b
 
-    def _use_in(self, group: Group, line: int) -> Use:
+    def _uses_in(self, group: Group, line: int) -> tuple[Use | None, list[Derived]]:
         word, node = list(self._kinds)[group.kind]
-        return self._use_at(_Move(self._positions.first[group.run], word, line, node, None))
+        return self._uses_at(_Move(self._positions.first[group.run], word, line, node, None))
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that the shifts in force at each are known."""
@@ -423,16 +431,15 @@ class _Reader(Reader):
             if self._controller is not None:
                 point.shared = self._controller.problem_of(number, self.source.path.name)
         for move in self._moves:
-            move.point.uses.append(self._use_at(move))
+            use, derived = self._uses_at(move)
+            move.point.uses += [use] if use else []
+            move.point.derived += derived
 
-    def _use_at(self, move: _Move) -> Use:
-        """Return a motion with the frames of its position, and what is against a correction there."""
+    def _uses_at(self, move: _Move) -> tuple[Use | None, list[Derived]]:
+        """Return a motion with the frames of its position, and the positions to which shifts move it instead."""
         point, problem = move.point, move.problem
         tool, frame = self._positions.frames_of(point)
         state = self.flow.states[move.node]
-        shifted_by = [ipo for ipo in state.ipo if ipo != _UNSHIFTED]
-        if problem is None and shifted_by:
-            problem = Problem("skip", f"{min(shifted_by)} shifts it at run time")
         problem = shifts.problem_of(state.shifts) or problem
         reframed = self._known().reframed.get(self._name())
         if problem is None and reframed and frame is not None and frame.key != 0:
@@ -441,7 +448,27 @@ class _Reader(Reader):
             problem = Problem("refuse", f"base axis {self._base_moved} has no model; allow external_axes")
         if problem is None and point.name.startswith("P") and not self.options.whole_task and self._controller is None:
             problem = _OF_ALL_JOBS
-        return self.use(move.word, move.line, tool, frame, problem)
+        derived: list[Derived] = []
+        for text in sorted(state.ipo - {_UNSHIFTED}) if problem is None else ():
+            found: Derived | Problem = Problem("skip", f"{text} shifts it at run time")
+            if frame is not None:
+                found = derived_by(self._displacements[text], frame, self.frames, self._settled(), move.line)
+            if isinstance(found, Problem):
+                problem = found
+                break
+            derived.append(found._replace(uses=(self.use(move.word, move.line, tool, frame),)))
+        if problem is None and derived and _UNSHIFTED not in state.ipo:
+            return None, derived
+        return self.use(move.word, move.line, tool, frame, problem), [] if problem else derived
+
+    def _settled(self) -> Controller:
+        """Return what is known about the P variables of all jobs; without a backup, what this job tells."""
+        if self._controller is None and self._own is None:
+            own: dict[int, list[Mention]] = {}
+            for mention in self._all_mentions() if self.options.whole_task else ():
+                own.setdefault(mention.number, []).append(mention)
+            self._own = Controller(mentions=own)
+        return self._controller or self._own or Controller()
 
 
 def _section_heads(data: bytes) -> Iterator[tuple[int, re.Match[bytes]]]:

@@ -15,7 +15,7 @@ _NONE: frozenset[Displacement] = frozenset()
 
 
 def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controller) -> Controller:
-    """Return the knowledge of all jobs of a controller; a job that cannot be read tells nothing.
+    """Return the knowledge of all jobs of a controller.
 
     Parameters
     ----------
@@ -44,7 +44,9 @@ def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controlle
         for mention in one.mentions:
             mentions.setdefault(mention.number, []).append(mention)
         reframed = {**one.reframed, **reframed}
-    return replace(controller, mentions=mentions, reframed=reframed, entered=_entered(list(found.values())))
+    unread = tuple([path.name for path in jobs if path not in found])
+    entered = _entered(list(found.values()))
+    return replace(controller, mentions=mentions, reframed=reframed, entered=entered, unread=unread)
 
 
 def _left(jobs: Sequence[Survey]) -> dict[str, frozenset[Displacement]]:

@@ -20,9 +20,12 @@ from truepose.programs.core.joint_targets import JointNumbers, in_degrees
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
+    RUN_TIME,
+    Derived,
     Frame,
     Point,
     Problem,
+    derive,
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
@@ -234,8 +237,23 @@ class _Reader(Reader):
     def _derive(self, moved: Sequence[ShiftedMotion]) -> None:
         """Let points know the positions that programs derive from them by constant shifts."""
         for motion in moved:
+            shifts = (motion.value.shift,)
+            assert motion.value.axes  # a motion to an unshifted point is a use of it
+            follower = None
+            if motion.variable:
+                name = f"{motion.variable} (line {motion.place.line} of {motion.place.file})"
+                follower = Point(name, self.source, motion.value.points[0].line, problem=RUN_TIME)
+                follower.uses.append(motion.use(motion.value.points[0]))
+                self.points.append(follower)
+            found = []
             for point in motion.value.points:
-                point.reads.append((motion.place, "read by arithmetic"))
+                used = () if follower else (motion.use(point),)
+                found.append((point, Derived(motion.place, motion.value.how, shifts, motion.value.axes, used)))
+            if follower is not None:
+                derive(follower, found)
+            else:
+                for point, one in found:
+                    point.derived.append(one)
 
     def _changes(self) -> None:
         """Refuse the targets whose frame or tool, or one that it hangs on, a program changes."""
