@@ -120,6 +120,7 @@ class Derivations:
         self._counters: dict[int, tuple[Counter, ...]] = {}
         self._points: set[Name] = set()
         self._numbers: set[Name] = set()
+        self._distrusted: set[Name] = set()
         self._places: dict[Name, set[int]] = defaultdict(set)
 
     def _note(self, event: Event) -> None:
@@ -141,6 +142,15 @@ class Derivations:
     def escape(self, names: Sequence[Name], place: Place, how: str) -> None:
         """Note any other use of variables."""
         self._note(Escape(tuple(names), place, how))
+
+    def distrust(self, name: Name) -> None:
+        """Note that a variable, or any element of an array, may change at any time: it is never known."""
+        self._distrusted.add(name)
+
+    def is_distrusted(self, name: Name) -> bool:
+        """Return whether a variable may change at any time."""
+        whole = Element(name.array, None) if isinstance(name, Element) else name
+        return name in self._distrusted or whole in self._distrusted
 
     def begin_loop(self, counter: Counter | None, kind: str, line: int, place: Place) -> None:
         """Open a loop; with a counter, one that counts."""
@@ -422,6 +432,8 @@ class _Walk:
             elif not self._all.is_point(event.name) and not isinstance(value, float):
                 self._spoil(sources_of(value), event.place, "read by arithmetic")
                 value = UNKNOWN
+            if self._all.is_distrusted(event.name):
+                value = Depends(sources_of(value))
             values[event.name] = value
             return
         goals = self._goals.setdefault(event.motion, {})

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, FileError
@@ -66,6 +67,12 @@ class FrameTolerance(NamedTuple):
         if not (0.0 < self.mm <= 1000.0 and 0.0 <= self.deg <= 45.0):
             raise DataError(f"a tolerance of {self.mm:g} mm and {self.deg:g}° is none; expected up to 1000 mm and 45°")
         return self
+
+    def holds(self, stored: FloatArray, tf: FloatArray) -> bool:
+        """Return whether a frame is within the tolerance of the stored one, (4, 4) arrays [mm]."""
+        deviation = np.linalg.inv(stored) @ tf
+        turn = Rotation.from_matrix(deviation[:3, :3]).as_rotvec(degrees=True)
+        return bool((np.abs(deviation[:3, 3]) <= self.mm).all() and (np.abs(turn) <= self.deg + 1e-6).all())
 
 
 @dataclass(frozen=True)

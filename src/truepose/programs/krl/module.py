@@ -18,13 +18,15 @@ from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
 from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.controller import is_null
-from truepose.programs.krl.frames import SYSTEM, bas, fdat_value, frame_value, ipo_value
+from truepose.programs.krl.derived import KrlDerivations
+from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_value, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
 from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.motions import KrlMotionReader, Settings
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Numbers, PointVariable
 from truepose.programs.krl.runs import find_run
+from truepose.programs.krl.statements import KrlStatements, element_of
 from truepose.programs.krl.words import (
     DECLARE,
     FRAME_CHANGE,
@@ -56,7 +58,10 @@ _FDAT_SET = re.compile(
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
-FRAME_TABLES: Final = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
+FRAME_TABLES: Final[dict[str, Which]] = {"TOOL_DATA": "tool", "BASE_DATA": "base"}
+_ASSIGNED: Final = re.compile(
+    rb"^[ \t]*+([A-Za-z_$][\w$]*+)[ \t]*+(?:\[[^\]\r\n]*+\][ \t]*+)?(?:\.[ \t]*+\w++[ \t]*+)?=(?!=)", re.M
+)
 _WORLD: Final = ("$ROBROOT", "$WORLD")
 _LOOPS: Final = {"ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP": "LOOP", "UNTIL": "REPEAT"}
 
@@ -83,6 +88,8 @@ class Shared:
         The places where the program changes a numbered frame.
     moved : list of str
         The statements that change the place of the robot in the world.
+    set_to : dict of ("tool" or "base", number) to list of InForce
+        The values that the program gives to numbered frames, as far as they are constants.
     libraries : frozenset of Path
         The files that are read for their effects only; see `truepose.programs.krl.libraries`.
     """
@@ -96,6 +103,10 @@ class Shared:
     changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
     libraries: frozenset[Path] = frozenset()
+    set_to: dict[tuple[str, int | None], list[InForce]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.derivations = KrlDerivations(self.flow)
 
 
 class KrlModule:
@@ -128,12 +139,17 @@ class KrlModule:
         self.names = self._names = Names(shared.numbers, *everywhere)
         self.variables: list[PointVariable] = []
         self.runs: list[tuple[Numbers, Lines]] = []
+        self._whole = shared.project or shared.options.whole_task
         self._routine: tuple[str, int] | None = None
         self._routines = 0
         self._own: dict[str, str] = {}
         if src is not None:
             self._src = src
-            self.motions = self._motions = KrlMotionReader(src, self.names, self._flow, named=shared.project)
+            self.motions = self._motions = KrlMotionReader(
+                src, self.names, self._flow, shared.derivations, named=shared.project
+            )
+            shared.derivations.assigned |= {m[1].decode().upper() for m in _ASSIGNED.finditer(src.data)}
+        self._derivations = KrlStatements(shared.derivations, self.names)
 
     def distrust_fdats(self) -> None:
         """Forget the FDATs that the .src assigns to."""
@@ -179,6 +195,8 @@ class KrlModule:
                 word in TYPES and _OPERAND.match(dat.data, rest, end)
             ):
                 self._names.declare(dat, start, end, line, "dat")
+            elif (number := self._names.own_numbers.get(word)) and (m := _ASSIGN.match(dat.data, rest, end)):
+                number.declare(element_of(m[1]), dat.data[m.end() : end])
             elif (variable := self._names.module.get(word)) and (m := _ASSIGN.match(dat.data, rest, end)):
                 index = element(variable, m[1])
                 if m[2]:
@@ -220,15 +238,16 @@ class KrlModule:
         if word in ("IF", "SWITCH", "FOR", "WHILE", "LOOP", "REPEAT"):
             if _ASSIGN.match(self._src.data, rest, end):
                 return False
-            self._scan(statement)
-            flow.begin(word, line)
+            if word != "FOR" or not self._derivations.begin_for(self._src, statement, self._motions.place(line)):
+                self._scan(statement)
+                flow.begin(word, line)
         elif word in ("ELSE", "CASE", "DEFAULT"):
             flow.branch(word, last=word != "CASE")
         elif word in ("ENDIF", "ENDSWITCH"):
             flow.end(word, word[3:])
         elif word in _LOOPS:
             self._scan(statement)
-            flow.end(word, _LOOPS[word])
+            self._derivations.end_loop(word, _LOOPS[word], self._motions.place(line))
         elif word == "EXIT":
             flow.exit()
         elif word in ("RETURN", "RESUME"):
@@ -250,6 +269,8 @@ class KrlModule:
     def _other(self, statement: Statement) -> None:
         word, line, start, rest, end = statement
         data = self._src.data
+        if not word or not _ASSIGN.match(data, rest, end):
+            self._derivations.hand_over(data, start, end, at_any_time=word in OTHER_STATEMENTS)
         shifts.follow(self._flow, shifts.KRL, data[start:end], self._motions.place(line))
         for given in HANDED_POSE.finditer(data, start, end):
             if given[1] and (name := given[1].decode()).upper() not in KEEPS_FRAMES:
@@ -282,7 +303,10 @@ class KrlModule:
         if FRAME_CHANGE.search(data, start, end):
             unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             self._flow.change(tool=unknown, base=unknown)
-        self._call(self._names.scan(data, start, end, line))
+        calls = self._names.scan(data, start, end, line)
+        if calls:
+            self._derivations.hand_over(data, start, end)
+        self._call(calls)
 
     def _stray(self, statement: Statement) -> None:
         _, line, start, _, end = statement
@@ -294,7 +318,10 @@ class KrlModule:
     def _assign(self, statement: Statement, m: re.Match[bytes]) -> None:
         word, line, start, rest, end = statement
         data, flow, fdats = self._src.data, self._flow, self._names.fdats
-        self._call(self._names.scan(data, rest, end, line))
+        followed = self._derivations.assign(self._src, statement, m, self._motions.place(line), whole=self._whole)
+        if not followed and b"(" in data[m.end() : end]:
+            self._derivations.hand_over(data, m.end(), end)
+        self._call(self._names.scan(data, rest, m.end() if followed else end, line))
         if word in SYSTEM:
             which = SYSTEM[word]
             value = InForce("unknown", f"{shown(data, start, end)} (line {line})")
@@ -308,7 +335,12 @@ class KrlModule:
         elif word in FRAME_TABLES:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
-            self._changed.setdefault((FRAME_TABLES[word], key), self._motions.place(line))
+            which = FRAME_TABLES[word]
+            self._changed.setdefault((which, key), self._motions.place(line))
+            if not m[2]:
+                self._shared.set_to.setdefault((which, key), []).append(
+                    frame_value(self._src, m.end(), end, line, which, fdats)
+                )
         elif word in _WORLD:
             if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
                 self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
@@ -354,7 +386,7 @@ class KrlModule:
             raise BlockError(f"{word}: expected a name")
         name = m[1].decode()
         self._routine = (name, line)
-        self._names.local = {}
+        self._names.local, self._names.local_numbers = {}, {}
         for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
             variable = self._names.local[parameter.upper()] = PointVariable(parameter, "", line, "src")
             self.variables.append(variable)
@@ -370,7 +402,7 @@ class KrlModule:
         self._routine = None
         self._routines += 1
         self._motions.block = Settings()
-        self._names.local = {}
+        self._names.local, self._names.local_numbers = {}, {}
 
 
 def _declares(word: str, data: bytes, rest: int, end: int) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from itertools import count
 from typing import NamedTuple
 
+from truepose.programs.core.arithmetic import Expression, Shifted, Variable
 from truepose.programs.core.flow import Flow, InForce
 from truepose.programs.core.points import RUN_TIME, FileLine, Place, Point, Problem, Use, computed, not_understood
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.derived import Followed, KrlDerivations, Resolver, expression
 from truepose.programs.krl.frames import SYSTEM, frame_value, ipo_value
 from truepose.programs.krl.lexer import BLANK, Lines, Statement, closing_brace, parse_point, split_commas
 from truepose.programs.krl.names import Names, element
@@ -42,6 +45,7 @@ class Element(NamedTuple):
 
     variable: PointVariable
     key: Index
+    followed: Followed | None = None
 
 
 Goal = Numbers | Point | Element
@@ -59,11 +63,20 @@ class KrlMotionReader:
         The goals of circles.
     block : Settings
         The settings of the open spline block.
+    followed : list of Followed
+        The motions to points that the program may derive from others.
+    computed : dict of Followed to Point
+        The targets among these that an expression in the motion gives.
     """
 
-    def __init__(self, source: Source, names: Names, flow: Flow, *, named: bool = False) -> None:
+    def __init__(
+        self, source: Source, names: Names, flow: Flow, derivations: KrlDerivations, *, named: bool = False
+    ) -> None:
         self._source, self._names, self._flow = source, names, flow
-        self._named = named
+        self._named, self._derivations = named, derivations
+        self._numbers = count()
+        self.followed: list[Followed] = []
+        self.computed: dict[Followed, Point] = {}
         self.others: list[Point] = []
         self.circles: list[list[Goal]] = []
         self.block = Settings()
@@ -156,6 +169,13 @@ class KrlMotionReader:
             return self._literal(start, end, name, motion)
         if m := _NAME.fullmatch(data, start, end):
             return self._point(m[1], m[2], motion)
+        resolver = Resolver(self._names.find, self._names.number)
+        goal = expression(self._source, start, end, motion.line, resolver, self._derivations)
+        if isinstance(goal, (Variable, Shifted)):
+            followed = self._follow(goal, motion)
+            point = self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
+            self.computed[followed] = point
+            return point
         calls += self._names.scan(data, start, end, motion.line)
         code = _OPERATOR_WORD.sub(b"+", _BRACES.sub(b"{}", data[start:end]))
         if _ADJACENT.search(code) or not re.search(rb"[A-Za-z_$]", code):
@@ -176,6 +196,19 @@ class KrlMotionReader:
         variable = self._names.find(key)
         if variable is None:
             variable = self._names.elsewhere[key] = PointVariable(name.decode(), "", motion.line, "nowhere")
-        goal = Element(variable, element(variable, brackets))
-        variable.moves[goal.key].append(motion)
+        index = element(variable, brackets)
+        followed = None
+        if key in self._derivations.assigned:
+            followed = self._follow(self._derivations.point(variable, index), motion, variable, index)
+        goal = Element(variable, index, followed)
+        variable.moves[index].append(motion)
         return goal
+
+    def _follow(
+        self, goal: Expression, motion: KrlMotion, variable: PointVariable | None = None, index: Index = ()
+    ) -> Followed:
+        """Note a motion to a variable or to an expression."""
+        followed = Followed(motion, next(self._numbers), variable, index)
+        self.followed.append(followed)
+        self._derivations.derivations.move(followed, goal, motion.place)
+        return followed

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final, Literal
 
 from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.derived import NumberVariable, numbers_of
 from truepose.programs.krl.lexer import BLANK, Aggregate, closing_brace, parse_aggregate, parse_point, split_commas
 from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, PointVariable
 from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
@@ -18,6 +19,7 @@ _DECLARATOR = re.compile(rb"([A-Za-z_$][\w$]*+)\s*+(\[[^\]]*\])?\s*+(=)?\s*+")
 _IS_PATH = re.compile(rb"\bIS\b", re.I)
 _IMPORTED = re.compile(rb"/R\d/(?:\w+/)*([\w$]+)\.\.([\w$]+)(?:\[\])?", re.I)
 _POINT_TYPES: Final = frozenset([*POSES, *JOINTS])
+_NUMBER_TYPES: Final = ("INT", "REAL")
 
 
 class Names:
@@ -31,6 +33,9 @@ class Names:
         The FDATs of the .dat by name, then the GLOBAL ones of other modules.
     public : bool
         Whether the data list is PUBLIC, so that other modules may import its points.
+    escape : callable
+        A function that is told of every use of a point other than by a motion: the point, the element, the line and a
+        phrase.
     """
 
     def __init__(
@@ -39,6 +44,9 @@ class Names:
         everywhere: dict[str, PointVariable] | None = None,
         fdats: dict[str, FdatFrames] | None = None,
     ) -> None:
+        self.escape: Callable[[PointVariable, Index, int, str], object] = lambda *_: None
+        self.own_numbers: dict[str, NumberVariable] = {}
+        self.local_numbers: dict[str, NumberVariable] = {}
         self.module: dict[str, PointVariable] = {}
         self.local: dict[str, PointVariable] = {}
         self.elsewhere: dict[str, PointVariable] = {}
@@ -80,6 +88,9 @@ class Names:
                 alias = data[m.end() : path.start()].strip(b" \t[]").decode("latin-1").upper()
                 self._imports.append((alias, known[1].decode().upper(), known[2].decode().upper()))
             end = path.start()
+        if kind in _NUMBER_TYPES:
+            self._declare_numbers(source, m.end(), end, kind, outside=imported or b"GLOBAL" in words)
+            return
         if kind not in _POINT_TYPES and kind != "FDAT":
             return
         is_global = b"GLOBAL" in words or source.path.name.lower() == "$config.dat"
@@ -107,6 +118,33 @@ class Names:
                 raise source.error(line, f"{name} is GLOBAL here and in line {old.line} of another file; keep one")
             if d[3]:
                 self.assign(source, variable, (), d.end(), b, line)
+
+    def _declare_numbers(self, source: Source, start: int, end: int, kind: str, *, outside: bool) -> None:
+        """Read a declaration of numbers; `outside`: other modules may change them."""
+        try:
+            pieces = split_commas(source.data, start, end)
+        except ValueError:
+            return  # what is declared here is not known
+        local = self.local_numbers if source.path.suffix.lower() == ".src" else self.own_numbers
+        for a, b in pieces:
+            if d := _DECLARATOR.match(source.data, a, b):
+                variable = NumberVariable(kind, d[1].decode(), handed=outside or self.public)
+                local[d[1].decode().upper()] = variable
+                value = numbers_of(source.data[d.end() : b]) if d[3] else None
+                if value is not None and not d[2] and local is self.own_numbers:
+                    variable.values[()] = value
+
+    def number(self, name: str) -> NumberVariable | None:
+        """Return the number with a name in upper case, as this module or the routine declares it."""
+        if name in self.local or name in self.module:
+            return None  # a point, or a parameter of the routine
+        return self.local_numbers.get(name) or self.own_numbers.get(name)
+
+    def hand_numbers(self, data: bytes, start: int, end: int) -> None:
+        """Note that code may change the numbers that it names."""
+        for m in IDENTIFIER.finditer(data, start, end):
+            if m[1] is not None and (number := self.number(m[1].decode().upper())) is not None:
+                number.handed = True
 
     def assign(self, source: Source, variable: PointVariable, index: Index, start: int, end: int, line: int) -> None:
         """Take the value of a point: numbers that may be corrected, or a value that only the run time knows."""
@@ -138,7 +176,9 @@ class Names:
                 if name not in KEEPS_FRAMES:
                     calls.append(name)
             elif (variable := self.find(name)) is not None:
-                variable.reads[element(variable, m[2])].append((line, how))
+                index = element(variable, m[2])
+                variable.reads[index].append((line, how))
+                self.escape(variable, index, line, how)
         return calls
 
 

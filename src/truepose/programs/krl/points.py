@@ -134,6 +134,8 @@ class KrlJudge(Judge):
         Whether every module that exists was read.
     moved : sequence of str
         The statements that change the place of the robot in its world.
+    set_to : mapping of ("tool" or "base", number) to sequence of InForce
+        The values that the program gives to numbered frames.
     """
 
     def __init__(
@@ -146,8 +148,10 @@ class KrlJudge(Judge):
         *,
         whole: bool = False,
         moved: Sequence[str] = (),
+        set_to: Mapping[tuple[str, int | None], Sequence[InForce]] | None = None,
     ) -> None:
         super().__init__(frames, options, "kuka")
+        self._set_to = set_to or {}
         self._states, self._ambient = states, ambient
         self._numbers_changed, self._whole, self._moved = changed, whole, moved
         self._known: dict[object, _InForceAt] = {}
@@ -175,16 +179,19 @@ class KrlJudge(Judge):
             shared=shared,
             objection=self._external(aggregate) if joints else self._objection(aggregate),
             joints=joints,
-            uses=self._uses(motions, _fdat(variable), based=joints is None),
+            uses=self.uses(motions, variable, based=joints is None),
             reads=[] if variable is None else concerning(variable.reads, numbers.index),
             writes=[] if variable is None else concerning(variable.writes, numbers.index),
         )
 
-    def _uses(self, motions: list[tuple[KrlMotion, int]], fdat: FdatFrames | None, *, based: bool) -> list[Use]:
+    def uses(
+        self, motions: list[tuple[KrlMotion, int]], variable: PointVariable | None = None, *, based: bool = True
+    ) -> list[Use]:
         """Return motions with tool and base; one that control never reaches has those of the first one reached.
 
-        Joint targets, which are not `based`, need no base.
+        `variable` is the point that they go to, whose FDAT counts. Joint targets, which are not `based`, need no base.
         """
+        fdat = _fdat(variable)
         reached = next((motion for motion, _ in motions if self._states[motion.node].tool), None)
         uses = []
         for motion, order in motions:
@@ -275,8 +282,26 @@ class KrlJudge(Judge):
             raise NotCorrected("refuse", f"{reason}, or a $config.dat with {data}[{number}]")
         changed = self._numbers_changed
         if number and (place := changed.get((which, number)) or changed.get((which, None))):
-            raise NotCorrected("refuse", f"{value.text} is changed by the program ({at(place)})")
+            how = f"{value.text} is changed by the program ({at(place)})"
+            if which == "tool":
+                raise NotCorrected("refuse", how)
+            return Frame(value.text, number, changed=self._tolerated(number, how))
         return Frame(value.text, number)
+
+    def _tolerated(self, number: int, how: str) -> str:
+        """Return how a base is changed if the tolerance of the options allows that."""
+        tolerance = self._options.frame_tolerance
+        if tolerance is None:
+            raise NotCorrected("refuse", f"{how}; --frame-tolerance corrects with the stored frame")
+        stored = self._frames.bases[number]
+        for value in self._set_to.get(("base", number), ()):
+            tf = self._frames.bases.get(value.number) if value.number is not None else None
+            if value.pose is not None:
+                tf = self._frames.bases[0] @ make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
+            if tf is not None and not tolerance.holds(stored, tf):
+                reason = f"{how}, to {value.text}, which is beyond the tolerance around the stored frame"
+                raise NotCorrected("refuse", f"{reason}; state a larger one (--frame-tolerance), or set $BASE to it")
+        return how
 
 
 def _as_taught(taught: InForce, possible: set[InForce]) -> set[InForce]:

@@ -10,10 +10,12 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
+from truepose.programs.core.derived import Goal as Positions
 from truepose.programs.core.order import Sweep
 from truepose.programs.core.points import FileLine, Point, Problem
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
+from truepose.programs.krl.derived import Followed
 from truepose.programs.krl.lexer import LEXER
 from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, mentioned, needed
 from truepose.programs.krl.module import FRAME_TABLES, KrlModule, Shared
@@ -189,9 +191,24 @@ def _check_pair(module: KrlModule) -> None:
 def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: KnownFrames) -> Program:
     """Judge the points of all modules, and put them in order."""
     ambient = shared.flow.solve()
+    derived = shared.derivations.solve()
+    shared.derivations.spoil(derived)
     whole = shared.project or shared.options.whole_task
     states, changed = shared.flow.states, shared.changed
-    judge = KrlJudge(frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved)
+    judge = KrlJudge(
+        frames, shared.options, states, ambient, changed, whole=whole, moved=shared.moved, set_to=shared.set_to
+    )
+    derived_goals = [
+        (one, module.src, derived.goals[one])
+        for module in modules
+        if module.src is not None
+        for one in module.motions.followed
+        if one in derived.goals and module.src.path not in shared.libraries
+    ]
+    if shared.options.derived:
+        for one, _, goal in derived_goals:
+            if goal.complete and one.variable is not None:
+                one.variable.moves[one.element].remove(one.motion)
     of_numbers = {id(numbers): point for numbers in shared.numbers if (point := _point(numbers, judge, shared))}
     of_variables: dict[int, Point] = {}
     points = list(of_numbers.values())
@@ -207,12 +224,17 @@ def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: K
         if not given and (point := _without_numbers(variable, written)):
             of_variables[id(variable)] = point
     points += of_variables.values()
+    computed = {one: point for m in modules if m.src is not None for one, point in m.motions.computed.items()}
+    followers = _followers(derived_goals, shared, judge, of_numbers, computed)
+    points += [point for one, point in followers.items() if one.variable is not None]
 
     def points_of(goal: Goal) -> list[Point]:
         if isinstance(goal, Point):
             return [goal] if goal.source.path not in shared.libraries else []
         if isinstance(goal, Numbers):
             return [of_numbers[id(goal)]] if id(goal) in of_numbers else []
+        if goal.followed in followers:
+            return [followers[goal.followed]]
         if id(goal.variable) in of_variables:
             return [of_variables[id(goal.variable)]]
         literals = concerning(goal.variable.literals, goal.key)
@@ -243,6 +265,35 @@ def _point(numbers: Numbers, judge: KrlJudge, shared: Shared) -> Point | None:
         return None
     point.problem = point.problem or NOT_WRITTEN
     return point
+
+
+def _followers(
+    goals: Iterable[tuple[Followed, Source, Positions]],
+    shared: Shared,
+    judge: KrlJudge,
+    of_numbers: Mapping[int, Point],
+    computed: Mapping[Followed, Point],
+) -> dict[Followed, Point]:
+    """Return the targets that are derived from points, and let them follow these."""
+    known = shared.derivations
+    sources = {
+        known.name(numbers.variable, numbers.index): of_numbers[id(numbers)]
+        for numbers in shared.numbers
+        if numbers.variable is not None and id(numbers) in of_numbers
+    }
+    followers: dict[Followed, Point] = {}
+    for one, src, goal in goals:
+        variable, motion = one.variable, one.motion
+        uses = judge.uses([(motion, 0)], variable)
+        if variable is None:
+            point = computed[one]
+            point.uses = uses
+        else:
+            problem = Problem("skip", "its value is known at run time only")
+            point = Point(known.shown(known.name(variable, one.element)), src, motion.line, problem=problem, uses=uses)
+        if known.derive(goal, point, sources) and shared.options.derived:
+            followers[one] = point
+    return followers
 
 
 def _runs(module: KrlModule, src: Source, judge: KrlJudge) -> Iterator[tuple[Sweep, Run]]:
