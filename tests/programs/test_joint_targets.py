@@ -111,6 +111,27 @@ def test_outside_limits_and_singular_joints_are_refused(tmp_path: Path, maker: M
     np.testing.assert_array_equal(written[1:], maker.read(path.read_bytes())[1:])
 
 
+@ALL
+def test_guarded_joint_targets_stay(tmp_path: Path, maker: Maker) -> None:
+    class Guarded(Sagging):
+        def correct(self, poses: np.ndarray, on_guard: str = "", **more: Any) -> Any:
+            answer = super().correct(poses, **more)
+            answer.verdict[:] = "refuse" if on_guard == "refuse" else "skip"
+            answer.reason[:] = ["far away"] * len(poses)
+            answer.p_command = answer.p_target
+            return answer
+
+    path = maker.file(tmp_path, texts(maker.some(2, 14)))
+    given = {"frames": FRAMES, "options": JOINTS}
+    with pytest.raises(RefusedError, match="far away"):
+        correct_program(path, Guarded(maker.robot), **given)
+    left = correct_program(path, Guarded(maker.robot), on_guard="skip", **given)
+    assert after(left) == path.read_bytes()
+    assert [(t.verdict, t.reason) for t in left.targets] == [("skip", "far away")] * 2
+    assert all(np.isnan(t.joints_after).all() for t in left.targets)
+    assert left.summary()["joint_targets"] == 0
+
+
 def test_full_turns_are_kept(tmp_path: Path) -> None:
     maker = MAKERS["kuka"]
     numbers = maker.some(1, 7).repeat(4, axis=0)

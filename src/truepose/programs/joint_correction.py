@@ -136,6 +136,8 @@ class JointCorrection:
         assert robot is not None  # the targets have poses
         assert joints is not None  # there are joint targets
         done = np.flatnonzero(np.isin(code, _CORRECTED))
+        if not len(done):
+            return {}
         before = posed.poses.take(done).poses_base()
         written = self._written(robot, posed.take(done), _moved(before, change[done]))
         why, coarse = written.objections(robot, np.linalg.norm(change[done, :3], axis=1), resolution)

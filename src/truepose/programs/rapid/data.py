@@ -74,9 +74,6 @@ def jointtarget(source: Source, options: ReadOptions, name: str, parsed: Value, 
         point.problem = Problem("skip", f"joint target: {error}")
         return point
     point.line = source.line(tokens[0][0].start)
-    if max(map(abs, values)) >= _UNUSED_AXIS:
-        point.problem = Problem("skip", "joint target: one of its six joints is not in use")
-        return point
     point.joints = JointNumbers(values, tuple([(leaf[0].start, leaf[0].end) for leaf in tokens[:6]]), ABB)
     point.problem = _external(texts[6:], simple[6:], options)
     return point
