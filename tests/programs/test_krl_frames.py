@@ -168,3 +168,58 @@ def test_interrupt_programs_have_the_frames_of_what_they_interrupt(read: Read, r
         else:
             assert target.verdict == "refuse", body
             assert expected in target.reason, (body, target.reason)
+
+
+FRAME = "{X 10.0,Y 20.0,Z 30.0,A 0.0,B 0.0,C 0.0}"
+CONSTANT = [
+    ("$TOOL=TOOL_DATA[1]\n$BASE=FB", f"DECL CONST FRAME FB={FRAME}"),
+    ("$TOOL=TOOL_DATA[1]\n$BASE=fb[2] ; the second", f"CONST FRAME FB[2]\nFB[2]={FRAME}"),
+    (f"DECL FRAME FB\n$TOOL=TOOL_DATA[1]\nFB={FRAME}\n$BASE=FB", ""),
+    ("$TOOL=TOOL_DATA[NT]\n$BASE=FB\nXOTHER.Z=FB.Z ;FB.Z=1", f"CONST INT NT=1\nCONST FRAME FB={FRAME}"),
+    ("BAS(#TOOL,NT)\n$BASE=FB\nLIN XOTHER:FB", f"DECL CONST INT NT=1\nCONST FRAME FB={FRAME}"),
+]
+CHANGED = [
+    ("BAS(#TOOL,1)\n$BASE=FB", f"DECL FRAME FB={FRAME}"),
+    ("BAS(#TOOL,NT)\nBAS(#BASE,1)", "INT NT=1"),
+    (f"BAS(#TOOL,1)\nFB={FRAME}\n$BASE=FB", f"CONST FRAME FB={FRAME}"),
+    ("BAS(#TOOL,1)\nFB.Z=FB.Z+1\n$BASE=FB", f"CONST FRAME FB={FRAME}"),
+    ("BAS(#TOOL,1)\nmeasure(FB)\n$BASE=FB", f"CONST FRAME FB={FRAME}"),
+    ("BAS(#TOOL,1)\n$BASE=FB", "CONST FRAME FB={X 10.0,Z 3.0}"),
+    (f"BAS(#TOOL,1)\nDECL FRAME FB\nFB={FRAME}:{FRAME}\n$BASE=FB", ""),
+    (f"BAS(#TOOL,1)\nDECL FRAME FB\nFB={FRAME}\nFB={FRAME}\n$BASE=FB", ""),
+    (f"BAS(#TOOL,1)\nDECL FRAME FB\nFB={FRAME}\nmeasure(FB)\n$BASE=FB", ""),
+    (f"BAS(#TOOL,1)\nDECL FRAME FB[2]\nFB[I]={FRAME}\n$BASE=FB[1]", f"FB[1]={FRAME}"),
+    ("BAS(#TOOL,NT)\nNT=NT+1\nBAS(#BASE,1)", "CONST INT NT=1"),
+    ("BAS(#TOOL,NT)\nFOR NT=1 TO 2\nENDFOR\nBAS(#BASE,1)", "CONST INT NT=1"),
+    ("DECL INT NT\nBAS(#TOOL,NT)\nBAS(#BASE,1)", "CONST INT NT=1"),
+    ("BAS(#TOOL,1)\nX=1+\\\nFB.Z\n$BASE=FB", f"CONST FRAME FB={FRAME}"),
+]
+
+
+@pytest.mark.parametrize(("body", "dat"), CONSTANT)
+def test_a_constant_frame_or_number_is_known(read: Any, body: str, dat: str) -> None:
+    program = read(f"{body}\nLIN {{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}}", dat or "DECL INT N")
+    (target,) = [target for target in program.targets if target.name.startswith("LIN") and target.xyz]
+    assert (target.verdict, target.tool) == ("correct", "TOOL_DATA[1]")
+    np.testing.assert_allclose(program.positions_base(), [[11.0, 22.0, 33.0]])
+
+
+@pytest.mark.parametrize(("body", "dat"), CHANGED)
+def test_a_frame_or_number_that_may_change_is_not_known(read: Any, body: str, dat: str) -> None:
+    (target,) = read(f"{body}\nLIN {{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}}", dat or "DECL INT N").targets
+    assert "is known at run time only" in target.reason
+
+
+def test_a_constant_of_a_public_list_is_none_because_other_modules_may_change_it(read: Any) -> None:
+    src = f"DEF cell( )\nBAS(#TOOL,1)\n$BASE=FB\nLIN {FRAME}\nEND\n"
+    (target,) = read(src, f"ENDDAT\nDEFDAT CELL PUBLIC\nCONST FRAME FB={FRAME}").targets
+    assert "is known at run time only" in target.reason
+
+
+def test_an_fdat_that_the_program_sets_counts_for_nothing(read: Any) -> None:
+    dat = f"DECL E6POS XP1={FRAME}\nDECL FDAT FP1={{TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}}"
+    moves = "FDAT_ACT=FP1\nBAS(#CP_PARAMS,0.5)\nLIN XP1"
+    assert read(moves, dat).counts()["correct"] == 1
+    for setting in ("FP1.BASE_NO=N", "FP1=FOTHER", "fp1 . TOOL_NO = 2"):
+        (target,) = read(f"{setting}\n{moves}", dat).targets
+        assert "FP1 is set at run time" in target.reason

@@ -8,29 +8,38 @@ from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.constants import NO_CONSTANTS, Constants
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
 
 Which = Literal["tool", "base"]
 SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
 _DATA: Final = {"tool": "TOOL_DATA", "base": "BASE_DATA"}
-_CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d{1,4})\s*\]", re.I)
+_CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*([A-Za-z]?\w{1,40})\s*\]", re.I)
 _WITH_FUNCTION = re.compile(
     rb"(STOOL2?|SBASE|SIPO_MODE)\s*\(\s*(\w+)\s*(?:\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)\s*)?\)", re.I
 )
 _BAS = re.compile(rb"\(\s*#\s*(\w+)\s*(?:,([^,]*))?\)\s*", re.I)
-_INTEGER = re.compile(rb"\+?\d{1,4}(?:\.0*)?")
 
 
 def frame_value(
-    source: Source, start: int, end: int, line: int, which: Which, fdats: Mapping[str, FdatFrames]
+    source: Source,
+    start: int,
+    end: int,
+    line: int,
+    which: Which,
+    fdats: Mapping[str, FdatFrames],
+    constants: Constants = NO_CONSTANTS,
 ) -> InForce:
     """Return the value of an expression on the right of $TOOL or $BASE: a constant, or unknown until run time."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
     unknown = InForce("unknown", f"${which.upper()}={shown(source.data, start, end)} (line {line})")
     if (m := _CONSTANT.fullmatch(code)) and m[1].decode().upper() == _DATA[which]:
-        return _numbered(which, int(m[2]))
+        number = constants.integer(m[2])
+        return unknown if number is None else _numbered(which, number)
+    if (pose := constants.frame(code)) is not None:
+        return InForce("literal", shown(source.data, start, end), None, pose)
     if code.upper() == b"$NULLFRAME" or (which == "base" and code.upper() == b"$WORLD"):
         return _numbered(which, 0)
     if m := _WITH_FUNCTION.fullmatch(code):
@@ -68,7 +77,7 @@ def fdat_value(source: Source, start: int, end: int, line: int, fdats: Mapping[s
     return FdatFrames(unknown, unknown, "BASE")
 
 
-def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
+def bas(flow: Flow, source: Source, start: int, end: int, line: int, constants: Constants = NO_CONSTANTS) -> None:
     """Follow a call of BAS, `start` behind its name: the commands of the basis package that set frames."""
     m = _BAS.fullmatch(source.data, start, end)
     command = m[1].decode().upper() if m else ""
@@ -76,8 +85,8 @@ def bas(flow: Flow, source: Source, start: int, end: int, line: int) -> None:
     unknown = InForce("unknown", f"BAS{shown(source.data, start, end)} (line {line})")
     if command in ("TOOL", "BASE"):
         which: Which = "tool" if command == "TOOL" else "base"
-        value = _numbered(which, int(float(argument))) if _INTEGER.fullmatch(argument) else unknown
-        flow.change(**{which: value})
+        number = constants.integer(argument)
+        flow.change(**{which: unknown if number is None else _numbered(which, number)})
     elif command in ("PTP_PARAMS", "CP_PARAMS", "FRAMES"):
         flow.apply_fdat()
     elif command == "INITMOV":

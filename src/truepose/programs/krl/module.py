@@ -17,6 +17,7 @@ from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, 
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
 from truepose.programs.krl import runs as krl_runs
+from truepose.programs.krl.constants import find_constants
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.derived import KrlDerivations
 from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_value, ipo_value
@@ -151,8 +152,10 @@ class KrlModule:
             shared.derivations.assigned |= {m[1].decode().upper() for m in _ASSIGNED.finditer(src.data)}
         self._derivations = KrlStatements(shared.derivations, self.names)
 
-    def distrust_fdats(self) -> None:
-        """Forget the FDATs that the .src assigns to."""
+    def look_ahead(self) -> None:
+        """Find the constants of the module, and forget the FDATs that the .src assigns to."""
+        if not self._names.public:
+            self._names.constants = find_constants(self.dat, self._src)
         for m in _FDAT_SET.finditer(self._src.data):
             if (name := m[1].decode().upper()) in self._names.fdats:
                 unknown = InForce("unknown", f"{name} is set at run time (line {self._src.line(m.start(1))})")
@@ -280,7 +283,14 @@ class KrlModule:
             self._assign(statement, m)
         elif word == "BAS" and _CALL.match(data, rest, end):
             self._stray(statement)
-            bas(self._flow, self._src, rest + len(data[rest:end]) - len(data[rest:end].lstrip()), end, line)
+            bas(
+                self._flow,
+                self._src,
+                rest + len(data[rest:end]) - len(data[rest:end].lstrip()),
+                end,
+                line,
+                self._names.constants,
+            )
         elif word and (m := _LABEL.fullmatch(data, rest, end)):
             self._flow.label(word)
         elif word == "INTERRUPT" and self._interrupt(statement):
@@ -326,7 +336,7 @@ class KrlModule:
             which = SYSTEM[word]
             value = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             if not m[1] and not m[2]:
-                value = frame_value(self._src, m.end(), end, line, which, fdats)
+                value = frame_value(self._src, m.end(), end, line, which, fdats, self._names.constants)
             flow.change(**{which: value})
         elif word == "$IPO_MODE":
             flow.change(ipo=ipo_value(data[m.end() : end], fdats))

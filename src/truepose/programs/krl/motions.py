@@ -131,7 +131,9 @@ class KrlMotionReader:
             m = _SETTING.match(self._source.data, a, b)
             name = m[1].decode().upper() if m else ""
             if m and name in SYSTEM:
-                value = frame_value(self._source, m.end(), b, line, SYSTEM[name], self._names.fdats)
+                value = frame_value(
+                    self._source, m.end(), b, line, SYSTEM[name], self._names.fdats, self._names.constants
+                )
                 found = found._replace(tool=value) if SYSTEM[name] == "tool" else found._replace(base=value)
             elif m and name == "$IPO_MODE":
                 found = found._replace(ipo=ipo_value(self._source.data[m.end() : b], self._names.fdats))

@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.source import Source, shown, strip
+from truepose.programs.krl.constants import NO_CONSTANTS
 from truepose.programs.krl.derived import NumberVariable, numbers_of
 from truepose.programs.krl.lexer import BLANK, Aggregate, closing_brace, parse_aggregate, parse_point, split_commas
 from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, PointVariable
@@ -33,6 +34,8 @@ class Names:
         The FDATs of the .dat by name, then the GLOBAL ones of other modules.
     public : bool
         Whether the data list is PUBLIC, so that other modules may import its points.
+    constants : Constants
+        The numbers and frames that no statement changes.
     escape : callable
         A function that is told of every use of a point other than by a motion: the point, the element, the line and a
         phrase.
@@ -55,6 +58,7 @@ class Names:
         self._global_fdats = {} if fdats is None else fdats
         self.fdats: ChainMap[str, FdatFrames] = ChainMap({}, self._global_fdats)
         self.public = False
+        self.constants = NO_CONSTANTS
         self._imports: list[tuple[str, str, str]] = []
 
     def find(self, name: str) -> PointVariable | None:

@@ -38,7 +38,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     shared = Shared(options)
     module = KrlModule(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
     module.read_dat()
-    module.distrust_fdats()
+    module.look_ahead()
     module.read_src()
     _check_pair(module)
     return _program(path, [module], shared, frames)
@@ -132,7 +132,7 @@ def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[K
     for module in modules:
         module.names.take_imports({m.name: m.names for m in modules})
         if module.src is not None:
-            module.distrust_fdats()
+            module.look_ahead()
     for module in modules:
         if module.src is not None:
             module.read_src()
