@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-_NUMBER: Final = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?!\w)")  # not the digits of a name
+_NUMBER: Final = re.compile(r"(?<![\w.])(?<!_DATA\[)(?<!FRAME\[)(?<!TOOL\[)[-+−]?\d+(?:\.\d+)?(?!\w)")
+"""A number, but for digits of a name and the number of a frame, which is its name."""
 
 
 class Judged(Protocol):
