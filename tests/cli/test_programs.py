@@ -49,7 +49,7 @@ def test_check_says_what_it_cannot_read(run, tmp_path):
     assert "no such file" in run("check", tmp_path / "absent.src").failed()
     assert "no such file" in run("check", tmp_path / "absent.xyz").failed()
     (tmp_path / "a.urp").write_bytes(b"\x1f\x8b")
-    assert "save it as .script" in run("check", tmp_path / "a.urp").failed()
+    assert "is truncated" in run("check", tmp_path / "a.urp").failed()
     (tmp_path / "a.txt").write_text("LIN")
     assert "is not a robot program in a known language" in run("check", tmp_path / "a.txt").failed()
     (tmp_path / "loop.src").symlink_to(tmp_path / "loop.src")

@@ -116,13 +116,6 @@ def test_rotation_vector_keeps_its_branch_and_metres_their_digits(tmp_path: Path
     assert corrected.files[path] == text.replace(b"0.3, -.1000, 1e-1", b"0.3005, -.09975, 0.099875")
 
 
-def test_packed_programs_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.urp"
-    path.write_bytes(b"\x1f\x8b\x08")
-    with pytest.raises(FileError, match=r"save it as \.script"):
-        read_program(path)
-
-
 @pytest.mark.parametrize(
     ("code", "message"),
     [

@@ -118,6 +118,10 @@ class Reading:
     joint_targets: Annotated[
         bool, typer.Option("--joint-targets", help="Correct joint targets, too, by the arm of the map.")
     ] = False
+    controller_kinematics: Annotated[
+        bool,
+        typer.Option("--controller-kinematics", help="UR .urp: the map was measured with commands of this controller."),
+    ] = False
     whole_task: Annotated[
         bool,
         typer.Option("--whole-task", help="State that no other file uses the points of a file given alone."),
@@ -163,6 +167,7 @@ class Reading:
             angles=self.angles,
             orientation=orientation,
             joint_targets=self.joint_targets,
+            controller_kinematics=self.controller_kinematics,
             whole_task=self.whole_task,
             system_modules=self.system_modules,
             mechanical_unit=self.mechanical_unit,

@@ -74,6 +74,9 @@ class CorrectedProgram:
 
     def content(self, source: Source) -> Iterator[bytes]:
         """Yield a corrected file, piece by piece."""
+        yield from source.stored(self._text(source))
+
+    def _text(self, source: Source) -> Iterator[bytes]:
         for _, _, piece, _ in self.targets.pieces(source, self.resolution):
             yield piece
 
@@ -142,8 +145,7 @@ class CorrectedProgram:
 
     def diff(self) -> str:
         """Return the changes as a unified diff, decoded as latin-1."""
-        files = self.files
-        return "".join(unified_diff(s.path, s.data, files[s.path]) for s in self.program.sources)
+        return "".join(unified_diff(s.path, s.data, b"".join(self._text(s))) for s in self.program.sources)
 
     def write(self, out_dir: str | Path, *, force: bool = False, workbook: bool = False) -> list[Path]:
         """Write every file of the program and its record (JSON and CSV) to a folder, all or none; return their paths.
@@ -221,7 +223,7 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
         if source.path.is_symlink():
             raise FileError(source.path, "is a link; name the file itself")
     for source in (s for one in corrected for s in one.program.sources):
-        if files.read_bytes(source.path) != source.data:
+        if files.read_bytes(source.path) != b"".join(source.stored([source.data])):
             raise FileError(source.path, "changed while it was being corrected; run again")
     backups = [_original(source.path) for source in changed]
     for backup in backups:
@@ -234,7 +236,7 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
     with files.Commit() as commit:
         for backup, source in zip(backups, changed, strict=True):
             with commit.open(backup, like=source.path) as file:
-                file.write(source.data)
+                file.writelines(source.stored([source.data]))
         for one, paths in zip(corrected, records, strict=True):
             _write_records(commit, one, paths)
         for one in corrected:

@@ -20,8 +20,9 @@ from truepose.errors import RobotError
 from truepose.geometry import euler, invert_transform
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.joint_digits import by_form, moved_joints
-from truepose.programs.core.joint_targets import MOST_JOINTS
+from truepose.programs.core.joint_targets import MOST_JOINTS, JointForm
 from truepose.programs.core.outcomes import DONE, Outcomes
+from truepose.programs.core.own_arm import objections, own_robot
 from truepose.programs.core.program import IDENTITY
 from truepose.programs.corrector import CorrectionContext
 from truepose.robots import Robot, status_turn
@@ -90,7 +91,7 @@ class JointCorrection:
             if robot is None or joints is None or not len(known):
                 continue
             rows, columns, q = rows[known], columns.take(known), q[known]
-            poses = robot.forward(q) @ columns.tf_flange_tool(self.known.tf_flange_tool)
+            poses = self._forward(columns, q)
             joints.p[rows], joints.change[rows] = poses[:, :3, 3], 0.0  # paths start also at those that stay nominal
             posed = PosedJoints(rows, columns, q, _as_poses(columns, robot, q, poses))
             if len(good := np.flatnonzero([k not in why for k in known.tolist()])):
@@ -112,9 +113,25 @@ class JointCorrection:
                 why.update(dict.fromkeys(rows.tolist(), reason))
             else:
                 q[rows] = form.joints(columns.joints[rows])
+                if form.arm is not None:
+                    tools = columns.take(rows).tf_flange_tool(self.known.tf_flange_tool)
+                    others = objections(form.arm, robot, q[rows], tools)
+                    why.update({int(rows[k]): reason for k, reason in others.items()})
         known = np.flatnonzero(np.isfinite(q).all(axis=1))
         why.update({int(known[k]): reason for k, reason in _objections(robot, q[known], "is").items()})
         return q, why
+
+    def _arm(self, form: JointForm) -> Robot:
+        """Return the arm that joints of a form belong to."""
+        assert self.known.robot is not None  # the targets have poses
+        return self.known.robot if form.arm is None else own_robot(form.arm, self.known.robot)
+
+    def _forward(self, columns: TargetColumns, q: FloatArray) -> FloatArray:
+        """Return the poses (n, 4, 4) [mm] of joints (n, dof) [rad], base to tool."""
+        poses = columns.tf_flange_tool(self.known.tf_flange_tool)
+        for form, rows in by_form(columns):
+            poses[rows] = self._arm(form).forward(q[rows]) @ poses[rows]
+        return poses
 
     def settle(
         self, posed: PosedJoints, change: FloatArray, code: NDArray[np.int8], resolution: float
@@ -139,7 +156,7 @@ class JointCorrection:
         if not len(done):
             return {}
         before = posed.poses.take(done).poses_base()
-        written = self._written(robot, posed.take(done), _moved(before, change[done]))
+        written = self._written(posed.take(done), _moved(before, change[done]))
         why, coarse = written.objections(robot, np.linalg.norm(change[done, :3], axis=1), resolution)
         for verdict, reasons in (("skip", coarse), (self.objected, why)):
             code[done[list(reasons)]] = DONE.index(verdict)
@@ -149,25 +166,27 @@ class JointCorrection:
         joints.change[rows] = written.p[kept] - before[kept, :3, 3]
         return {int(done[k]): f"{_KIND}: {reason}" for k, reason in {**coarse, **why}.items()}
 
-    def _written(self, robot: Robot, posed: PosedJoints, wanted: FloatArray) -> _Written:
+    def _written(self, posed: PosedJoints, wanted: FloatArray) -> _Written:
         """Return the joints that are written for wanted poses (n, 4, 4) [mm]."""
         columns, data = posed.columns, self._data(posed.columns)
         tools = columns.tf_flange_tool(self.known.tf_flange_tool)
-        found = damped_newton(robot, wanted @ invert_transform(tools), posed.q)
-        change = np.zeros((len(columns), MOST_JOINTS))
+        change, reached = np.zeros((len(columns), MOST_JOINTS)), np.zeros(len(columns), np.bool_)
+        flanges = wanted @ invert_transform(tools)
         for form, rows in by_form(columns):
-            change[rows, : form.count] = form.numbers(found.q[rows] - posed.q[rows])
+            found = damped_newton(self._arm(form), flanges[rows], posed.q[rows])
+            change[rows, : form.count] = form.numbers(found.q - posed.q[rows])
+            reached[rows] = found.reached
         after = moved_joints(data, columns, change)
         q, p, reach = np.empty_like(posed.q), np.empty((len(columns), 3)), np.zeros(len(columns))
         for form, rows in by_form(columns):
-            numbers, tool = after[rows, : form.count], tools[rows]
+            robot, numbers, tool = self._arm(form), after[rows, : form.count], tools[rows]
             q[rows] = form.joints(numbers)
             p[rows] = (robot.forward(q[rows]) @ tool)[:, :3, 3]
             for axis in range(form.count):
                 half = 0.5 * form.step * np.eye(form.count)[axis]
                 beside = (robot.forward(form.joints(numbers + half)) @ tool)[:, :3, 3]
                 reach[rows] += np.linalg.norm(beside - p[rows], axis=1)
-        return _Written(after, q, p, np.linalg.norm(p - wanted[:, :3, 3], axis=1), reach, found.reached)
+        return _Written(after, q, p, np.linalg.norm(p - wanted[:, :3, 3], axis=1), reach, reached)
 
     def _data(self, columns: TargetColumns) -> bytes:
         path = columns.path

@@ -36,6 +36,7 @@ LANGUAGES: Final = {
     "rapid": Language("truepose.programs.rapid.reader", RAPID, "ABB"),
     "tp": Language("truepose.programs.tp.reader", (".ls",), "FANUC"),
     "urscript": Language("truepose.programs.urscript.reader", (".script", ".urscript"), "Universal Robots"),
+    "urp": Language("truepose.programs.urp.reader", (".urp",), "Universal Robots"),
     "inform": Language("truepose.programs.inform.reader", (".jbi",), "Yaskawa"),
     "val3": Language("truepose.programs.val3.reader", (".dtx",), "Stäubli"),
     "table": Language("truepose.programs.table", (".csv",)),

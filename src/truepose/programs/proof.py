@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Final, NoReturn
@@ -44,7 +44,14 @@ def proven_hashes(outcomes: Outcomes, resolution: float) -> dict[Path, str]:
     program = outcomes.program
     contents = {source.path: _corrected(source, outcomes, resolution) for source in program.sources}
     prove_meaning(outcomes, contents)
-    return {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
+    return {source.path: _hash(source.stored([contents[source.path]])) for source in program.sources}
+
+
+def _hash(pieces: Iterable[bytes]) -> str:
+    total = hashlib.sha256()
+    for piece in pieces:
+        total.update(piece)
+    return total.hexdigest()
 
 
 def _corrected(source: Source, outcomes: Outcomes, resolution: float) -> bytes:

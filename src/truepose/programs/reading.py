@@ -22,7 +22,6 @@ from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_end
 from truepose.programs.robot_base import standing
 
 _REFUSED: Final = {
-    ".urp": "is a program of Universal Robots' own editor (packed XML); save it as .script and correct that",
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
 }
 

@@ -20,6 +20,26 @@ MOST_JOINTS: Final = 6
 """The largest number of joints of a joint target: arms with more reach a pose in infinitely many ways."""
 
 
+class OwnArm(NamedTuple):
+    """The arm as the controller calculates with it: standard D-H parameters that the program states.
+
+    Attributes
+    ----------
+    theta, alpha : tuple of float [rad]
+        The joint offsets and the twists.
+    a, d : tuple of float [mm]
+        The lengths and the offsets along the axes.
+    stated : bool
+        Whether the user states that the map was measured with commands of this controller.
+    """
+
+    theta: tuple[float, ...]
+    alpha: tuple[float, ...]
+    a: tuple[float, ...]
+    d: tuple[float, ...]
+    stated: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class JointForm:
     """How a controller writes the joints of a target.
@@ -35,12 +55,15 @@ class JointForm:
         The smallest step of a written number, unless a number is finer already.
     ground : bool
         Whether J3 counts from the ground, as FANUC's does; see `truepose.robots.pendant`.
+    arm : OwnArm, optional
+        The arm as the controller calculates with it; None: that of the map.
     """
 
     unit: Literal["deg", "rad", "pulse"]
     scale: tuple[float, ...]
     step: float
     ground: bool = False
+    arm: OwnArm | None = None
 
     @property
     def count(self) -> int:

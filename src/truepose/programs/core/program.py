@@ -106,6 +106,9 @@ class ReadOptions:
         Whether orientations are corrected, too. Targets whose orientation is written in another line are left out.
     joint_targets : bool
         Whether to correct joint targets: forward with the arm of the map, corrected, and back to the nearest joints.
+    controller_kinematics : bool
+        Whether the map was measured with commands of the controller that the program is for, whose own arm model may
+        differ from the map's robot (Universal Robots, .urp).
     whole_task : bool
         Whether a file that is read alone is the whole task (RAPID), project (KRL) or application (VAL3), so that no
         other file uses its points.
@@ -130,6 +133,7 @@ class ReadOptions:
     angles: str = ""
     orientation: bool = False
     joint_targets: bool = False
+    controller_kinematics: bool = False
     whole_task: bool = False
     system_modules: bool = False
     mechanical_unit: str = ""

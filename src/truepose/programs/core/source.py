@@ -12,7 +12,7 @@ import math
 import operator
 import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -65,6 +65,11 @@ def replaced(contents: Mapping[Path, bytes]) -> Iterator[None]:
         _REPLACED.reset(token)
 
 
+def replacement(path: Path) -> bytes | None:
+    """Return the text that `replaced` gives for a file; None where it gives none."""
+    return (_REPLACED.get() or {}).get(path)
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     r"""One file of a program, as it is on the disk.
@@ -101,6 +106,10 @@ class Source:
     def sha256(self) -> str:
         """Hash of the file's bytes."""
         return hashlib.sha256(self.data).hexdigest()
+
+    def stored(self, text: Iterable[bytes]) -> Iterator[bytes]:
+        """Yield the bytes of the file that holds a text: the text itself, where the file is not packed."""
+        yield from text
 
     @cached_property
     def _line_starts(self) -> array[int]:

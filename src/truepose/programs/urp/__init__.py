@@ -1,0 +1,1 @@
+"""Programs of Universal Robots' own editor (.urp): packed XML."""
