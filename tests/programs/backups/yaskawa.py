@@ -234,7 +234,7 @@ def jobs() -> dict[str, bytes]:
     made += [trim(k, rng) for k in range(1, 7)] + [layer(k, rng) for k in (1, 2)] + [stack(), dip(rng), clean(rng)]
     made += [search(rng), turntable(1, rng), turntable(2, rng), belt(rng), variable(rng)]
     fault = Job("FAULT", comment="STÖRUNG")
-    fault.add("SETUALM 8001 \"TEIL FEHLT\" 1", "PAUSE")
+    fault.add('SETUALM 8001 "TEIL FEHLT" 1', "PAUSE")
     touch = Job("TOUCH")
     touch.add("GETS PX031 $PX001", "RET")
     main = Job("MAIN")
@@ -264,7 +264,15 @@ def uframe_cnd() -> bytes:
 
 
 def var_dat() -> bytes:
-    lines = ["//VAR", "///CRC 20231207", "///SHARE 100,100,100,100,50,128,32,32", "///B", "0,0,0,1,0,0", "///I", "0,0,7"]
+    lines = [
+        "//VAR",
+        "///CRC 20231207",
+        "///SHARE 100,100,100,100,50,128,32,32",
+        "///B",
+        "0,0,0,1,0,0",
+        "///I",
+        "0,0,7",
+    ]
     lines += ["///D", "0,0,-45000", "///R", "0.000000", "///S", '"",""', "///P"]
     for number in range(128):
         kind, values = VARIABLES.get(number, ("UNUSED", ()))
@@ -278,9 +286,7 @@ def var_dat() -> bytes:
 
 
 def all_prm() -> bytes:
-    upper, lower = (
-        [round(d * c) for d, c in zip(row, PER_DEGREE, strict=True)] + [0] * 4 for row in LIMITS_DEG
-    )
+    upper, lower = ([round(d * c) for d, c in zip(row, PER_DEGREE, strict=True)] + [0] * 4 for row in LIMITS_DEG)
     lines = ["//ALL", "///RC1G", "///CRC 11223344", *(",".join(map(str, row)) for row in LENGTHS_UM)]
     lines += [",".join(["0"] * 10)] * 101 + [",".join(map(str, upper)), ",".join(map(str, lower))]
     return crlf([*lines, "///S1C1G", "///CRC 55667788", *["10,20,30,40,50,60,0,0,0,0"] * 20])

@@ -154,8 +154,6 @@ def _bases(path: Path) -> Mapping[int | str, StoredFrame]:
             continue
         if line.block_number != block:
             block, name, problem = line.block_number, "", ""
-            if block in found:
-                raise source.error(line.number, f"user frame {block} is given twice; save the backup again")
         if not line.begins:
             continue
         if line.entry == "NAME":
@@ -170,6 +168,8 @@ def _bases(path: Path) -> Mapping[int | str, StoredFrame]:
                 problem = f"user frame {block} is not given in the base ({path.name}, line {line.number})"
         elif line.entry == "BUSER":
             values = _numbers(source, line, 6)
+            if block in found:
+                raise source.error(line.number, f"user frame {block} is given twice; save the backup again")
             found[block] = StoredFrame(_pose(values), name, f"{path.name}, line {line.number}", problem)
     return found
 

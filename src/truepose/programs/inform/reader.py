@@ -191,8 +191,15 @@ class _Reader(Reader):
         flow.begin_routine("JOB", outside=True)
         for shift in sorted(self._known().entered.get(self._name(), ())):
             self._may_shift(shift)
-        self.body(instructions, self._take)
-        self._ends.append(flow.node)
+        last = flow.node
+
+        def take(piece: Instruction | Lines) -> None:
+            nonlocal last
+            self._take(piece)
+            last = flow.node
+
+        self.body(instructions, take)
+        self._ends.append(last)
         flow.solve()
         self.arc(None)
 
