@@ -258,8 +258,7 @@ def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArr
         (j,) = follow.sources
         source = program.targets[j]
         if source.rotation is not None and source.tf_base_frame is not None:
-            axes = source.rotation.as_matrix() if follow.shift.axes == "tool" else np.eye(3)
-            p[i] = p[j] + source.tf_base_frame[:3, :3] @ axes @ follow.shift.shifts[0]
+            p[i] = p[j] + source.tf_base_frame[:3, :3] @ follow.shift.vectors(source.rotation)[0][0]
             change[i] = change[j]
     return p, change
 
