@@ -169,3 +169,38 @@ def test_nothing_but_digits_of_corrected_positions_changes(backup: Path) -> None
                 old, new = path.read_bytes(), data
                 assert len(old) == len(new)
                 assert re.sub(rb"[-\d. ]+ mm", b"", old) == re.sub(rb"[-\d. ]+ mm", b"", new)
+
+
+@pytest.mark.promise("FANUC: 85 % of the motions of a backup to Cartesian targets are corrected, or follow such")
+def test_the_share_that_is_corrected(backup: Path, record_property: Callable[..., None]) -> None:
+    shares, reasons = {}, set()
+    for derived in (False, True):
+        corrected = total = 0
+        for program in programs(backup, derived=derived).values():
+            for i, target in enumerate(program.targets):
+                if not target.motions or target.reason.startswith("joint target"):
+                    continue
+                follow = program.targets.follows.get(i)
+                owners = [program.targets[j] for j in follow.sources] if follow else [target]
+                total += 1
+                corrected += all(owner.verdict == "correct" for owner in owners)
+                if derived and any(owner.verdict != "correct" for owner in owners):
+                    reasons.add(target.reason.split(" (line")[0])
+        shares[derived] = corrected / total
+    record_property("cases", total)
+    assert 0.85 < shares[False] < shares[True]
+    assert reasons == {
+        "Search: the motion ends at what it touches",
+        "Touch Offset PR[30:Found]",
+        "VOFFSET: shifted by what a camera sees",
+        "external axis E1 in group 1 has no model; allow external_axes if it does not move it",
+        "position register, which LAYERS may write: known at run time only",
+        "position register: its value stands in POSREG.VA, which is not written; teach a position instead",
+        "remote TCP: tool and frame change roles",
+    }
+
+
+def test_without_a_statement_about_the_positioner_coordinated_programs_are_refused(backup: Path) -> None:
+    found = programs(backup, MotionGroups())
+    assert {target.verdict for target in found["RING01"].targets} == {"refuse"}
+    assert found["WELD01"].counts()["refuse"] == 0

@@ -151,8 +151,7 @@ def find_backup(path: Path) -> Backup | None:
             controllers.append(_controller(maker, formats[maker], root, path, own))
         except FileError as error:
             unreadable.append(error)
-    named = {file for one in controllers for file in one.contents.others}
-    told = [*warnings, *_outside(path, [root for root, _ in roots], [file for file in files if file not in named])]
+    told = [*warnings, *_outside(path, [root for root, _ in roots], files)]
     return Backup(path, tuple(controllers), tuple(files), tuple(unreadable), tuple(told))
 
 

@@ -70,7 +70,7 @@ def frames_at(taught: Taught, state: State, group: int, line: int) -> tuple[Fram
         certain = bool(numbers) and len(numbers) == len(values)
         other, own = _NUMBERS[which]
         if frame is IN_FORCE:
-            frame = _in_force(values, which, group)
+            frame = in_force(values, which, group)
             if frame is None and any(v.kind != "unset" for v in values):
                 reason = f"{own} : F, the one in force, which is not certain here; teach it in a number"
                 problem = problem or Problem("refuse", reason)
@@ -81,7 +81,7 @@ def frames_at(taught: Taught, state: State, group: int, line: int) -> tuple[Fram
     return found[0], found[1], problem
 
 
-def _in_force(values: frozenset[InForce], which: Which, group: int) -> Frame | None:
+def in_force(values: frozenset[InForce], which: Which, group: int) -> Frame | None:
     """Return the frame that is certainly in force; None where there is none."""
     if len(values) != 1 or (number := next(iter(values)).number) is None:
         return None

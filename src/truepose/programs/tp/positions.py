@@ -128,6 +128,11 @@ class Positions:
             self.take_out(row)
         return self._points.get(number)
 
+    def is_constant(self, number: int) -> bool:
+        """Return whether a position has numbers, which the program never changes."""
+        point = self.get(number)
+        return point is not None and bool(point.values) and not point.writes
+
     def take_out(self, row: int) -> Point:
         """Take a position out of its run."""
         number, point = self.read_at(self.named.take(row)[1])

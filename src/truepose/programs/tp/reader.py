@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -16,11 +17,13 @@ import numpy as np
 from truepose.programs.core import shifts
 from truepose.programs.core.forms import FoundRun, Lines
 from truepose.programs.core.named import Group
-from truepose.programs.core.points import Point, Problem, Use, not_understood, unknown_motion
+from truepose.programs.core.points import FileLine, Place, Point, Problem, Use, not_understood, unknown_motion
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
 from truepose.programs.tp import frames as tp_frames
+from truepose.programs.tp.derived import Facts, RegisterFlow
+from truepose.programs.tp.followers import Follower, Followers
 from truepose.programs.tp.positions import REMOTE, VALUES, Positions, Taught
 from truepose.programs.tp.registers import Registers
 from truepose.programs.tp.sections import NUMBERED, REMARK, add_line, read_sections
@@ -41,9 +44,11 @@ _OTHER_MOTION = re.compile(rb"\s*([JLCAS])(?:\s+(PAL_?\d*\s*\[[^\]]*\]|[A-Z]\w*\
 _SPEED = re.compile(
     rb"\d\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|\]\s*(?:mm/sec|cm/min|%)|\b(?:FINE|CNT\s*\d+)\b", re.I
 )
-_SHIFTS: Final = (
+_OFFSETS: Final = (
     (re.compile(rb"\bTool_Offset\b", re.I), Problem("skip", "Tool_Offset: shifted by a register at run time")),
     (re.compile(rb"(?<!_)\bOffset\b", re.I), Problem("skip", "Offset: shifted by a register at run time")),
+)
+_SHIFTS: Final = (
     (re.compile(rb"\bINC\b", re.I), Problem("skip", "INC: starts from a target that is corrected already")),
     (re.compile(rb"\bVOFFSET\b", re.I), Problem("skip", "VOFFSET: shifted by what a camera sees")),
     (re.compile(rb"\bSearch\s*\[", re.I), Problem("skip", "Search: the motion ends at what it touches")),
@@ -53,19 +58,31 @@ _COORD = re.compile(rb"\bCOORD\b", re.I)
 _BY_GROUP = re.compile(rb"\s*(?:Independent|Simultaneous)[ \t]+GP\b(?!\d)", re.I)
 """An instruction with one motion for each group."""
 _MOTION_OF = re.compile(rb"\bGP(\d)\s+(?=[JLCAS]\s)", re.I)
+_GIVEN_BY = re.compile(rb"\[\s*R\s*\[\s*(\d{1,5})", re.I)
+_AFTER_SPEED = re.compile(rb".*?(?=\b(?:Tool_)?Offset\b)|.*", re.I | re.S)
 _LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
 _WRITE = re.compile(rb"\s*P\s*\[[^=]*=", re.I)
 
 
-class _Move(NamedTuple):
-    point: Point
+class _Motion(NamedTuple):
+    """A motion, and what is against a correction of its target; `followed`: constant shifts of it are followed."""
+
     word: str
     line: int
     node: int
-    problem: Problem | None
+    problem: Problem | None = None
     coordinated: bool = False
+    followed: bool = False
+
+
+class _Move(NamedTuple):
+    """A motion to a position; `shifted` is its target if the motion shifts the position."""
+
+    point: Point
+    motion: _Motion
+    shifted: Point | None = None
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions, *, registers: Registers | None = None) -> Program:
@@ -83,7 +100,7 @@ class _Reader(Reader):
         self._kinds: dict[tuple[str, int], int] = {}
         self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
-        self._indirect: list[tuple[str, int, int]] = []
+        self._indirect: list[tuple[Point, _Motion]] = []
         self._labels: set[bytes] = set()
         self._coordinated = False
         self._group = frames.groups.robot
@@ -91,22 +108,34 @@ class _Reader(Reader):
     def read(self) -> Program:
         instructions, start, end, tracked, self._mask = read_sections(self.source)
         self._positions = Positions(self.source, self.options, start, end, self._group)
-        codes = (one.code for one in instructions if isinstance(one, Instruction))
+        codes = [one.code for one in instructions if isinstance(one, Instruction) and not REMARK.match(one.code)]
         self._labels = {m[1] for code in codes if (m := _LABEL.match(code))}
+        facts = Facts(self._registers, self.source.path.stem.upper(), self._group, self.options.whole_task)
+        self._derived = RegisterFlow(self.flow, facts, [_TEXT.sub(b"", code) for code in codes])
+        self._followers = Followers(self._positions, self._group, allowed=self.options.derived)
         self.flow.begin_routine("MAIN", outside=True)
         if tracked:
             self.flow.shift("program", tracked)
         self.body(self._closed(instructions), self._take)
         self.flow.solve()
+        if self._derived.used:
+            self._followers.settle(self._derived.solve(self._positions.is_constant), self.flow.states)
         self._settle()
         self._attach()
         self.points = [*self._positions.ordered(), *self.points]
+        for name, effects in self._registers.programs.items():
+            for line, code in effects.frames if name != self.source.path.stem.upper() else ():
+                self._change(code, FileLine(f"{name}.LS", line))
         return self.program("fanuc", finest=1e-3, runs=self._runs)
 
     def _closed(self, instructions: Iterable[Instruction | Lines]) -> Iterator[Instruction | Lines]:
         """Yield the instructions, and close the IF that are left open, as controllers do."""
-        yield from instructions
+        last = 1
+        for one in instructions:
+            last = one.line + (one.items * one.form.lines - 1 if isinstance(one, Lines) else 0)
+            yield one
         self._close_ifs()
+        self._derived.end(last)
 
     def _close_ifs(self) -> None:
         while self.flow.innermost == "IF":
@@ -124,6 +153,7 @@ class _Reader(Reader):
         kind = self._kinds.setdefault((motion[1].decode(), self.flow.node), len(self._kinds))
         if self._positions.named.move(piece, 1, kind):
             self.arc(None)
+            self._derived.moves(piece.line)
             return
         instructions: list[Instruction | Lines] = []
         for line, a, b in self.source.lines(piece.start, piece.end):
@@ -144,7 +174,7 @@ class _Reader(Reader):
             pieces = _MOTION_OF.split(code[m.end() :])
             motions = dict(zip(map(int, pieces[1::2]), pieces[2::2], strict=True))
             ours = motions.pop(self._group, b"")
-            self._calls(b" ".join(motions.values()))
+            self._calls(line, b" ".join(motions.values()))
             self._instruction(Instruction(line, ours))
             return
         m = _MOTION.match(code)
@@ -156,22 +186,35 @@ class _Reader(Reader):
         elif other := _OTHER_MOTION.match(code):
             self.arc(None)
             self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
-        elif _POINT.search(code):
+        elif self._derived.assign(code, line):
             self.arc(None)
-            self._point_elsewhere(line, code)
         else:
-            shifts.follow(flow, shifts.FANUC, code, line)
+            self._derived.other(code, line)
+            if _POINT.search(code):
+                self.arc(None)
+                self._point_elsewhere(line, code)
+            else:
+                shifts.follow(flow, shifts.FANUC, code, line)
         for which, value in tp_frames.chosen(code, self._group):
             flow.change(**{which: value})
-        for which, key in tp_frames.changed(code, self._group):
-            self.changed.setdefault((which, key), line)
-        self._calls(code)
+        self._change(code, line)
+        self._calls(line, code)
         self._control(line, code.strip(b" \t;").upper())
 
-    def _calls(self, code: bytes) -> None:
+    def _change(self, code: bytes, place: Place) -> None:
+        """Note the frames that an instruction changes, unless it sets them to their stored values."""
+        for which, key in tp_frames.changed(code, self._group):
+            table = self.frames.tools if which == "tool" else self.frames.bases
+            if key is None or not self._derived.is_stored(code, table.get(key)):
+                self.changed.setdefault((which, key), place)
+
+    def _calls(self, line: int, code: bytes) -> None:
         for name in _CALL.findall(code):
             called = name.decode("latin-1")
-            self.flow.call(called.upper(), f"{called} was called, which is not in this file")
+            self._derived.call(called, line)
+            effects = self._registers.behind([called])
+            if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
+                self.flow.call(called.upper(), f"{called} was called, which is not in this file")
 
     def _control(self, line: int, code: bytes) -> None:
         flow, labels = self.flow, self._labels
@@ -185,17 +228,21 @@ class _Reader(Reader):
         elif code == b"ENDIF":
             flow.end("ENDIF", "IF")
         elif re.match(rb"FOR\b", code):
-            flow.begin("FOR", line)
+            self._derived.loop(code, line)
         elif code == b"ENDFOR":
             self._close_ifs()
-            flow.end("ENDFOR", "FOR")
-        elif code in (b"END", b"ABORT") or re.match(rb"JMP\b", code):
+            self._derived.end_loop(line)
+        elif code in (b"END", b"ABORT"):
+            self._derived.end(line)
+            flow.leave()
+        elif re.match(rb"JMP\b", code):
             flow.leave()
 
     def _motion(self, line: int, word: str, code: bytes) -> None:
         goals = list(_GOAL.finditer(code))
         wanted = 2 if word == "C" else 1
-        problem = next((p for pattern, p in _SHIFTS if pattern.search(code)), None)
+        followed = not any(pattern.search(code) for pattern, _ in _SHIFTS)
+        problem = next((p for pattern, p in _OFFSETS + _SHIFTS if pattern.search(code)), None)
         for m in goals[wanted:]:
             if not m[1] and m[2] and (beyond := self._positions.get(int(m[2]))):
                 beyond.reads.append((line, "read by a motion to another position"))
@@ -205,7 +252,11 @@ class _Reader(Reader):
             return
         coordinated = _COORD.search(code) is not None
         self._coordinated = self._coordinated or coordinated
-        points = [self._goal(m, word, line, problem, coordinated=coordinated) for m in goals]
+        end = goals[-1].end()
+        points = [
+            self._goal(m, _Motion(word, line, self.flow.node, problem, coordinated, followed), code[end:])
+            for m in goals
+        ]
         if word == "C" and None not in points:
             self.circles.append([p for p in points if p is not None])
         if word == "A" and points[0] is not None:
@@ -213,18 +264,36 @@ class _Reader(Reader):
         else:
             self.arc(None)
 
-    def _goal(
-        self, m: re.Match[bytes], word: str, line: int, problem: Problem | None, *, coordinated: bool
-    ) -> Point | None:
-        text = m[0].decode("latin-1")
+    def _goal(self, m: re.Match[bytes], motion: _Motion, tail: bytes) -> Point | None:
+        """Take a goal of a motion; return its position or target."""
+        word, line, problem = motion.word, motion.line, motion.problem
+        text, number = m[0].decode("latin-1"), int(m[2]) if m[2] else None
+        given = _GIVEN_BY.search(m[0])
+        kind = "PR" if m[1] else "P"
+        goal = None
+        if motion.followed and (number is not None or given):
+            goal = self._derived.goal(kind, number, int(given[1]) if given else None, tail)
+        own = None if m[1] or number is None else self._positions.moved_to(number, line)
+        if own is not None and problem is None:
+            self._derived.move(None, goal, tail, line)
+            self._moves.append(_Move(own, motion))
+            return own
         if m[1]:
-            return self.other(word, line, Problem("skip", self._about_register(m[2])), text)
-        if m[2] is None:
-            self._indirect.append((word, line, self.flow.node))
-            return self.other(word, line, Problem("skip", "which position is known at run time only"), text)
-        point = self._positions.moved_to(int(m[2]), line)
-        self._moves.append(_Move(point, word, line, self.flow.node, problem, coordinated))
-        return point
+            problem = Problem("skip", self._about_register(m[2]))
+        elif own is None:
+            problem = Problem("skip", "which position is known at run time only")
+        target = Point(text, self.source, line, problem=problem, uses=[self.use(word, line)])
+        self._derived.move(target, goal, text.encode("latin-1") + tail, line)
+        how = f"{word} {text}{shown(_AFTER_SPEED.sub(b'', tail))}"
+        plain = motion._replace(problem=None)
+        self._followers.add(Follower(target, own, line, motion.node, how, partial(self._use_at, motion=plain)))
+        if own is None:
+            self.points.append(target)
+            if not m[1]:
+                self._indirect.append((target, motion))
+            return target
+        self._moves.append(_Move(own, motion, target))
+        return own
 
     def _about_register(self, digits: bytes | None) -> str:
         """Return why a motion to a position register is not corrected."""
@@ -274,7 +343,7 @@ class _Reader(Reader):
         moves = list(self._moves)
         for row, line, kind in self._positions.named.left():
             word, node = kinds[kind]
-            moves.append(_Move(self._positions.take_out(row), word, line, node, None))
+            moves.append(_Move(self._positions.take_out(row), _Motion(word, line, node)))
         self._moves = sorted(moves, key=_line)
 
     def _alike(self, group: Group) -> bool:
@@ -285,24 +354,34 @@ class _Reader(Reader):
         return first._replace(line=last.line) == last
 
     def _use_in(self, group: Group, line: int) -> Use:
-        return self._use_at(self._positions.first[group.run], *list(self._kinds)[group.kind], line, None)
+        word, node = list(self._kinds)[group.kind]
+        return self._use_at(self._positions.first[group.run], _Motion(word, line, node))
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that the frames in force at each are known."""
-        for word, line, node in self._indirect:
-            self._moves += [_Move(p, word, line, node, None) for p in self._positions.all() if p.values or p.joints]
-        for point, word, line, node, problem, coordinated in self._moves:
-            point.uses.append(self._use_at(point, word, node, line, problem, coordinated=coordinated))
+        allowed, resolved = self.options.derived, self._followers.resolved
+        for target, motion in self._indirect:
+            if not (allowed and id(target) in resolved):
+                some = (p for p in self._positions.all() if p.values or p.joints)
+                self._moves += [_Move(p, motion._replace(problem=None)) for p in some]
+        for point, motion, shifted in self._moves:
+            if shifted is not None and id(shifted) in resolved:
+                if allowed:
+                    self.points.append(shifted)
+                    continue
+                assert motion.problem is not None  # it is shifted
+                reason = f"{motion.problem.reason}; it is constant: --derived corrects both alike"
+                motion = motion._replace(problem=Problem("skip", reason))
+            point.uses.append(self._use_at(point, motion))
 
-    def _use_at(
-        self, point: Point, word: str, node: int, line: int, problem: Problem | None, *, coordinated: bool = False
-    ) -> Use:
+    def _use_at(self, point: Point, motion: _Motion) -> Use:
         """Return a motion with the frames of its position, refused where others are in force."""
-        taught, state = self._positions.taught(point), self.flow.states[node]
+        taught, state = self._positions.taught(point), self.flow.states[motion.node]
         needed = taught if point.joints is None else taught._replace(base=None)
-        tool, base, stopped = tp_frames.frames_at(needed, state, self._group, line)
-        problem = shifts.problem_of(state.shifts) or problem or self._with_others(taught, coordinated) or stopped
-        return self.use(word, line, tool, base, problem)
+        tool, base, stopped = tp_frames.frames_at(needed, state, self._group, motion.line)
+        others = self._with_others(taught, motion.coordinated)
+        problem = shifts.problem_of(state.shifts) or motion.problem or others or stopped
+        return self.use(motion.word, motion.line, tool, base, problem)
 
     def _with_others(self, taught: Taught, coordinated: bool) -> Problem | None:
         """Return what is against a motion together with other groups."""
@@ -318,5 +397,5 @@ class _Reader(Reader):
         return Problem("refuse", f"{'COORD: ' if self._coordinated else ''}{reason}, {remedy}")
 
 
-def _line(item: Point | _Move) -> int:
-    return item.line
+def _line(item: _Move) -> int:
+    return item.motion.line

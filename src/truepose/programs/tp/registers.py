@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
@@ -16,11 +16,20 @@ _WRITTEN = re.compile(
     rb"(?:(\d{1,5})[^\]\[=]*|[^\]=]*(?:\[[^\]]*\][^\]=\[]*)*)\][ \t]*=(?!=)",
     re.I,
 )
-_SEARCH = re.compile(rb"\b(?:SEARCH|TOUCH)\b|(?<![\w$])(?:Skip|SKIP),[^;]*\bPR[ \t]*\[", re.I)
-"""Touch sensing and skipped motions write position registers."""
-_OUTPUT = re.compile(rb"\bVISION\b|\bGET_OFFSET\b|\bFIND\b|(?<![\w$])(?:CALL|RUN)[ \t]+(?:AR|SR)[ \t]*\[", re.I)
-_CALL = re.compile(rb"(?<![\w$])(?:CALL|RUN)[ \t]+(\w+)", re.I)
-_RELEVANT = re.compile(rb"^[^\r\n]*(?:[=]|CALL|RUN|SEARCH|TOUCH|Skip,|VISION|OFFSET|FIND)[^\r\n]*", re.I | re.M)
+_OUTPUT = re.compile(rb"\bSearch[ \t]+Start\b|\bVISION\b|\bGET_\w+", re.I)
+"""Touch sensing and cameras write the registers that they name."""
+_NAMED = re.compile(rb"(?<![\w$])(P?R)[ \t]*\[[ \t]*(?:GP\d[ \t]*:[ \t]*)?(\d{1,5})?", re.I)
+_FRAME = re.compile(rb"U(?:FRAME|TOOL)|\$MNU", re.I)
+CALL: Final = re.compile(rb"(?<![\w$])(?:CALL|RUN)[ \t]+(\w+)", re.I)
+_RELEVANT = re.compile(
+    rb"^[^\r\n]*(?:=|PR[ \t]*\[|CALL|RUN|SEARCH|TOUCH|Skip,|VISION|THEN|ELSE|END|LBL)[^\r\n]*", re.I | re.M
+)
+_MENTIONED = re.compile(rb"(?<![\w$])PR[ \t]*\[[ \t]*(?:GP\d[ \t]*:[ \t]*)?(\d{1,5})?", re.I)
+_WHOLE = re.compile(rb"[ \t]*PR[ \t]*\[[ \t]*(\d{1,5})[ \t]*(?::[^\],\[]*)?\][ \t]*=", re.I)
+"""A position register that is set as a whole."""
+_LABEL = re.compile(rb"[ \t]*LBL[ \t]*\[", re.I)
+_JUMP = re.compile(rb"\bLBL[ \t]*\[", re.I)
+_OPENS = re.compile(rb"FOR\b|IF\b.*\bTHEN$", re.S)
 _CONDITION = re.compile(rb"[ \t]*(?:IF|SELECT|WAIT|WHEN|SKIP)\b", re.I)
 
 
@@ -40,21 +49,30 @@ class StoredRegister(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Registers that a program writes, and the programs that it calls.
+    """The use that a program makes of registers that all programs share.
 
     Attributes
     ----------
     written : frozenset of ("R" or "PR", int or None)
-        The registers; None: any of them.
+        The registers that it writes; None: any of them.
+    read : frozenset of int or None
+        The position registers that it may read before it sets them.
     calls : frozenset of str
-        The names of the programs, in upper case.
+        The names of the programs that it calls or starts, in upper case.
+    macro : bool
+        Whether it is a macro, which other programs call by a name of its own.
+    frames : tuple of (int, bytes)
+        The instructions that name tools or user frames, each with its line.
     """
 
-    written: frozenset[tuple[Kind, int | None]]
-    calls: frozenset[str]
+    written: frozenset[tuple[Kind, int | None]] = frozenset()
+    read: frozenset[int | None] = frozenset()
+    calls: frozenset[str] = frozenset()
+    macro: bool = False
+    frames: tuple[tuple[int, bytes], ...] = ()
 
 
-ANYTHING: Final = Effects(frozenset([("R", None), ("PR", None)]), frozenset())
+ANYTHING: Final = Effects(frozenset([("R", None), ("PR", None)]), frozenset([None]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,49 +86,99 @@ class Registers:
     values : mapping of int to float
         The numeric registers.
     programs : mapping of str to Effects
-        The programs of the backup, by their names in upper case.
+        The programs of the backup, by their names in upper case; empty without a backup.
     """
 
     positions: Mapping[tuple[int, int], StoredRegister] = field(default_factory=dict)
     values: Mapping[int, float] = field(default_factory=dict)
     programs: Mapping[str, Effects] = field(default_factory=dict)
 
-    def writer(self, kind: Kind, number: int) -> str:
-        """Return the name of a program that may write a register; empty where none does."""
-        for name, (written, calls) in self.programs.items():
-            if written & {(kind, number), (kind, None)}:
+    def writer(self, kind: Kind, number: int, besides: str = "") -> str:
+        """Return the name of a program, `besides` one, that may write a register; empty where none does."""
+        for name, effects in self.programs.items():
+            if name != besides and effects.written & {(kind, number), (kind, None)}:
                 return name
-            if unknown := sorted(calls - self.programs.keys()):
+            if unknown := sorted(effects.calls - self.programs.keys()):
                 return unknown[0]
         return ""
 
-    def written_by(self, name: str) -> frozenset[tuple[Kind, int | None]] | None:
-        """Return the registers that a call of a program may write; None where they are not known."""
-        found: set[tuple[Kind, int | None]] = set()
-        waiting, seen = [name.upper()], {name.upper()}
+    def reader(self, number: int, besides: str) -> str:
+        """Return the name of a program, `besides` one, that may read a position register; empty where none does."""
+        found = (name for name, one in self.programs.items() if name != besides and one.read & {number, None})
+        return next(found, "")
+
+    def behind(self, names: Iterable[str]) -> Effects | None:
+        """Return the effects of calls of programs, and of what they call; None where they are not known."""
+        found, waiting, seen = Effects(), [name.upper() for name in names], set[str]()
         while waiting:
-            if (effects := self.programs.get(waiting.pop())) is None:
+            name = waiting.pop()
+            if name in seen:
+                continue
+            seen.add(name)
+            if (effects := self.programs.get(name)) is None:
                 return None
-            found |= effects.written
-            waiting += effects.calls - seen
-            seen |= effects.calls
-        return frozenset(found)
+            frames = found.frames + effects.frames
+            found = Effects(found.written | effects.written, found.read | effects.read, frames=frames)
+            waiting += effects.calls
+        return found
+
+    def macros(self) -> Effects | None:
+        """Return the effects of any macro; None without a backup."""
+        names = [name for name, effects in self.programs.items() if effects.macro]
+        return self.behind(names) if self.programs else None
 
 
 def effects_of(data: bytes) -> Effects:
-    """Return the effects of a program on registers, from the text of its instructions."""
+    """Return the use that a program makes of registers, from the text of its instructions."""
     written: set[tuple[Kind, int | None]] = set()
+    ways = _Ways()
     calls: set[str] = set()
-    end = data.find(b"/POS")
-    for line in _RELEVANT.finditer(data, max(data.find(b"/MN"), 0), end if end >= 0 else len(data)):
-        text = line[0]
-        m = NUMBERED.match(text)
-        code = _TEXT.sub(b"", text[m.end() :] if m else text)
+    frames: list[tuple[int, bytes]] = []
+    start, end = data.find(b"/MN"), data.find(b"/POS")
+    for line in _RELEVANT.finditer(data, max(start, 0), end if end >= 0 else len(data)):
+        m = NUMBERED.match(line[0])
+        code = _TEXT.sub(b"", line[0][m.end() :] if m else line[0])
         if REMARK.match(code):
             continue
+        if _FRAME.search(code):
+            frames.append((data.count(b"\n", 0, line.start()) + 1, code))
         written |= writes_in(code)
-        calls |= {name.decode("latin-1").upper() for name in _CALL.findall(code)}
-    return Effects(frozenset(written), frozenset(calls))
+        calls |= {name.decode("latin-1").upper() for name in CALL.findall(code)}
+        ways.take(code)
+    macro = re.search(rb"/PROG[^\r\n]*\bMacro\b", data[: max(start, 0)], re.I) is not None
+    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames))
+
+
+class _Ways:
+    """Finds the position registers that a program may read before it has set them."""
+
+    def __init__(self) -> None:
+        self.read: set[int | None] = set()
+        self._own: set[int | None] = set()
+        self._blocks: list[set[int | None]] = []
+        self._at_jumps: set[int | None] | None = None
+
+    def take(self, code: bytes) -> None:
+        """Take the next instruction."""
+        mentioned = [int(m[1]) if m[1] else None for m in _MENTIONED.finditer(code)]
+        whole = _WHOLE.match(code)
+        set_here = int(whole[1]) if whole and int(whole[1]) not in mentioned[1:] else None
+        self.read |= set(mentioned[1:] if set_here is not None else mentioned) - self._own
+        if set_here is not None:
+            self._own.add(set_here)
+        if _LABEL.match(code):
+            self._own = set() if self._blocks else self._own & (self._own if self._at_jumps is None else self._at_jumps)
+        elif _JUMP.search(code):
+            self._at_jumps = self._own & (self._own if self._at_jumps is None else self._at_jumps)
+        self._block(code.strip(b" \t;").upper())
+
+    def _block(self, code: bytes) -> None:
+        if _OPENS.match(code):
+            self._blocks.append(set(self._own))
+        elif code == b"ELSE" and self._blocks:
+            self._own = set(self._blocks[-1])
+        elif code in (b"ENDIF", b"ENDFOR") and self._blocks:
+            self._own &= self._blocks.pop()
 
 
 def writes_in(code: bytes) -> set[tuple[Kind, int | None]]:
@@ -121,8 +189,6 @@ def writes_in(code: bytes) -> set[tuple[Kind, int | None]]:
         action = code.partition(b",")[2] if _CONDITION.match(code) else code
         for m in _WRITTEN.finditer(action):
             found.add(("PR" if m[1].upper() == b"PR" else "R", int(m[2]) if m[2] else None))
-    if _SEARCH.search(code):
-        found.add(("PR", None))
     if _OUTPUT.search(code):
-        found |= {("R", None), ("PR", None)}
+        found |= {("PR" if m[1].upper() == b"PR" else "R", int(m[2]) if m[2] else None) for m in _NAMED.finditer(code)}
     return found

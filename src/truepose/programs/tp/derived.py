@@ -1,0 +1,270 @@
+"""Positions that a program derives from its own through registers: approach points, pallets, constant offsets.
+
+Registers belong to all programs of a controller. So a value is followed only as far as other programs, which the backup
+shows, neither write nor read the register.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from truepose._typing import FloatArray
+from truepose.geometry import euler, make_transform
+from truepose.programs.core.arithmetic import Expression, Name, Number, Opaque, Shifted, Variable
+from truepose.programs.core.derived import Derivations, Derived
+from truepose.programs.core.flow import Flow
+from truepose.programs.core.graph import Counter
+from truepose.programs.tp.arithmetic import (
+    HERE,
+    Assignment,
+    Offsets,
+    RegisterArithmetic,
+    Term,
+    assignment_in,
+    point,
+    register,
+    without_comments,
+)
+from truepose.programs.tp.registers import ANYTHING, Effects, Registers, writes_in
+
+_NOTHING: Final = Opaque(())
+_LOOP = re.compile(rb"\s*FOR\s+R\s*\[\s*(\d{1,5})\s*\]\s*=\s*(.*?)\s+(DOWN)?TO\s+(.*?)[\s;]*", re.I | re.S)
+_NUMBERS = re.compile(rb"(?<![\w$])(P?R)\s*\[\s*(\d{1,5})", re.I)
+_BARE = re.compile(rb"\s*[A-Za-z]\w*(?:[ \t-]+\w+)*(?:\([^)]*\))?\s*;?\s*")
+_OWN_WORDS = re.compile(
+    rb"\s*(?:END|ENDIF|ENDFOR|ELSE|PAUSE|ABORT|CALL|RUN|JMP|IF|FOR|SELECT|WAIT|MONITOR)\b|.*\bEND[\s;]*$", re.I
+)
+_FROM_REGISTER = re.compile(rb"=\s*PR\s*\[\s*(\d{1,5})\s*(?::[^\]]*)?\][\s;]*$", re.I)
+_SAME: Final = 1e-4  # [mm], and of direction cosines
+_EXACT = re.compile(rb"\bFINE\b", re.I)
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is known of registers outside of a program.
+
+    Attributes
+    ----------
+    registers : Registers
+        Those of the controller.
+    name : str
+        The name of the program.
+    group : int
+        The motion group of the robot.
+    alone : bool
+        Whether the user states that no other program uses the registers.
+    """
+
+    registers: Registers
+    name: str
+    group: int
+    alone: bool
+
+    def stored(self) -> dict[int, tuple[float, ...]]:
+        """Return the stored values of position registers [mm, deg]."""
+        found = self.registers.positions.items()
+        return {n: one.values for (group, n), one in found if group == self.group and one.values is not None}
+
+    def number(self, name: Name) -> float | None:
+        """Return the stored number of a register that no other program writes."""
+        match name:
+            case "R", int(number) if not self.registers.writer("R", number, self.name):
+                return self.registers.values.get(number)
+            case "PR", int(number), int(axis) if not self.registers.writer("PR", number, self.name):
+                values = self.stored().get(number)
+                return None if values is None else values[axis]
+        return None
+
+    def is_stored(self, code: bytes, tf: FloatArray | None) -> bool:
+        """Return whether an instruction sets a frame to a register whose stored value is that frame already."""
+        m = _FROM_REGISTER.search(code)
+        values = [self.number(("PR", int(m[1]), axis)) for axis in range(6)] if m else []
+        known = [value for value in values if value is not None]
+        if tf is None or len(known) < 6:
+            return False
+        return bool(np.allclose(make_transform(euler("fanuc", known[3:]), known[:3]), tf, rtol=0.0, atol=_SAME))
+
+    def later_reader(self, number: int) -> str:
+        """Return who may read a position register when the program has ended; empty where nobody does."""
+        if self.registers.programs:
+            return self.registers.reader(number, self.name)
+        return "" if self.alone else "another program (give the whole backup, or --whole-task)"
+
+
+class RegisterFlow:
+    """Tells `Derivations` what the instructions of a program do to registers.
+
+    Parameters
+    ----------
+    flow : Flow
+        The ways through the program.
+    facts : Facts
+        What is known outside of it.
+    codes : iterable of bytes
+        All its instructions.
+    """
+
+    def __init__(self, flow: Flow, facts: Facts, codes: Iterable[bytes]) -> None:
+        cleaned = [without_comments(code, facts.group) for code in codes]
+        found = [one for code in cleaned if (one := assignment_in(code))]
+        numbers = {(m[1].upper(), int(m[2])) for code in cleaned for m in _NUMBERS.finditer(code)}
+        self._facts = facts
+        self.is_stored = facts.is_stored
+        self._numeric = sorted(n for kind, n in numbers if kind == b"R")
+        self._positions = sorted(n for kind, n in numbers if kind == b"PR")
+        self._offsets = Offsets(found, facts.stored())
+        self._arithmetic = RegisterArithmetic(self._offsets)
+        self._derivations = Derivations(flow)
+        self._follows_robot = any(b"POS" in code.upper() for code in cleaned)
+        self._uses_registers = bool(self._positions) or any(re.search(rb"P\s*\[\s*R\s*\[", code) for code in cleaned)
+
+    @property
+    def used(self) -> bool:
+        """Whether the program has position registers or indirect positions at all."""
+        return self._uses_registers
+
+    def assign(self, code: bytes, line: int) -> bool:
+        """Take an assignment to a register; return whether the instruction is one."""
+        code = without_comments(code, self._facts.group)
+        if not self._uses_registers or (one := assignment_in(code)) is None:
+            return False
+        if one.number is None:
+            self._any_written(one, line)
+        elif one.kind == "R":
+            self._derivations.assign(("R", one.number), self._arithmetic.number(one.value), line)
+        elif one.number in self._offsets:
+            self._shift_set(one, one.number, line)
+        else:
+            self._position_set(one, one.number, line)
+        return True
+
+    def _any_written(self, one: Assignment, line: int) -> None:
+        self._derivations.escape(self._arithmetic.names_in(one.value), line, "written to a register by its number")
+        self._spoil({(one.kind, None)}, line)
+
+    def _shift_set(self, one: Assignment, number: int, line: int) -> None:
+        if one.axis is None:
+            for axis, value in enumerate(self._arithmetic.components(one.value)):
+                self._derivations.assign(("PR", number, axis), value, line)
+        for axis in range(6) if one.axis == -1 else [one.axis] if one.axis is not None else []:
+            value = _NOTHING if one.axis == -1 else self._arithmetic.number(one.value)
+            self._derivations.assign(("PR", number, axis), value, line)
+
+    def _position_set(self, one: Assignment, number: int, line: int) -> None:
+        name = register(number)
+        if one.axis is None:
+            self._derivations.assign(name, self._arithmetic.position(one.value), line, point=True)
+        elif one.axis in (0, 1, 2):
+            self._derivations.assign(name, self._arithmetic.number(one.value), line, axis=one.axis)
+        else:  # a turn
+            reads = [name, *self._arithmetic.names_in(one.value)]
+            self._derivations.assign(name, Opaque(tuple([Variable(read) for read in reads])), line, point=True)
+
+    def other(self, code: bytes, line: int) -> None:
+        """Take any instruction that is neither a motion nor an assignment to a register."""
+        if not self._uses_registers:
+            return
+        code = without_comments(code, self._facts.group)
+        if names := [name for name in self._arithmetic.names_in(code) if name != HERE]:
+            self._escape([name for name in names if name in self._registers()], line, "used by another instruction")
+        self._spoil(writes_in(code), line)
+        if _BARE.fullmatch(code) and not _OWN_WORDS.match(code):
+            self._affected(self._facts.registers.macros() or ANYTHING, line, code.strip(b" ;").decode("latin-1"))
+
+    def call(self, name: str, line: int) -> None:
+        """Take the call or start of another program."""
+        if self._uses_registers:
+            self._affected(self._facts.registers.behind([name]) or ANYTHING, line, name)
+
+    def _affected(self, effects: Effects, line: int, who: str) -> None:
+        read = [n for n in self._positions if effects.read & {n, None}]
+        self._escape([register(n) for n in read if n not in self._offsets], line, f"in a register that {who} may use")
+        self._spoil(set(effects.written), line)
+
+    def end(self, line: int) -> None:
+        """Take the end of the program: registers keep their values for others."""
+        for number in self._positions:
+            if number not in self._offsets and (who := self._facts.later_reader(number)):
+                self._escape([register(number)], line, f"left in PR[{number}], which {who} may read")
+
+    def loop(self, code: bytes, line: int) -> None:
+        """Open a loop that counts."""
+        m = _LOOP.fullmatch(without_comments(code, self._facts.group))
+        counter = None
+        if m is not None:
+            first, last = self._arithmetic.number(m[2]), self._arithmetic.number(m[4])
+            counter = Counter(("R", int(m[1])), first, last, Number(-1.0 if m[3] else 1.0))
+        self._derivations.begin_loop(counter, "FOR", line, line)
+
+    def end_loop(self, line: int) -> None:
+        """Close a loop."""
+        self._derivations.end_loop("ENDFOR", "FOR", line)
+
+    def goal(self, kind: str, number: int | None, given_by: int | None, shifts: bytes) -> Expression | None:
+        """Return where a motion goes: to a position ("P") or register ("PR") with ``Offset,PR[n]`` and the like.
+
+        None where this is not followed.
+        """
+        if kind == "PR" and number is not None and number in self._offsets:
+            return None
+        found = self._arithmetic.of(Term("+", kind, number, given_by))
+        for m in re.finditer(rb"(?<!\w)(Tool_)?Offset\b\s*(?:,\s*PR\s*\[\s*(\d{1,5})\s*[\]:])?", shifts, re.I):
+            if not m[2] or not self._offsets.unturned(int(m[2])):
+                return None
+            found = Shifted(found, self._arithmetic.shift(int(m[2])), "tool" if m[1] else "frame")
+        return found
+
+    def move(self, motion: Hashable | None, goal: Expression | None, code: bytes, line: int) -> None:
+        """Take a motion; without an object of its own it goes to a position of the program itself."""
+        if motion is not None and goal is not None:
+            self._derivations.move(motion, goal, line)
+        names = self._arithmetic.names_in(without_comments(code, self._facts.group))
+        others = [name for name in names if goal is None and name in self._registers()]
+        self._escape(others, line, "moved to with a shift that is known at run time only")
+        if self._follows_robot:
+            here = goal if goal is not None and _EXACT.search(code) else _NOTHING
+            self._derivations.assign(HERE, here, line, point=True)
+
+    def moves(self, line: int) -> None:
+        """Take a run of motions."""
+        if self._follows_robot:
+            self._derivations.assign(HERE, _NOTHING, line, point=True)
+
+    def solve(self, is_point: Callable[[int], bool]) -> Derived:
+        """Return what is derived; `is_point` tells whether the numbers of a position never change."""
+
+        def known(name: Name) -> bool:
+            match name:
+                case "P", (int(number),):
+                    return name == point(number) and is_point(number)
+            return False
+
+        return self._derivations.solve(known, self._facts.number)
+
+    def _registers(self) -> set[Name]:
+        return {register(n) for n in self._positions if n not in self._offsets}
+
+    def _escape(self, names: list[Name], line: int, how: str) -> None:
+        if names:
+            self._derivations.escape(names, line, how)
+
+    def _spoil(self, written: Iterable[tuple[str, int | None]], line: int) -> None:
+        """Let registers have unknown values."""
+        some = set(written)
+        for number in self._numeric:
+            if some & {("R", number), ("R", None)}:
+                self._derivations.assign(("R", number), _NOTHING, line)
+        for number in self._positions:
+            if not some & {("PR", number), ("PR", None)}:
+                continue
+            if number in self._offsets:
+                for axis in range(6):
+                    self._derivations.assign(("PR", number, axis), _NOTHING, line)
+            else:  # it may also keep its value
+                name = register(number)
+                self._derivations.assign(name, Opaque((Variable(name),)), line, point=True)

@@ -1,0 +1,250 @@
+"""FANUC positions from which registers derive others: followed by constant shifts, refused where anything is open."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.programs.corpus_fanuc import lp, ls
+
+from truepose.programs import FrameTable, Program, ReadOptions
+from truepose.programs.core.program import FrameTolerance
+from truepose.programs.core.target import Target
+from truepose.programs.tp.reader import read
+from truepose.programs.tp.registers import Registers, StoredRegister, effects_of
+
+FRAMES = FrameTable(tools={1: np.eye(4), 2: np.eye(4)}, bases={1: np.eye(4), 2: np.eye(4)})
+IN_FORCE = "  UFRAME_NUM=1\n  UTOOL_NUM=1\n"
+THREE = lp(1) + lp(2) + lp(3)
+COPY = "  PR[1]=P[1]\n  PR[1,3]=PR[1,3]+50\n"
+
+
+def text(code: str, positions: str = THREE, name: str = "A") -> str:
+    lines = "".join(f"{k:>4}:{line} ;\n" for k, line in enumerate(code.split("\n"), 1))
+    return ls(lines, positions, name)
+
+
+def judged(
+    tmp_path: Path, code: str, positions: str = THREE, registers: Registers | None = None, **options: Any
+) -> Program:
+    path = tmp_path / "a.ls"
+    path.write_bytes(text(IN_FORCE + code, positions).encode())
+    asked = {"derived": True, "whole_task": True, **options}
+    return read(path, FRAMES, ReadOptions(**asked), registers=registers)
+
+
+def with_programs(others: dict[str, str], own: str = "", **stored: tuple[float, ...]) -> Registers:
+    programs = {name: effects_of(text(code, name=name).encode()) for name, code in others.items()}
+    programs["A"] = effects_of(text(own).encode())
+    return Registers({(1, int(number[2:])): StoredRegister(values) for number, values in stored.items()}, {}, programs)
+
+
+def target(program: Program, name: str) -> Target:
+    found = [one for one in program.targets if one.name == name]
+    assert found, [one.name for one in program.targets]
+    return found[-1]
+
+
+def shifts(program: Program, name: str = "P[1]") -> set[tuple[float, ...]]:
+    return {shift for one in target(program, name).derived for shift in one.shifts}
+
+
+def follows(program: Program, name: str) -> list[str]:
+    found = program.targets
+    (i,) = [i for i, one in enumerate(found) if one.name == name and i in found.follows] or [-1]
+    return [found[j].name for j in found.follows[i].sources] if i >= 0 else []
+
+
+APPROACHES = {
+    "z of a copy": (f"{COPY}L PR[1] 9mm/sec FINE", {(0.0, 0.0, 50.0)}),
+    "several coordinates": (
+        "  PR[1]=P[1]\n  PR[1,1]=PR[1,1]-10\n  PR[1,2]=(PR[1,2]+5.5)\n  PR[1,3]=PR[1,3]+2*R[9]\nL PR[1] 9mm/sec FINE",
+        None,
+    ),
+    "register of its own": (
+        "  PR[2]=LPOS-LPOS\n  PR[2,3]=80\n  PR[1]=P[1]+PR[2]\nL PR[1] 9mm/sec FINE",
+        {(0.0, 0.0, 80.0)},
+    ),
+    "difference": (
+        "  PR[2]=PR[3]-PR[3]\n  PR[2,1]=(-20)\n  PR[1]=P[1:above]-PR[2:shift]\nJ PR[1:x] 9% CNT100",
+        {(20.0, 0.0, 0.0)},
+    ),
+    "numbers": (
+        "  R[1:h]=40\n  R[1]=R[1]*2\n  PR[1]=P[1]\n  PR[1,3]=PR[1,3]+R[1]\nL PR[1] 9mm/sec FINE",
+        {(0.0, 0.0, 80.0)},
+    ),
+    "where it stands": (
+        "L P[1] 9mm/sec FINE\n  PR[1]=LPOS\n  PR[1,3]=PR[1,3]+30\nL PR[1] 9mm/sec FINE",
+        {(0.0, 0.0, 30.0)},
+    ),
+    "a turn": (f"{COPY}  PR[1,6]=PR[1,6]+90\nL PR[1] 9mm/sec FINE", None),
+    "a coordinate of its own": ("  PR[1]=P[1]\n  PR[1,3]=400\nL PR[1] 9mm/sec FINE", None),
+    "a point of another": ("  PR[1]=P[1]\n  PR[2]=P[2]\n  PR[1,3]=PR[2,3]\nL PR[1] 9mm/sec FINE", None),
+    "an input": (f"  R[1]=GI[1]\n{COPY}  PR[1,3]=PR[1,3]+R[1]\nL PR[1] 9mm/sec FINE", None),
+    "a camera": (f"  R[1]=20\n  VISION GET_NFOUND 'P' R[1]\n{COPY}  PR[1,3]=PR[1,3]+R[1]\nL PR[1] 9mm/sec FINE", None),
+    "written by its number": (f"{COPY}  PR[R[1]]=P[2]\nL PR[1] 9mm/sec FINE", None),
+    "an input of a condition": (f"{COPY}  IF PR[1,3]>100,JMP LBL[1]\n  LBL[1]\nL PR[1] 9mm/sec FINE", None),
+    "another frame": (f"{COPY}  UFRAME_NUM=2\nL PR[1] 9mm/sec FINE", None),
+    "another tool": (f"{COPY}  UTOOL_NUM=R[1]\nL PR[1] 9mm/sec FINE", None),
+    "called": (f"{COPY}  CALL X\nL PR[1] 9mm/sec FINE", None),
+    "a macro": (f"{COPY}  OPEN HAND\nL PR[1] 9mm/sec FINE", None),
+    "division": ("  PR[1]=P[1]\n  R[1]=10 DIV 3\n  PR[1,3]=PR[1,3]+R[1]\nL PR[1] 9mm/sec FINE", None),
+}
+
+
+@pytest.mark.parametrize("case", APPROACHES)
+def test_approach_points(tmp_path: Path, case: str) -> None:
+    code, expected = APPROACHES[case]
+    program = judged(tmp_path, f"{code}\nL P[1] 9mm/sec FINE")
+    name = next(one.name for one in program.targets if one.name.startswith("PR"))
+    if expected is None:
+        assert target(program, "P[1]").verdict != "correct"
+        return
+    assert (target(program, "P[1]").verdict, shifts(program)) == ("correct", expected)
+    assert follows(program, name) == ["P[1]"]
+    without = judged(tmp_path, f"{code}\nL P[1] 9mm/sec FINE", derived=False)
+    assert target(without, "P[1]").verdict == "refuse"
+    assert "--derived corrects both alike" in target(without, "P[1]").reason
+    assert "--derived corrects both alike" in target(without, name).reason
+
+
+def test_where_it_stands_while_it_moves_is_not_followed(tmp_path: Path) -> None:
+    code = "L P[1] 9mm/sec CNT50\n  PR[1]=LPOS\n  PR[1,3]=PR[1,3]+30\nL PR[1] 9mm/sec FINE"
+    program = judged(tmp_path, code)
+    assert (target(program, "P[1]").verdict, target(program, "PR[1]").verdict) == ("correct", "skip")
+    assert follows(program, "PR[1]") == []
+
+
+def test_both_ways_of_a_condition(tmp_path: Path) -> None:
+    code = "  IF (DI[1]) THEN\n  PR[1]=P[1]\n  ELSE\n  PR[1]=P[2]\n  ENDIF\n  PR[1,2]=PR[1,2]+7\nL PR[1] 9mm/sec FINE"
+    program = judged(tmp_path, f"{code}\nL P[1] 9mm/sec FINE\nL P[2] 9mm/sec FINE")
+    assert follows(program, "PR[1]") == ["P[1]", "P[2]"]
+    assert shifts(program) == shifts(program, "P[2]") == {(0.0, 7.0, 0.0)}
+    half = code.replace("  ELSE\n  PR[1]=P[2]\n", "")  # the other way the register has an older value
+    assert follows(judged(tmp_path, half), "PR[1]") == []
+
+
+PALLET = """  FOR R[1]=0 TO 3
+  FOR R[2:col]=2 DOWNTO 0
+  PR[1]=P[1]
+  R[3]=R[1]*80
+  R[4]=R[2]*60.5
+  PR[1,1]=PR[1,1]+R[3]
+  PR[1,2]=PR[1,2]+R[4]
+  PR[1,3]=PR[1,3]+100
+L PR[1] 900mm/sec CNT30
+  PR[1,3]=PR[1,3]-100
+L PR[1] 100mm/sec FINE
+  ENDFOR
+  ENDFOR
+L P[1] 100mm/sec FINE"""
+
+
+def test_pallets_with_constant_pitch(tmp_path: Path) -> None:
+    program = judged(tmp_path, PALLET)
+    expected = {(80.0 * row, 60.5 * column, z) for row, column, z in product(range(4), range(3), (0.0, 100.0))}
+    assert shifts(program) == expected
+    assert target(program, "P[1]").verdict == "correct"
+    open_end = judged(tmp_path, PALLET.replace("0 TO 3", "0 TO R[9]"))
+    assert target(open_end, "P[1]").verdict == "refuse"
+    endless = judged(tmp_path, PALLET.replace("0 TO 3", "0 TO 3000"))
+    assert target(endless, "P[1]").verdict == "refuse"
+
+
+def test_positions_by_a_counter(tmp_path: Path) -> None:
+    code = "  FOR R[1]=1 TO 2\nL P[R[1]] 9mm/sec FINE\n  ENDFOR\nL P[3] 9mm/sec FINE"
+    program = judged(tmp_path, code)
+    assert follows(program, "P[R[1]]") == ["P[1]", "P[2]"]
+    assert [target(program, f"P[{n}]").verdict for n in (1, 2, 3)] == ["correct"] * 3
+    assert follows(judged(tmp_path, code.replace("=1 TO 2", "=1 TO R[5]")), "P[R[1]]") == []
+
+
+OFFSETS = {
+    "of the program": ("  PR[2]=LPOS-LPOS\n  PR[2,3]=60", "Offset,PR[2]", {(0.0, 0.0, 60.0)}),
+    "each component": (
+        "\n".join(f"  PR[2,{k}]={20 if k == 1 else 0}" for k in range(1, 7)),
+        "Offset,PR[2:up]",
+        {(20.0, 0.0, 0.0)},
+    ),
+    "of the tool": ("  PR[2]=LPOS-LPOS\n  PR[2,3]=(-60)", "Tool_Offset,PR[2]", {(0.0, 0.0, -60.0)}),
+    "stored": ("", "Offset,PR[10]", {(1.0, 2.0, 3.0)}),
+    "stored, turned": ("", "Offset,PR[11]", None),
+    "stored, written by another": ("", "Offset,PR[12]", None),
+    "not all components": ("  PR[2,3]=60", "Offset,PR[2]", None),
+    "turned": ("  PR[2]=LPOS-LPOS\n  PR[2,6]=5", "Offset,PR[2]", None),
+    "by its number": ("", "Offset,PR[R[1]]", None),
+    "of a condition": ("  OFFSET CONDITION PR[10]", "Offset", None),
+    "measured": ("  PR[2]=LPOS-P[2]", "Offset,PR[2]", None),
+    "increment": ("", "INC", None),
+}
+
+
+@pytest.mark.parametrize("case", OFFSETS)
+def test_offsets(tmp_path: Path, case: str) -> None:
+    before, option, expected = OFFSETS[case]
+    code = f"{before}\nL P[1] 9mm/sec CNT50 {option}\nL P[1] 9mm/sec FINE"
+    stored = {"PR10": (1.0, 2.0, 3.0, 0.0, 0.0, 0.0), "PR11": (1.0, 2.0, 3.0, 0.0, 0.0, 1.0)}
+    known = with_programs({"B": "  PR[12,1]=5"}, code, **stored, PR12=stored["PR10"])
+    program = judged(tmp_path, code, registers=known)
+    if expected is None:
+        assert target(program, "P[1]").verdict == "refuse"
+        return
+    own = next(one for one in program.targets if one.name == "P[1]" and one.derived)
+    assert {shift for one in own.derived for shift in one.shifts} == expected
+    assert own.derived[0].axes == ("tool" if "Tool" in option else "frame")
+    assert (own.verdict, follows(program, "P[1]")) == ("correct", ["P[1]"])
+    without = judged(tmp_path, code, registers=known, derived=False)
+    assert "it is constant: --derived corrects both alike" in target(without, "P[1]").reason
+
+
+OTHERS = {
+    "leaves registers alone": ("  RO[1]=ON", "correct"),
+    "uses another register": ("  PR[7]=P[1]\nL PR[7] 9% FINE", "correct"),
+    "sets it for itself": ("  PR[1]=P[2]\nL PR[1] 9mm/sec FINE", "correct"),
+    "reads it": ("L PR[1] 9mm/sec FINE", "refuse"),
+    "may read it": ("  IF DI[1],JMP LBL[1]\n  PR[1]=P[2]\n  LBL[1]\nL PR[1] 9mm/sec FINE", "refuse"),
+    "reads any": ("L PR[R[1]] 9mm/sec FINE", "refuse"),
+    "calls an unknown program": ("  CALL Y", "refuse"),
+}
+
+
+@pytest.mark.parametrize("case", OTHERS)
+def test_other_programs_of_the_backup(tmp_path: Path, case: str) -> None:
+    other, verdict = OTHERS[case]
+    code = f"{COPY}  CALL X\nL P[1] 9mm/sec FINE\n{COPY}L PR[1] 9mm/sec FINE"
+    known = with_programs({"X": other}, code)
+    assert target(judged(tmp_path, code, registers=known, whole_task=False), "P[1]").verdict == verdict
+    behind = f"{COPY}L PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"  # not called, but it may run later
+    later = target(judged(tmp_path, behind, registers=with_programs({"X": other}, behind), whole_task=False), "P[1]")
+    assert later.verdict == ("correct" if case == "calls an unknown program" else verdict)
+
+
+def test_a_program_alone_needs_the_statement_that_it_is(tmp_path: Path) -> None:
+    code = f"{COPY}L PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"
+    found = target(judged(tmp_path, code, whole_task=False), "P[1]")
+    assert found.verdict == "refuse"
+    assert "left in PR[1], which another program (give the whole backup, or --whole-task) may read" in found.reason
+
+
+def test_a_call_that_leaves_frames_alone_leaves_them_certain(tmp_path: Path) -> None:
+    code = f"  CALL X\n{COPY}L PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"
+    for other, verdict in (("  RO[1]=ON", "correct"), (IN_FORCE, "refuse"), ("  UFRAME_NUM[GP2]=5", "correct")):
+        known = with_programs({"X": other}, code)
+        assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == verdict, other
+
+
+def test_frames_that_another_program_sets(tmp_path: Path) -> None:
+    code = "L P[1] 9mm/sec FINE"
+    known = with_programs({"SETUP": "  UFRAME[1]=PR[40]"}, code, PR40=(0.0,) * 6)
+    assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == "correct"  # to its stored value
+    known = with_programs({"SETUP": "  UFRAME[1]=PR[40]"}, code, PR40=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    found = target(judged(tmp_path, code, registers=known), "P[1]")
+    assert found.verdict == "refuse"
+    assert found.reason.startswith("UFRAME[1] is changed by the program (SETUP.LS, line 24)")
+    loose = judged(tmp_path, code, registers=known, frame_tolerance=FrameTolerance(5.0))
+    assert target(loose, "P[1]").verdict == "correct"
+    known = with_programs({"SETUP": "  PR[40]=LPOS\n  UFRAME[1]=PR[40]"}, code, PR40=(0.0,) * 6)
+    assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == "refuse"
