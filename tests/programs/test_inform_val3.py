@@ -296,7 +296,9 @@ def test_val3_parameters_and_local_variables(dtx: Read, tmp_path: Path) -> None:
         '<Locals><Local type="pointRx" name="p2" size="1" /></Locals>'
         "<Code><![CDATA[begin\np1.trsf.x=5\nmovel(appro(p1,x),t,m)\nmovel(p2,t,m)\nend]]></Code></Program>"
     )
-    assert verdicts(read_program(tmp_path / "a.dtx", FRAMES)) == {"p1": "correct", "p2": "skip"}
+    found = verdicts(read_program(tmp_path / "a.dtx", FRAMES))
+    local = {"appro(p1,x) (line 3 of other.pgx)": "skip", "p2 (line 4 of other.pgx)": "skip"}
+    assert found == {"p1": "correct", "p2": "skip", **local}
 
 
 @pytest.mark.promise("VAL3: public points are corrected only when every application that may use them is read")

@@ -25,6 +25,8 @@ from truepose.programs.core.points import (
     Frame,
     Point,
     Problem,
+    Use,
+    computed,
     derive,
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
@@ -102,6 +104,10 @@ class _Reader(Reader):
         self._changes()
         runs = [self._found(place) for place in self._runs]
         self.points += self._missing.values()
+        for word, place, goal in uses.computed:
+            point = Point(f"{goal} (line {place.line} of {place.file})", self.source, 1, problem=computed(goal))
+            point.uses.append(Use(word, place))
+            self.points.append(point)
         return self.program("staubli", tool=Frame(AS_MEASURED), runs=runs)
 
     def _add(self, value: Value, indices: Mapping[str, set[int]]) -> None:

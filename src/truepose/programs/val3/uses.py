@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from truepose.programs.core.points import FileLine, Frame, Point, Problem, Use
+from truepose.programs.core.source import shown
 from truepose.programs.val3.code import ASSIGNMENT, ProgramCode, Reference, Statement
 
 _MOVE: Final = re.compile(rb"(?<![\w:])((?:alter)?mov(?:e)?([jlc])(f?))\s*\(\s*", re.I)
@@ -56,6 +57,14 @@ class ShiftedMotion(NamedTuple):
     use: Callable[[Point], Use]
 
 
+class ComputedMotion(NamedTuple):
+    """A motion to what a program computes."""
+
+    word: str
+    place: FileLine
+    goal: str
+
+
 @dataclass(eq=False)
 class Uses:
     """Collects what programs do with points.
@@ -72,11 +81,14 @@ class Uses:
     ----------
     moved : list of ShiftedMotion
         The motions to shifted points.
+    computed : list of ComputedMotion
+        The motions of the application's own programs to anything else that is not one of a library.
     """
 
     points: Callable[[Reference, bool], tuple[list[Point], int] | None]
     frame_of: Callable[[Point], Frame | None]
     moved: list[ShiftedMotion] = field(default_factory=list)
+    computed: list[ComputedMotion] = field(default_factory=list)
 
     def take(self, code: ProgramCode, tool: Callable[[str], Frame | None], name: str, alias: str) -> None:
         """Take a program.
@@ -124,7 +136,11 @@ class _Program:
             named = code.data[slice(*arguments[goals])].decode("latin-1")
             local = code.local(*arguments[goals])
             tool = Frame(local, f"{local} of {self._name}") if local else self._tool(named)
-            taken += [goal for goal in arguments[:goals] if self._goal(m, goal, tool)]
+            for goal in arguments[:goals]:
+                if self._goal(m, goal, tool):
+                    taken.append(goal)
+                elif not self._alias:
+                    self._computed(m[1].decode().lower(), goal)
         return taken
 
     def _goal(self, m: re.Match[bytes], goal: tuple[int, int], tool: Frame | None) -> bool:
@@ -147,11 +163,20 @@ class _Program:
         if value is None:
             return False
         if value.axes:
-            self._uses.moved.append(ShiftedMotion(value, variable, place, use))
+            said = shown(self._code.data, *goal) if variable else ""
+            self._uses.moved.append(ShiftedMotion(value, said, place, use))
         else:
             for point in value.points:
                 point.uses.append(use(point))
         return True
+
+    def _computed(self, word: str, goal: tuple[int, int]) -> None:
+        """Note a motion to what the program computes."""
+        code = self._code
+        reference = code.reference(*goal)
+        if reference is None or not reference.alias:
+            text = shown(code.data, *goal)
+            self._uses.computed.append(ComputedMotion(word, self._place(goal[0]), text))
 
     def _variable(self, start: int, end: int) -> str:
         """Return the key of the variable that a piece of code is; empty for anything else."""
