@@ -24,10 +24,10 @@ def test_check_lists_every_target(run, program):
     ]
     first, _, last = done.json["targets"]
     assert (first["frame"], first["tool"], first["reason"]) == ("BASE_DATA[0]", "TOOL_DATA[0]", "")
-    assert "tool 9 is not known" in last["reason"]
+    assert "tool TOOL_DATA[9] is not known" in last["reason"]
     shown = run("check", program).out
     assert "1 to correct, 1 to skip, 1 refused" in shown
-    assert "1 × refuse: tool 9 is not known; give it in [frames]" in shown
+    assert "1 × refuse: tool TOOL_DATA[9] is not known; give it in [frames.tools.9]" in shown
     assert f"({program}:7 LIN:7)" in shown
 
 
@@ -94,11 +94,25 @@ def test_check_goes_on_behind_programs_that_it_cannot_read(run, program, tmp_pat
 
 def test_check_groups_reasons_and_adds_up(run, program, tmp_path):
     other = tmp_path / "b.src"
-    other.write_text(f"DEF b()\n$BASE=$NULLFRAME\nBAS(#TOOL,8)\nLIN {POSE}\nBAS(#TOOL,9)\nLIN {POSE}\nEND\n")
+    other.write_text(f"DEF b()\n$BASE=$NULLFRAME\nBAS(#TOOL,8)\nLIN {POSE}\nLIN {POSE}\nEND\n")
     shown = run("check", program, other).out
-    assert "2 × refuse: such as: tool 8 is not known" in shown
-    assert f"{other}:4 LIN:4, {other}:6 LIN:6)" in shown
+    assert "2 × refuse: tool TOOL_DATA[8] is not known" in shown
+    assert f"{other}:4 LIN:4, {other}:5 LIN:5)" in shown
+    assert f"[frames.tools.8]  # TOOL_DATA[8]: 2 targets in {other.name}\nx_mm = ?" in shown
     assert "2 programs: 1 to correct, 1 to skip, 3 refused" in shown
+
+
+def test_frames_lists_what_is_not_known_first(run, program):
+    shown = run("frames", program)
+    assert shown.code == 0
+    assert shown.out.index("tool 9") < shown.out.index("base 0")
+    assert "[frames.tools.9]  # TOOL_DATA[9]: 1 target in" in shown.out
+    (found,) = run("frames", program, "--json").json["controllers"]
+    assert [(one["kind"], one["key"], one["state"], one["targets"]) for one in found["frames"]] == [
+        ("tool", 9, "unknown", 1),
+        ("base", 0, "known", 2),
+        ("tool", 0, "known", 1),
+    ]
 
 
 def test_keep_going_corrects_the_others_and_names_the_refused(run, cell_files, near_samples, tmp_path):

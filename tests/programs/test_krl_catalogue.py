@@ -35,8 +35,11 @@ def only(program: Program, name: str | None = None) -> Any:
 def test_frame_or_tool_not_known_is_refused(read: Read) -> None:
     target = only(read(f"BAS(#TOOL,7)\nBAS(#BASE,1)\nLIN {POSE}"))
     assert (target.verdict, target.line) == ("refuse", 4)
-    assert "tool 7 is not known; give it in [frames] of the cell file, or a $config.dat" in target.reason
-    assert "base 9 is not known" in only(read(f"BAS(#TOOL,3)\nBAS(#BASE,9)\nLIN {POSE}")).reason
+    assert (
+        "tool TOOL_DATA[7] is not known; give it in [frames.tools.7] of the cell file, or a $config.dat"
+        in target.reason
+    )
+    assert "base BASE_DATA[9] is not known" in only(read(f"BAS(#TOOL,3)\nBAS(#BASE,9)\nLIN {POSE}")).reason
 
 
 def test_frame_or_tool_not_set_is_refused_unless_the_user_gives_it(read: Read, frames: FrameTable) -> None:

@@ -27,7 +27,8 @@ def backup(folder: Path, root: str, base: str = "BASE_DATA[1]") -> Path:
     """Write a KUKA backup with a program; return its folder."""
     files = {
         "Mada/$machine.dat": machine(root),
-        "System/$config.dat": f"DEFDAT $CONFIG PUBLIC\nBASE_DATA[1]={BASE}\nTOOL_DATA[1]={NULL}\nENDDAT\n",
+        "System/$config.dat": f"DEFDAT $CONFIG PUBLIC\nBASE_DATA[1]={BASE}\nTOOL_DATA[1]={NULL}\n"
+        'TOOL_NAME[1,]="pen"\nENDDAT\n',
         "Program/a.src": f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE={base}\nLIN {POSE}\nEND\n",
     }
     for name, text in files.items():

@@ -19,6 +19,7 @@ from truepose.cli import (
     demo,
     explain,
     fit,
+    frames,
     importing,
     iso9283,
     maps,
@@ -65,6 +66,7 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
     },
     "Correct": {
         "check": programs.check,
+        "frames": frames.frames,
         "correct": programs.correct,
         "watch": watch.watch,
         "verify": verify.verify,

@@ -184,13 +184,13 @@ def check(
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
-    from truepose.cli.verdicts import say_total, show_backups, show_checked
+    from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing
     from truepose.programs import read_programs
+    from truepose.programs.used_frames import by_controller
 
     with working("Reading the programs", quiet=as_json):
-        found = read_programs(
-            paths, reading.frames(reading.cell()), reading.options(), controllers=reading.controllers or ()
-        )
+        given = reading.frames(reading.cell())
+        found = read_programs(paths, given, reading.options(), controllers=reading.controllers or ())
     if as_json:
         emit_json(
             {
@@ -204,9 +204,11 @@ def check(
         show_backups(found.backups)
         for program in found.programs:
             show_checked(program)
+        for _, _, rows in by_controller(found.programs, found.backups, given):
+            show_missing(rows)
         say_total(found.programs, len(found.unreadable))
     if found.unreadable:
-        raise _unread(found.unreadable)
+        raise unread(found.unreadable)
 
 
 @with_groups
@@ -258,7 +260,7 @@ def correct(
         found = read_for(error_map, paths, frames, options, reading.controllers or (), other_maker=other_maker)
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
-                raise _unread(found.unreadable)
+                raise unread(found.unreadable)
             corrected, refused = correct_read(
                 _announced(found.programs, progress),
                 error_map,
@@ -337,7 +339,7 @@ def _count(n: int) -> str:
     return f"{n} {'program' if n == 1 else 'programs'}"
 
 
-def _unread(errors: Sequence[FileError]) -> FileError:
+def unread(errors: Sequence[FileError]) -> FileError:
     """Return one error for all unreadable programs."""
     from truepose.errors import FileError
 

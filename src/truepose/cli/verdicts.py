@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from truepose._typing import IntArray
     from truepose.programs import Backup, CorrectedProgram, Program
     from truepose.programs.core.reasons import Judged
+    from truepose.programs.used_frames import UsedFrame
 
 _TARGETS: Final = 3  # targets of a group that are named
 _GROUPS: Final = 20
@@ -87,6 +88,20 @@ def show_limits(programs: Sequence[CorrectedProgram]) -> None:
         say(escape(f"Limits in force{where}{others}: {sentence}"))
     for warning in list(dict.fromkeys(text for program in programs for text in program.warnings))[:_WARNINGS]:
         say(escape(warning))
+
+
+def show_missing(rows: Sequence[UsedFrame]) -> None:
+    """Show the lines of a cell file for the frames that targets need and that are not known."""
+    import typer
+
+    from truepose.programs.used_frames import missing_lines
+
+    if not (lines := missing_lines(rows)):
+        return
+    n = sum(one.targets > 0 and one.state in ("unknown", "zero") for one in rows)
+    what = "1 tool or base is" if n == 1 else f"{n} tools and bases are"
+    say(f"{what} not known. Give the cell file (--cell) these lines, with the values that the controller shows:")
+    typer.echo("\n".join(["", *lines, ""]))
 
 
 def say_total(programs: Sequence[Program], unreadable: int) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from truepose.errors import FileError
+from truepose.programs.core.held import leave_held
 from truepose.programs.core.points import (
     AS_MEASURED,
     NOT_HERE,
@@ -19,7 +20,6 @@ from truepose.programs.core.points import (
     Frame,
     Point,
     Problem,
-    leave_held,
     numbers_at,
 )
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from truepose.errors import FileError
-from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Point, Problem, Use, leave_held
+from truepose.programs.core.held import leave_held
+from truepose.programs.core.points import AS_MEASURED, NOT_HERE, Frame, Point, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
 from truepose.programs.core.source import Source, Span, is_broken, parse_number

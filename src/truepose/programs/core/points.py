@@ -235,20 +235,6 @@ class NotCorrected(Exception):  # noqa: N818 - ends the questions about one targ
 
 NOT_HERE: Final = (-1, -1)
 """Span of a number that a point takes over from the one before it."""
-HELD: Final = Problem(
-    "skip", "its orientation holds over several lines; write it in each of them, or correct positions"
-)
-
-
-def leave_held(points: Sequence[Point]) -> None:
-    """Leave out points whose orientation is in another line, and those whose orientation other points take over."""
-    for k, point in enumerate(points):
-        if NOT_HERE in point.spans:
-            point.problem = point.problem or HELD
-            for before in reversed(points[:k]):
-                if before.spans:
-                    before.problem = before.problem or HELD
-                    break
 
 
 class Judge:
@@ -302,7 +288,7 @@ class Judge:
                 if problem is None and point.objection is not None:
                     raise NotCorrected(*point.objection)
                 frame = self._within_tolerance(frame)
-                tf_flange_tool, tf_base_frame = self._transform("tool", tool), self._transform("base", frame)
+                tf_flange_tool, tf_base_frame = self._transforms(tool, frame)
         except NotCorrected as stop:
             problem = problem or stop.problem
         if (joints := point.joints) is not None and not self._options.joint_targets:
@@ -416,6 +402,19 @@ class Judge:
         known = frame.tf is not None or (frame.key is not None and frame_key(frame.key) in self._frames.bases)
         return frame._replace(changed=how) if how and known else frame
 
+    def _transforms(self, tool: Frame, frame: Frame) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return a tool and a base; the reason why they are not known is one for both."""
+        found: list[FloatArray | None] = []
+        problems: list[Problem] = []
+        for which, one in (("tool", tool), ("base", frame)):
+            try:
+                found.append(self._transform(which, one))
+            except NotCorrected as stop:
+                problems.append(stop.problem)
+        if problems:
+            raise NotCorrected(problems[0].verdict, "; ".join(problem.reason for problem in problems))
+        return found[0], found[1]
+
     def _transform(self, which: str, frame: Frame) -> FloatArray | None:
         if frame.text == AS_MEASURED or frame is _NO_FRAME:
             return None
@@ -432,8 +431,11 @@ class Judge:
         if frame.tf is not None:
             tf = _array(frame.tf)
             return self._frames.bases[0] @ tf if which == "base" else tf  # the program gives it in the world
-        remedy = f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
-        raise NotCorrected("refuse", f"{which} {frame.text} is not known; {remedy}")
+        raise NotCorrected("refuse", f"{which} {frame.text} is not known; {self._remedy(which, frame)}")
+
+    def _remedy(self, which: str, frame: Frame) -> str:
+        """Return how the user gives a tool or base that is not known."""
+        return f"give it in [frames.{'tools' if which == 'tool' else 'bases'}.{frame.key}] of the cell file"
 
     def program_targets(
         self,

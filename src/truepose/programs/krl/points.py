@@ -27,7 +27,7 @@ POSES: Final = ("POS", "E6POS", "FRAME")
 JOINTS: Final = ("AXIS", "E6AXIS")
 _ABSOLUTELY_ACCURATE: Final = 16
 _LARGEST_STATUS: Final = 1 << 16
-_NAMES: Final = {"tool": ("$TOOL", "TOOL_DATA", "tools"), "base": ("$BASE", "BASE_DATA", "bases")}
+_NAMES: Final = {"tool": ("$TOOL", "TOOL_DATA"), "base": ("$BASE", "BASE_DATA")}
 _ARM: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
 _EXTERNAL: Final = ("E1", "E2", "E3", "E4", "E5", "E6")
 _NEVER: Final = Problem("skip", "the program never reaches this motion")
@@ -255,7 +255,7 @@ class KrlJudge(Judge):
         return tool, self._value(motion, state, fdat, "base") if based else None
 
     def _value(self, motion: KrlMotion, state: State, fdat: FdatFrames | None, which: Literal["tool", "base"]) -> Frame:
-        system, data, table = _NAMES[which]
+        system, data = _NAMES[which]
         own = getattr(motion, which)
         possible: set[InForce] = {own} if own else set(getattr(state, which) | getattr(self._ambient, which))
         if fdat:
@@ -277,9 +277,6 @@ class KrlJudge(Judge):
         if value.pose is not None:
             return Frame(value.text, None, make_transform(euler("kuka", value.pose[3:]), value.pose[:3]).tobytes())
         number = value.number
-        if number not in getattr(self._frames, table) and (which, number) not in self._frames.problems:
-            reason = f"{which} {number} is not known; give it in [frames] of the cell file"
-            raise NotCorrected("refuse", f"{reason}, or a $config.dat with {data}[{number}]")
         changed = self._numbers_changed
         if number and (place := changed.get((which, number)) or changed.get((which, None))):
             how = f"{value.text} is changed by the program ({at(place)})"
@@ -293,7 +290,8 @@ class KrlJudge(Judge):
         tolerance = self._options.frame_tolerance
         if tolerance is None:
             raise NotCorrected("refuse", f"{how}; --frame-tolerance corrects with the stored frame")
-        stored = self._frames.bases[number]
+        if (stored := self._frames.bases.get(number)) is None:
+            return ""  # that it is not known is told
         for value in self._set_to.get(("base", number), ()):
             tf = self._frames.bases.get(value.number) if value.number is not None else None
             if value.pose is not None:
@@ -302,6 +300,9 @@ class KrlJudge(Judge):
                 reason = f"{how}, to {value.text}, which is beyond the tolerance around the stored frame"
                 raise NotCorrected("refuse", f"{reason}; state a larger one (--frame-tolerance), or set $BASE to it")
         return how
+
+    def _remedy(self, which: str, frame: Frame) -> str:
+        return f"{super()._remedy(which, frame)}, or a $config.dat with {frame.text}"
 
 
 def _as_taught(taught: InForce, possible: set[InForce]) -> set[InForce]:
