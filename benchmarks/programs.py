@@ -35,6 +35,12 @@ _CAM = {
         "  MoveL [[{:.3f},{:.3f},{:.3f}],[0.5,0.5,0.5,0.5],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n",
         *("", "", "ENDPROC\nENDMODULE\n"),
     ),
+    "RAPID, targets by name": (
+        ".mod",
+        "MODULE Cam\n",
+        "  LOCAL CONST robtarget p{k}:=[[{:.3f},{:.3f},{:.3f}],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n",
+        *("PROC main()\n", "  MoveL p{k},v100,fine,tool0;\n", "ENDPROC\nENDMODULE\n"),
+    ),
     "FANUC": (
         ".ls",
         "/PROG CAM\n/MN\n",
@@ -59,7 +65,7 @@ _CAM = {
         *("", "", "END\n"),
     ),
 }
-"""Of each language: ending, head, a motion, text between motions and positions, a position, end."""
+"""Of each language: ending, head, a motion, text between motions and positions, a position, end; or the reverse."""
 
 
 def jobs(*, quick: bool = False) -> Iterator[Job]:

@@ -85,7 +85,7 @@ class NamedRuns:
     def ready(self) -> bool:
         """Prepare the search for points; False where two of them have one name."""
         self._starts = np.cumsum([0, *map(len, self._codes)])
-        codes = np.concatenate(self._codes) if self._codes else np.empty(0, np.int64)
+        self._codes_in_order = codes = np.concatenate(self._codes) if self._codes else np.empty(0, np.int64)
         self._order = np.argsort(codes, kind="stable")
         self._sorted = codes[self._order]
         self.taken = np.zeros(len(codes), bool)
@@ -107,9 +107,12 @@ class NamedRuns:
         run = int(np.searchsorted(self._starts, row, side="right")) - 1
         return run, self._items(run)[row - int(self._starts[run])]
 
-    def move(self, lines: Lines, hole: int, kind: int, prefix: int = 0) -> bool:
-        """Add a run of motions to points of runs; False where they go to other points, too."""
-        rows = self.rows(self._read_codes(lines, hole, prefix))
+    def move(self, lines: Lines, hole: int, kind: int, prefix: int = 0, source: Source | None = None) -> bool:
+        """Add a run of motions to points of runs; False where they go to other points, too.
+
+        `source` is the file of the motions; by default that of the points.
+        """
+        rows = self.rows(self._read_codes(lines, hole, prefix, source))
         if (rows < 0).any():
             return False
         self._moves.append((rows.astype(np.int32), lines.line + np.arange(lines.items, dtype=np.int32), kind))
@@ -144,8 +147,18 @@ class NamedRuns:
             for k in np.flatnonzero(self.taken[rows]).tolist():
                 yield int(rows[k]), int(lines[k]), kind
 
-    def _read_codes(self, lines: Lines, hole: int, prefix: int) -> IntArray:
-        values, spans = lines.columns(self._data, slice(hole, hole + 1))
+    def codes(self, prefix: int) -> IntArray:
+        """Return the codes of the points with a prefix, as without one."""
+        found: IntArray = self._codes_in_order[self._codes_in_order // _ROOM == prefix] % _ROOM
+        return found
+
+    def name(self, row: int) -> tuple[int, str]:
+        """Return the number of the prefix of a point's name, and its digits."""
+        prefix, code = divmod(int(self._codes_in_order[row]), _ROOM)
+        return prefix, str(code)[1:]
+
+    def _read_codes(self, lines: Lines, hole: int, prefix: int, source: Source | None = None) -> IntArray:
+        values, spans = lines.columns(source.data if source else self._data, slice(hole, hole + 1))
         digits = spans[:, 0, 1] - spans[:, 0, 0]
         codes: IntArray = 10**digits + values[:, 0].astype(np.int64) + prefix * _ROOM
         return codes

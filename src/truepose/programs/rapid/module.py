@@ -14,6 +14,7 @@ from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
 from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
+from truepose.programs.rapid.columns import NamedTargets, at_line, blank_in_name, prefix_of
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import (
@@ -26,7 +27,7 @@ from truepose.programs.rapid.names import (
     Scope,
     late_bound,
 )
-from truepose.programs.rapid.runs import NUMBERS, inline_runs
+from truepose.programs.rapid.runs import NUMBERS, RapidRuns
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -56,10 +57,11 @@ class RapidModule:
         The name in upper case.
     """
 
-    def __init__(self, source: Source, task: RapidTask) -> None:
+    def __init__(self, source: Source, task: RapidTask, *, columns: bool = True) -> None:
         self.source, self._task = source, task
         self._options, self._flow = task.options, task.flow
-        self._pieces = list(syntax.pieces(source, inline_runs(source).find))
+        self._runs = RapidRuns(source, named=columns)
+        self._pieces = list(syntax.pieces(source, self._runs.find))
         heads = (s for s in self._pieces if isinstance(s, list) and "MODULE" in [t.text for t in s[:2]])
         self.name = next(map(_module_name, heads), "")
         if not self.name:
@@ -69,11 +71,22 @@ class RapidModule:
         self._key = ""
         self._initial: list[tuple[list[Token], int]] = []
         self._motions = RapidMotionReader(self._names)
+        self._columns = {
+            local: NamedTargets(source, lambda start: self._declare(self._line(start), inner=False), local=local)
+            for local in (False, True)
+        }
+
+    @property
+    def own(self) -> Scope:
+        """The names that the module declares with LOCAL."""
+        return self._names.own
 
     def declare(self) -> None:
         """Read the declarations of the module; values that name other data are kept for `read`."""
         for statement in self._pieces:
             if isinstance(statement, Lines):
+                if self._runs.kind(statement) == "declared" and not self._routine():
+                    self._declare_run(statement)
                 continue  # motions declare nothing
             outside = not self._routine()
             self._structure(statement)
@@ -83,6 +96,28 @@ class RapidModule:
         if self._open:
             word, line = self._open[-1]
             raise self.source.error(line, f"{word} has no END{word}: the file is truncated")
+        for local, columns in self._columns.items():
+            if columns.declared:
+                scope = self.own if local else self._task.scope
+                scope.columns.append(columns)
+                self._task.columns.append((columns, scope))
+
+    def _line(self, start: int) -> list[Token]:
+        """Return the statement that starts within the line of a byte."""
+        return next(syntax.statements(self.source, start, self.source.data.find(b"\n", start) + 1))
+
+    def _declare_run(self, lines: Lines) -> None:
+        """Declare a run of robtargets."""
+
+        def point(start: int) -> Point:
+            statement = _without_scope(self._line(start))
+            name = self._names.cased(statement[2])
+            return robtarget(self.source, self._options, name, syntax.value(statement[4:]), self.source.line(start))
+
+        local = self._line(lines.start)[0].text == "LOCAL"
+        if not self._columns[local].declare(lines, point(lines.start), point):
+            for statement in syntax.statements(self.source, lines.start, lines.end):
+                self._declare(statement)
 
     def read(self) -> None:
         """Read the statements; a FileError names the line of a broken one."""
@@ -102,18 +137,35 @@ class RapidModule:
 
     def _run(self, lines: Lines) -> None:
         """Read the first line of a run; and the others, too, if it is not one motion to numbers."""
-        task, source = self._task, self.source
+        task, source, kind = self._task, self.source, self._runs.kind(lines)
+        if (kind == "declared" and not self._routine()) or (kind == "named" and self._named_run(lines)):
+            return
         behind = source.data.find(b"\n", lines.start) + 1
         before = task.marks()
         for statement in syntax.statements(source, lines.start, behind):
             self._statement(statement, lines.line)
-        if task.marks() == (before[0] + 1, before[1] + 1, *before[2:]) and task.moves[-1].point is task.points[-1]:
+        one = task.marks() == (before[0] + 1, before[1] + 1, *before[2:])
+        if kind == "inline" and one and task.moves[-1].point is task.points[-1]:
             point = task.points[-1]
             if is_run(lines, "abb", point, NUMBERS):
                 task.runs.append((task.points.pop(), lines))
                 return
         for statement in syntax.statements(source, behind, lines.end):
             self._statement(statement, source.line(statement[0].start))
+
+    def _named_run(self, lines: Lines) -> bool:
+        """Take a run of motions to robtargets that stay columns; False if they do not."""
+        statement = self._line(lines.start)
+        arguments = syntax.arguments(statement[1:])
+        prefix = prefix_of(arguments[0].tokens[0].text)
+        scopes = [self._names.inner, self._names.own, self._task.scope]
+        k = next((k for k, scope in enumerate(scopes) if scope.hides(prefix)), 0)
+        if not self._routine() or not k or blank_in_name(lines, self.source):
+            return False
+        use = self._motions.use_of(statement, arguments, lines.line)
+        key = at_line(use, 0)._replace(order=0), self._flow.node  # there is one motion in each line
+        kind = self._task.kinds.setdefault(key, len(self._task.kinds))
+        return any(columns.move(lines, prefix, kind, self.source) for columns in scopes[k].columns)
 
     def _routine(self) -> bool:
         return any(word != "MODULE" for word, _ in self._open)
@@ -310,10 +362,9 @@ class RapidModule:
             self._task.read_by_name.append((start if exact else "", self._names.place(line)))
         elif exact:
             self._names.change(start, line)
-            for variable in self._task.variables:
-                if variable.name.upper() == start:
-                    for point in variable.elements.values():
-                        point.writes.append((self._names.place(line), f"set by {name}"))
+            for variable in self._task.of_name(start):
+                for point in variable.elements.values():
+                    point.writes.append((self._names.place(line), f"set by {name}"))
         else:
             self._task.sets_by_name = self._names.place(line)
             for kind in ("tool", "base"):
@@ -329,14 +380,14 @@ class RapidModule:
         elif len(left) == 1 or any(t.text in _PARTS for t in left):
             self._names.change(name, line)
 
-    def _declare(self, statement: list[Token]) -> None:
+    def _declare(self, statement: list[Token], *, inner: bool | None = None) -> None:
         """Take a declaration of a robtarget, a jointtarget, a tool or a workobject."""
         first, statement = statement[0].text, _without_scope(statement)
         local, shared = first == "LOCAL", first == "PERS"
         if len(statement) < 3 or statement[0].text not in DATA or statement[2].kind != "word":
             return
         kind, type_, name = statement[0].text, statement[1].text, statement[2].text
-        inner = self._routine()
+        inner = self._routine() if inner is None else inner
         scope = self._names.inner if inner else self._names.own if local else self._task.scope
         line = self.source.line(statement[0].start)
         position = syntax.position_of(":=", statement)

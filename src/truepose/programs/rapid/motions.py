@@ -78,22 +78,33 @@ class RapidMotionReader:
             problem = not_understood(self._names.shown([token]))
             self._add(Point(f"{word}:{line}", self._source, line, problem=problem), self._use(word, token, line))
             return
-        tool, tool_problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, positional[goals - 1 :]))
-        wobj_tokens = next((a.tokens for a in arguments if a.name == "WOBJ"), None)
-        wobj: Frame | None = Frame("wobj0", 0)
-        wobj_problem: Problem | None = None
-        if wobj_tokens is not None:
-            wobj, wobj_problem = self._frame("wobjdata", wobj_tokens)
-        shifted = _CORRECTED_PATH if any(a.name == "CORR" for a in arguments) else None
-        use = self._use(word, token, line)._replace(
-            tool=tool, frame=wobj, problem=tool_problem or wobj_problem or shifted
-        )
+        use = self._framed(token, arguments, positional[goals - 1 :], line)
         uses = [use, use._replace(order=use.order + 1)][:goals]
         found = [self._goal(positional[k], line, use, k, goals) for k, use in enumerate(uses)]
         for items in [*positional[goals:], *(a.tokens for a in arguments if a.name)]:
             self._names.read_by(items, line)
         if circle:
             self._task.circles += [[a, b] for a in found[0] for b in found[1]] or [found[0] + found[1]]
+
+    def use_of(self, statement: list[Token], arguments: list[Argument], line: int) -> Use:
+        """Return a plain motion, whatever its goal."""
+        positional = [a.tokens for a in arguments if not a.name]
+        for items in [*positional[1:], *(a.tokens for a in arguments if a.name)]:
+            self._names.read_by(items, line)
+        return self._framed(statement[0], arguments, positional, line)
+
+    def _framed(self, token: Token, arguments: list[Argument], after_goal: list[list[Token]], line: int) -> Use:
+        """Return a motion with its tool and workobject."""
+        tool, tool_problem = self._frame("tooldata", self._tool_tokens(token.text, arguments, after_goal))
+        wobj_tokens = next((a.tokens for a in arguments if a.name == "WOBJ"), None)
+        wobj: Frame | None = Frame("wobj0", 0)
+        wobj_problem: Problem | None = None
+        if wobj_tokens is not None:
+            wobj, wobj_problem = self._frame("wobjdata", wobj_tokens)
+        shifted = _CORRECTED_PATH if any(a.name == "CORR" for a in arguments) else None
+        return self._use(self._names.cased(token), token, line)._replace(
+            tool=tool, frame=wobj, problem=tool_problem or wobj_problem or shifted
+        )
 
     def _tool_tokens(self, name: str, arguments: list[Argument], after_goal: list[list[Token]]) -> list[Token]:
         positions = [i for i, a in enumerate(arguments) if a.name == "WOBJ"]

@@ -6,6 +6,7 @@ the task, a name of a routine hides both.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -15,6 +16,7 @@ from truepose.programs.core.points import FileLine, Frame, Place, Point, Problem
 from truepose.programs.core.program import Key, ReadOptions, frame_key
 from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
+from truepose.programs.rapid.columns import FoundGroup, NamedTargets, prefix_of
 from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
 
 Reach = Literal["routine", "module", "task", "controller"]
@@ -109,9 +111,26 @@ class Scope:
     """
 
     points: dict[str, RobtargetVariable] = field(default_factory=dict)
+    columns: list[NamedTargets] = field(default_factory=list)
     frames: dict[str, Datum] = field(default_factory=dict)
     routines: dict[str, Routine] = field(default_factory=dict)
     others: set[str] = field(default_factory=set)
+    _seen: tuple[int, set[str]] = (0, set())
+
+    def point(self, name: str) -> RobtargetVariable | None:
+        """Return the robtarget of a name in upper case."""
+        found = self.points.get(name)
+        for columns in self.columns if found is None else ():
+            if (row := columns.row(name)) >= 0:
+                columns.take(row)
+                return self.points[name]
+        return found
+
+    def hides(self, prefix: str) -> bool:
+        """Return whether it declares a name that consists of a prefix and a number."""
+        if self._seen[0] != (size := len(self.points) + len(self.others)):
+            self._seen = size, {prefix_of(name) for name in (*self.points, *self.others)}
+        return prefix in self._seen[1] or any(prefix in columns.prefixes for columns in self.columns)
 
 
 @dataclass(eq=False)
@@ -140,6 +159,12 @@ class RapidTask:
         The points in the order of reading.
     runs : list of (Point, Lines)
         The runs of motions of one form, each with its first point, which is not among `points`.
+    columns : list of (NamedTargets, Scope)
+        The robtargets of each module that are not among `points`, because motions of runs alone name them.
+    groups : list of FoundGroup
+        The same, once all is read.
+    kinds : dict of (Use, int) to int
+        The number of each kind of motion to these, by one of them in line 0 and its node in the flow.
     changed : dict of ("tool" or "base", key or None) to place
         The places where a tool or a workobject may be changed; None: some of them.
     loads : str
@@ -160,6 +185,8 @@ class RapidTask:
     variables: list[RobtargetVariable] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     runs: list[tuple[Point, Lines]] = field(default_factory=list)
+    columns: list[tuple[NamedTargets, Scope]] = field(default_factory=list)
+    groups: list[FoundGroup] = field(default_factory=list)
     circles: list[list[Point]] = field(default_factory=list)
     moves: list[RapidMotion] = field(default_factory=list)
     reads: list[Read] = field(default_factory=list)
@@ -167,6 +194,17 @@ class RapidTask:
     changed: dict[tuple[str, Key | None], Place] = field(default_factory=dict)
     loads: str = ""
     sets_by_name: Place | None = None
+
+    kinds: dict[tuple[Use, int], int] = field(default_factory=dict)
+
+    def of_name(self, name: str) -> Iterator[RobtargetVariable]:
+        """Yield the robtargets of a name, whichever module or routine declares them; all where it is empty."""
+        for points, _ in self.columns:
+            if not name:
+                points.take_all()
+            elif (row := points.row(name)) >= 0:
+                points.take(row)
+        yield from [variable for variable in self.variables if name in ("", variable.name.upper())]
 
     def marks(self) -> tuple[int, ...]:
         """Return how much has been read, to see what a statement adds; points and motions first."""
@@ -223,7 +261,7 @@ class ModuleNames:
     def find(self, name: str) -> RobtargetVariable | None:
         """Return the robtarget of a name."""
         for scope in (self.inner, self.own, self.task.scope):
-            if (variable := scope.points.get(name)) is not None:
+            if (variable := scope.point(name)) is not None:
                 return variable
             if name in scope.others:
                 return None

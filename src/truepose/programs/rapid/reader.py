@@ -13,17 +13,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
+from truepose.programs.core.forms import Run
 from truepose.programs.core.order import Sweep
-from truepose.programs.core.points import Judge, Problem, at
+from truepose.programs.core.points import Judge, Problem, Use, at
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
 from truepose.programs.rapid import sharing
+from truepose.programs.rapid.columns import at_line
 from truepose.programs.rapid.module import RapidModule
-from truepose.programs.rapid.names import RapidTask, RobtargetVariable
-from truepose.programs.rapid.runs import run_of
+from truepose.programs.rapid.names import RapidMotion, RapidTask, Reach, Scope
+from truepose.programs.rapid.runs import OF_NAMED, run_of
 
 _ALONE: Final = Problem(
     "refuse",
@@ -142,12 +146,18 @@ class _Task:
         self.files = files
         with self._named():
             self._sources = tuple([Source.read(file) for file in files.files])
-            names = frozenset(source.path.name.lower() for source in self._sources)
-            unread = "" if options.whole_task else files.unread
+            self._open(options, whole=whole)
+
+    def _open(self, options: ReadOptions, *, whole: bool) -> None:
+        """Let all modules declare; without columns, if two robtargets have one name, which the error then says."""
+        files = self.files
+        names = frozenset(source.path.name.lower() for source in self._sources)
+        unread = "" if options.whole_task else files.unread
+        for columns in (True, False):
             self.data = RapidTask(
                 options, whole and not unread, unread, files.hidden, named=len(self._sources) > 1, files=names
             )
-            self._modules = [RapidModule(source, self.data) for source in self._sources]
+            self._modules = [RapidModule(source, self.data, columns=columns) for source in self._sources]
             first: dict[str, RapidModule] = {}
             for module in self._modules:
                 if (other := first.setdefault(module.name, module)) is not module:
@@ -157,6 +167,8 @@ class _Task:
                     )
             for module in self._modules:
                 module.declare()
+            if _unique([self.data.scope, *(module.own for module in self._modules)]):
+                break
 
     def read(self) -> None:
         """Read the statements of all modules, and follow the displacements."""
@@ -167,6 +179,7 @@ class _Task:
                 self.data.flow.solve()
             except BlockError as error:
                 raise FileError(self._sources[0].path, f"{error}; correct the file") from None
+        _settle(self.data)
         _attach(self.data)
         _leave(self.data, self.files)
 
@@ -174,10 +187,14 @@ class _Task:
         """Return the program with its verdicts."""
         path, data = self.files.path, self.data
         judge = Judge(frames, data.options, "abb", changed=data.changed)
-        runs = [
+        runs: list[tuple[Sweep | None, Run]] = [
             (Sweep.of(first.uses[0].visit(0), lines.items), run_of(first.source, lines, judge.target(first)))
             for first, lines in data.runs
         ]
+        for point, lines, group, prefix in data.groups:
+            run = run_of(point.source, lines, judge.target(point), OF_NAMED, prefix)
+            sweep = Sweep.of(point.uses[0].visit(0), lines.items)._replace(line=group.lines) if point.uses else None
+            runs.append((sweep, run))
         targets, circles = judge.program_targets(data.points, data.circles, runs, self._sources)
         root = None if path in self.files.files else path
         return Program(path, self._sources, targets, circles, PLAIN_LEXER, root=root)
@@ -197,7 +214,7 @@ class _Task:
 
 def _leave(task: RapidTask, files: TaskFiles) -> None:
     """Leave the targets of modules that are never corrected, and of a task that does not move the map's robot."""
-    for point in [*task.points, *(first for first, _ in task.runs)]:
+    for point in [*task.points, *(first for first, _ in task.runs), *(group.point for group in task.groups)]:
         reason = files.problem or files.kept.get(point.source.path)
         if reason and (point.problem is None or point.problem.verdict == "refuse"):
             point.problem = Problem("skip", reason)
@@ -207,30 +224,62 @@ def _attach(task: RapidTask) -> None:
     """Give each point its motions and reads, now that displacements and offsets are known."""
     owner = {id(point): variable for variable in task.variables for point in variable.elements.values()}
     for point, use, node in task.moves:
-        problem, variable = use.problem, owner.get(id(point))
-        shift = "" if point.joints else min(_shifts(task.flow.states[node]), default="")
-        hindered = shifted_by(task.flow.states[node].shifts)
-        if shift:
-            hindered = Problem("refuse", f"a displacement may be active: {shift}; corrections do not know it")
-        if hindered and (problem is None or problem.verdict == "skip"):
-            problem = hindered
+        variable = owner.get(id(point))
+        problem = _hindered(task, use, node, joints=point.joints is not None)
         if problem == Problem("skip", "") and variable is not None:
             size = f"{variable.offset:g} mm" if variable.offset_known else "known at run time only"
             reason = f"moved to with an offset (largest {size}, {at(variable.offset_place)}); allow offsets"
             problem = Problem("skip", f"{reason} to give both one correction")
             # with an offset anywhere it is skipped everywhere
             point.problem = point.problem or problem
-        point.uses.append(use._replace(problem=problem or _unseen(task, variable)))
+        point.uses.append(use._replace(problem=problem or (_unseen(task, variable.reach) if variable else None)))
     # jointtargets that no motion goes to are no targets: other data have this form, too
     task.points[:] = [p for p in task.points if p.uses or not (id(p) in owner and owner[id(p)].joints)]
     for variable, place, how in task.reads:
         for point in variable.elements.values():
             point.reads.append((place, how))
     for name, place in task.read_by_name:
-        for variable in task.variables:
-            if name in ("", variable.name.upper()):
-                for point in variable.elements.values():
-                    point.reads.append((place, "read by its name"))
+        for variable in task.of_name(name):
+            for point in variable.elements.values():
+                point.reads.append((place, "read by its name"))
+
+
+def _hindered(task: RapidTask, use: Use, node: int, *, joints: bool = False) -> Problem | None:
+    """Return why a motion hinders a correction, displacements and shifts at run time included."""
+    shift = "" if joints else min(_shifts(task.flow.states[node]), default="")
+    hindered = shifted_by(task.flow.states[node].shifts)
+    if shift:
+        hindered = Problem("refuse", f"a displacement may be active: {shift}; corrections do not know it")
+    return hindered if hindered and (use.problem is None or use.problem.verdict == "skip") else use.problem
+
+
+def _unique(scopes: Sequence[Scope]) -> bool:
+    """Return whether no robtarget of a run has the name of another one of its scope."""
+    for scope in scopes:
+        if not all(columns.ready() for columns in scope.columns):
+            return False
+        if any(columns.row(name) >= 0 for columns in scope.columns for name in scope.points):
+            return False
+        for prefix in {prefix for columns in scope.columns for prefix in columns.prefixes}:
+            codes = np.concatenate([one.numbers(prefix) for one in scope.columns if prefix in one.prefixes])
+            if len(np.unique(codes)) < len(codes):
+                return False
+    return True
+
+
+def _settle(task: RapidTask) -> None:
+    """Keep the runs of robtargets that motions of one kind go to, and declare the others on their own."""
+    for name, _ in task.read_by_name:
+        list(task.of_name(name))
+    kinds = list(task.kinds)
+    problems = [_hindered(task, use, node) for use, node in kinds]
+    for columns, scope in task.columns:
+        unseen = _unseen(task, "module" if columns.local else "task")
+        uses = [use._replace(problem=why or unseen) for (use, _), why in zip(kinds, problems, strict=True)]
+        task.groups += columns.settle(uses)
+        for name, line, kind in columns.left():
+            use, node = kinds[kind]
+            task.moves.append(RapidMotion(scope.points[name].elements[()], at_line(use, line), node))
 
 
 def _shifts(state: State) -> Iterator[str]:
@@ -239,9 +288,9 @@ def _shifts(state: State) -> Iterator[str]:
     yield from (value.text for value in state.tool if value != UNSET)
 
 
-def _unseen(task: RapidTask, variable: RobtargetVariable | None) -> Problem | None:
+def _unseen(task: RapidTask, reach: Reach) -> Problem | None:
     """Return why a point cannot be corrected although all that is here allows it: others may see it."""
-    if variable is None or variable.reach in ("routine", "module"):
+    if reach in ("routine", "module"):
         return None
     if task.unread:
         reason = f"global to the task: {task.unread}, and may move to it under another workobject"
