@@ -12,6 +12,9 @@ from truepose.programs.core.source import Source, parse_number
 
 _HIDING: Final = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
 """Parameters and local variables of a program hide the data of the application that have their names."""
+_PARAMETER: Final = re.compile(rb"<Parameter\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
+_TASK: Final = re.compile(rb"\btaskCreate", re.I)
+_WORD: Final = re.compile(rb"(?<![\w.:])[A-Za-z_]\w*")
 _CODE: Final = re.compile(rb"<Code>\s*(?:<!\[CDATA\[)?|(?:\]\]>)?\s*</Code>")
 _TEXT: Final = re.compile(rb"//[^\r\n]*|\"[^\"\r\n]*\"")
 _STEP = rb"[A-Za-z_]\w*\s*(?:\[[^\[\]\r\n]*\])?"
@@ -71,6 +74,10 @@ class ProgramCode:
         The file.
     hidden : set of str
         The names, in lower case, that parameters and local variables hide.
+    parameters : set of str
+        Those of parameters alone.
+    starts_tasks : bool
+        Whether it starts tasks.
     source : Source
         Its text, with comments and texts blanked.
     """
@@ -79,6 +86,8 @@ class ProgramCode:
         text = files.read_bytes(path)
         self.path = path
         self.hidden = {m[1].decode("latin-1").lower() for m in _HIDING.finditer(text)}
+        self.parameters = {m[1].decode("latin-1").lower() for m in _PARAMETER.finditer(text)}
+        self.starts_tasks = _TASK.search(text) is not None
         self.source = Source(path, _TEXT.sub(lambda m: b" " * len(m[0]), text))
 
     @property
@@ -106,6 +115,13 @@ class ProgramCode:
         for m in REFERENCE.finditer(self.data, start, end):
             if (found := self._reference(m)) is not None:
                 yield found
+
+    def locals_in(self, statement: Statement) -> Iterator[tuple[str, int]]:
+        """Yield the parameters and local variables that a statement names, each with its first byte."""
+        if self.hidden:
+            for m in _WORD.finditer(self.data, statement.start, statement.end):
+                if (name := m[0].decode("latin-1").lower()) in self.hidden:
+                    yield name, m.start()
 
     def reference(self, start: int, end: int) -> Reference | None:
         """Return the reference that a piece of code is; None if it is anything else, or hidden."""

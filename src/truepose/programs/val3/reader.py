@@ -100,6 +100,7 @@ class _Reader(Reader):
         else:
             self._moved_by_nobody()
         self._by_others(uses)
+        uses.settle()
         self._derive(uses.moved)
         self._changes()
         runs = [self._found(place) for place in self._runs]

@@ -66,6 +66,32 @@ class ComputedMotion(NamedTuple):
 
 
 @dataclass(eq=False)
+class Variables:
+    """The points that programs assign to variables, and the variables that are used where their value is not known.
+
+    Attributes
+    ----------
+    sources : dict of str to list of (Point, FileLine)
+        The points whose numbers a variable gets, by its name, each with where.
+    loose : set of str
+        The names of the others.
+    shared : bool
+        Whether tasks run beside each other, so that no value is known.
+    """
+
+    sources: dict[str, list[tuple[Point, FileLine]]] = field(default_factory=dict)
+    loose: set[str] = field(default_factory=set)
+    shared: bool = False
+
+    def settle(self) -> None:
+        """Note the points whose numbers reach a loose variable."""
+        for name, sources in self.sources.items():
+            if self.shared or name in self.loose:
+                for point, place in sources:
+                    point.reads.append((place, "read by arithmetic"))
+
+
+@dataclass(eq=False)
 class Uses:
     """Collects what programs do with points.
 
@@ -83,12 +109,15 @@ class Uses:
         The motions to shifted points.
     computed : list of ComputedMotion
         The motions of the application's own programs to anything else that is not one of a library.
+    variables : Variables
+        The data that programs assign points to.
     """
 
     points: Callable[[Reference, bool], tuple[list[Point], int] | None]
     frame_of: Callable[[Point], Frame | None]
     moved: list[ShiftedMotion] = field(default_factory=list)
     computed: list[ComputedMotion] = field(default_factory=list)
+    variables: Variables = field(default_factory=Variables)
 
     def take(self, code: ProgramCode, tool: Callable[[str], Frame | None], name: str, alias: str) -> None:
         """Take a program.
@@ -98,6 +127,10 @@ class Uses:
         """
         _Program(self, code, tool, name, alias).take()
 
+    def settle(self) -> None:
+        """Note the points whose numbers reach what nobody can follow, when all programs are taken."""
+        self.variables.settle()
+
 
 class _Program:
     def __init__(
@@ -105,6 +138,8 @@ class _Program:
     ) -> None:
         self._uses, self._code, self._tool, self._name, self._alias = uses, code, tool, name, alias
         self._values: dict[str, Shifted | None] = {}
+        self._locals = Variables(loose=set(code.parameters))
+        uses.variables.shared |= code.starts_tasks
         altered = _ALTER.search(code.data)
         self._altered = ""
         if altered:
@@ -121,6 +156,12 @@ class _Program:
             for reference in self._code.references(statement.start, statement.end):
                 if not any(a <= reference.start < b for a, b in taken):
                     self._read(reference)
+                    if reference.alias == self._alias:
+                        self._uses.variables.loose.add(reference.parts[0][0])
+            for name, position in self._code.locals_in(statement):
+                if not any(a <= position < b for a, b in taken):
+                    self._locals.loose.add(name)
+        self._locals.settle()
 
     def _place(self, position: int) -> FileLine:
         return FileLine(self._name, self._code.source.line(position))
@@ -183,7 +224,9 @@ class _Program:
         if local := self._code.local(start, end):
             return local
         reference = self._code.reference(start, end)
-        return reference.text if reference is not None else ""
+        if reference is None or any(index is None for _, index in reference.parts):
+            return ""
+        return reference.text
 
     def _value(self, start: int, end: int) -> Shifted | None:
         """Return the value of an expression of points; None where it is not known."""
@@ -213,16 +256,20 @@ class _Program:
             return
         left = (m.start(1), m.end(1))
         name, parts = self._target(*left)
-        if not name:
-            return
         place = self._place(left[0])
         if (reference := code.reference(*left)) is not None:
             taken.append(left)
             self._write(reference, place)
+        if not name:
+            return
+        taken.append(left)
         if not parts:
             value = self._value(m.end(), statement.end)
             if value is not None:
                 taken.append((m.end(), statement.end))
+                variables = self._locals if name in code.hidden else self._uses.variables
+                base = name.split(":")[-1].split(".")[0].split("[")[0]
+                variables.sources.setdefault(base, []).extend((point, place) for point in value.points)
             self._values[name] = value
         else:
             self._values[name] = self._component(name, parts, statement, m.end(), taken)
