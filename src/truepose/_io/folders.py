@@ -27,7 +27,7 @@ class Found(NamedTuple):
 
 
 def files_within(path: Path, *, unpack: bool = True) -> Found:
-    """Return the files below a folder, which may lie in a .zip, in order.
+    """Return the files below a folder, which may lie in a .zip: by name, those of a folder before those of its folders.
 
     Links and names that begin with a dot are left out.
 
@@ -41,7 +41,7 @@ def files_within(path: Path, *, unpack: bool = True) -> Found:
     if not os.path.isdir(path):  # noqa: PTH112 - where a path cannot be followed, `Path.is_dir` raises
         found, warnings = zips.within(zips.on_disk(path))
         inside = [file for file in found if file.is_relative_to(path)]
-        return Found([file for file in inside if not _hidden(file.relative_to(path))], warnings)
+        return Found(sorted([file for file in inside if not _hidden(file.relative_to(path))], key=_order), warnings)
     files: list[Path] = []
     told: list[str] = []
 
@@ -59,7 +59,12 @@ def files_within(path: Path, *, unpack: bool = True) -> Found:
                 files, told = files + more, told + warnings
             else:
                 files.append(file)
-    return Found(files, told)
+    return Found(sorted(files, key=_order), told)
+
+
+def _order(file: Path) -> tuple[tuple[bool, str], ...]:
+    *folders, name = file.parts
+    return *((True, folder) for folder in folders), (False, name)
 
 
 def _hidden(path: Path) -> bool:
