@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from truepose._io.units import parse_share
-from truepose.cell.sections import Correction
+from truepose.cell.sections import Correction, FramesSection
 from truepose.errors import DataError, RefusedError
 from truepose.programs import correct_program
 
@@ -48,7 +48,9 @@ def test_a_required_share_that_is_reached(path: Path, make_map: Any, require: An
 
 @pytest.mark.promise("A share that is required in [correction] holds, and an option replaces it.")
 def test_the_cell_requires_a_share(path: Path, make_map: Any) -> None:
-    cell = SimpleNamespace(correction=Correction(require="95%"), config_dat=None, tools={}, bases={})
+    cell = SimpleNamespace(
+        correction=Correction(require="95%"), config_dat=None, tools={}, bases={}, frames=FramesSection()
+    )
     with pytest.raises(RefusedError, match="95 % must be corrected"):
         correct_program(path, make_map(), cell)
     assert correct_program(path, make_map(), cell, require="10 %").coverage.corrected == 2

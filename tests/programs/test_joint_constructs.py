@@ -131,6 +131,8 @@ J = ["J1=    10.000", "J2=    20.000", "J3=   -10.000", "J4=    15.000", "J5=   
         ("J P[1] 50% FINE Offset,PR[1]", {}, "skip", "Offset"),
         ("J P[1] 50% FINE INC", {}, "skip", "INC"),
         ("J P[1] 50% FINE ;\n  2:PR[1]=P[1]", {}, "refuse", "both moved to"),
+        ("J P[1] 50% FINE ;\n  2:PR[1]=P[1] ;\n  3:PR[1,3]=PR[1,3]+50 ;\n  4:L PR[1] 9mm/sec FINE", {}, "refuse", "both moved to"),
+        ("J P[1] 50% FINE ;\n  2:R[1]=1 ;\n  3:PR[1]=P[R[1]]", {}, "refuse", "both moved to"),
         ("J P[1] 50% FINE", {"   -10.000": " ********"}, "skip", "joint target"),
         ("J P[1] 50% FINE", {"J6=": "J9="}, "skip", "joint target"),
         ("J P[1] 50% FINE", {"30.000 deg": "30.000 deg,\n\tJ7=  5.000 mm"}, "refuse", "external axis J7"),
@@ -142,8 +144,10 @@ def test_fanuc(tmp_path: Path, code: str, body: dict[str, str], verdict: str, re
         position = position.replace(old, new)
     path = tmp_path / "a.ls"
     path.write_text(f"/PROG  A\n/ATTR\n/MN\n  1:{code} ;\n/POS\n{position}\n/END\n")
-    (found,) = [t for t in read_program(path, TWO, JOINTS).targets if t.name == "P[1]"]
-    assert (found.verdict, reason in found.reason) == (verdict, True), found.reason
+    for derived in (False, True):
+        options = replace(JOINTS, derived=derived)
+        (found,) = [t for t in read_program(path, TWO, options).targets if t.name == "P[1]"]
+        assert (found.verdict, reason in found.reason) == (verdict, True), found.reason
 
 
 class Kinked(Sagging):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from truepose.cell.sections import FramesSection
 from truepose.errors import DataError, FileError
 from truepose.programs import FrameTable
 
@@ -62,11 +63,13 @@ def test_broken_config(tmp_path: Path, text: str, message: str) -> None:
 def test_the_cell_files_own_frames_win_over_config_dat(tmp_path: Path) -> None:
     own = np.eye(4)
     own[0, 3] = 7.0
-    cell = SimpleNamespace(config_dat=write(tmp_path, CONFIG), tools={1: own, 5: own}, bases={})
+    cell = SimpleNamespace(config_dat=write(tmp_path, CONFIG), tools={1: own, 5: own}, bases={}, frames=FramesSection())
     table = FrameTable.from_cell(cell)  # type: ignore[arg-type]
     assert (sorted(table.tools), sorted(table.bases)) == ([0, 1, 5], [0, 1, 2])
     np.testing.assert_array_equal(table.tools[1], own)
-    assert FrameTable.from_cell(SimpleNamespace(config_dat=None, tools={}, bases={})).tools.keys() == {0}  # type: ignore[arg-type]
+    assert FrameTable.from_cell(
+        SimpleNamespace(config_dat=None, tools={}, bases={}, frames=FramesSection())
+    ).tools.keys() == {0}  # type: ignore[arg-type]
 
 
 def test_a_frame_that_is_not_rigid_is_an_error() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from truepose.cell.sections import Correction
+from truepose.cell.sections import Correction, FramesSection
 from truepose.errors import FileError, RefusedError
 from truepose.programs import FrameTable, ReadOptions, correct_program, read_program
 
@@ -35,7 +35,7 @@ def corrected(folder: Path, make_map: Any, shifts: Any, word: str = "LIN", y: fl
 def states(limit: float) -> Any:
     """Return a cell that states a largest bend [mm]."""
     correction = Correction(max_bend_mm=limit)
-    return SimpleNamespace(correction=correction, config_dat=None, tools={}, bases={})
+    return SimpleNamespace(correction=correction, config_dat=None, tools={}, bases={}, frames=FramesSection())
 
 
 @pytest.mark.promise("A correction that bends a path beyond the limit is refused, with its place and size.")

@@ -339,7 +339,7 @@ class Judge:
             raise NotCorrected("skip", f"{how} at run time ({at(line)})")
         if point.shared is not None:
             raise NotCorrected(*point.shared)
-        if point.derived and not self._derived:
+        if point.derived and (not self._derived or point.joints is not None):
             raise NotCorrected(*self._only_if_allowed(point))
         uses = _uses(point)
         if not uses:
@@ -361,7 +361,8 @@ class Judge:
     def _only_if_allowed(self, point: Point) -> Problem:
         """Return why a point is left from which positions are derived, although nothing else is against it."""
         first = point.derived[0]
-        allow = f"read by arithmetic ({at(first.place)}): {first.how}; --derived corrects both alike"
+        allow = f"read by arithmetic ({at(first.place)}): {first.how}"
+        allow += "; --derived corrects both alike" if point.joints is None else ""
         if not point.uses:
             return Problem("skip", allow)
         return Problem(self._options.ambiguous, f"both moved to ({at(point.uses[0].line)}) and {allow}")

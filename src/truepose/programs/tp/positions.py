@@ -128,6 +128,10 @@ class Positions:
             self.take_out(row)
         return self._points.get(number)
 
+    def of_joints(self) -> list[Point]:
+        """Return the positions in joint representation."""
+        return [point for point in self._points.values() if point.joints is not None]
+
     def is_constant(self, number: int) -> bool:
         """Return whether a position has numbers, which the program never changes."""
         point = self.get(number)

@@ -188,6 +188,7 @@ class _Reader(Reader):
             self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
         elif self._derived.assign(code, line):
             self.arc(None)
+            self._joints_read(line, code)
         else:
             self._derived.other(code, line)
             if _POINT.search(code):
@@ -327,6 +328,13 @@ class _Reader(Reader):
                         point.writes.append((line, "assigned"))
                     else:
                         point.reads.append((line, "read by arithmetic"))
+
+    def _joints_read(self, line: int, code: bytes) -> None:
+        """Note the joint targets that an assignment reads: what it does to a copy is no shift in space."""
+        for m in _POINT.finditer(code):
+            for point in self._positions.of_joints():
+                if not m[1] or point.name == f"P[{int(m[1])}]":
+                    point.reads.append((line, "read by arithmetic"))
 
     def _settle(self) -> None:
         """Keep the runs of positions to which motions of one kind go, and take the other positions out of them."""
