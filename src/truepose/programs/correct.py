@@ -33,6 +33,7 @@ from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digi
 from truepose.programs.core.paths import Paths
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.core.reasons import without_numbers
+from truepose.programs.core.segments import STEP, unsafe_segments
 from truepose.programs.core.source import printable
 from truepose.programs.core.target import Target, Verdict
 from truepose.programs.corrected import CorrectedProgram
@@ -198,6 +199,10 @@ def correct_program(
         modules.leave(refused)
     outcomes.leave_circles()
     paths = Paths(program, outcomes, limits.values.get("max_bend_mm"))
+    if known.robot is not None:
+        pairs = paths.segments(outcomes, STEP)
+        unsafe = unsafe_segments(known.robot, outcomes, pairs, near, known.tf_flange_tool)
+        _leave_unsafe(outcomes, unsafe, on_guard, modules)
     continuity = paths.settle(outcomes, on_guard, modules)
     refused_files = {} if modules is None else modules.files
     if modules is not None and modules.all:
@@ -223,6 +228,17 @@ def correct_program(
         known.path,
         refused_files,
     )
+
+
+def _leave_unsafe(outcomes: Outcomes, unsafe: dict[int, str], on_guard: Policy, modules: RefusedModules | None) -> None:
+    """Refuse the targets of unsafe segments, or leave them nominal."""
+    if on_guard == "refuse" and modules is None:
+        _refuse(outcomes.program, unsafe)
+    elif on_guard == "refuse" and modules is not None:
+        modules.leave(unsafe)
+    for i, why in unsafe.items():
+        outcomes.leave(np.array([i]), why)
+    outcomes.leave_circles()
 
 
 def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) -> LimitsInForce:

@@ -86,6 +86,22 @@ def changed_words(
     return reasons
 
 
+def joints_of_words(robot: Robot, columns: TargetColumns, flange: FloatArray) -> FloatArray:
+    """Return the joints that the words of n targets name at flange poses, (n, 6) [rad]; NaN without a word.
+
+    Raises
+    ------
+    RobotError
+        If the arm is of another kind than those whose controllers have such words.
+    """
+    words = words_of(columns)
+    named = np.flatnonzero([bool(word) for word in words])
+    q = np.full((len(columns), robot.dof), np.nan)
+    if len(named):
+        q[named] = _joints_of(columns.controller, robot, flange[named], np.array([words[i] for i in named]))
+    return q
+
+
 def words_of(columns: TargetColumns) -> list[str]:
     """Return the words of targets in one form; empty where a target names none, or no valid one.
 

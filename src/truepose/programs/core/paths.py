@@ -111,6 +111,24 @@ class Paths:
         least = f"at least {SMALLEST_LIMIT:g} mm"
         return f"{STANDARD_DEVIATIONS:g} times the RMS standard deviation of the corrected targets, {least}"
 
+    def segments(self, outcomes: Outcomes, longest: float) -> IntArray:
+        """Return the targets at the ends of straight motions that are longer [mm] and lead to or from a correction.
+
+        Motions from or to joint targets and derived targets are left out, and those of arcs. (s, 2).
+        """
+        row, path = self._rows(outcomes.moved)
+        a, b = row[:-1], row[1:]
+        usable = np.ones(self._n, bool)
+        usable[list(outcomes.program.targets.follows)] = False
+        if outcomes.joints is not None:
+            usable &= np.isnan(outcomes.joints.p[:, 0])
+        curved = np.zeros(self._n, bool)
+        curved[sorted({i for circle in outcomes.program.circles for i in circle})] = True
+        wanted = (path[1:] == path[:-1]) & usable[a] & usable[b] & ~curved[b]
+        wanted &= outcomes.corrected[a] | outcomes.corrected[b]
+        wanted &= np.linalg.norm(self._p[b] - self._p[a], axis=1) > longest
+        return np.unique(np.column_stack([a, b])[wanted], axis=0)
+
     def settle(self, outcomes: Outcomes, on_guard: str, modules: RefusedModules | None = None) -> Continuity:
         """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
 
