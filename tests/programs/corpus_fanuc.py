@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
-from tests.programs.example import Example, crlf
+from tests.programs.example import FRAMES, Example, crlf
+
+from truepose.programs import FrameTable, ReadOptions
+from truepose.programs.core.program import MotionGroups
 
 LP = "X =   812.500  mm,\tY =   -40.250  mm,\tZ =  1033.000  mm,\n\tW =  -179.950 deg,\tP =     -.020 deg,\tR =    90.000 deg"
 
@@ -191,5 +194,66 @@ FANUC = {
         },
         1,
         3,
+    ),
+    "registers": Example(
+        {
+            "reg.ls": ls(
+                """   1:  UFRAME_NUM=1 ;
+   2:  UTOOL_NUM=1 ;
+   3:  PR[1]=P[1] ;
+   4:  PR[1,3]=PR[1,3]+50 ;
+   5:L PR[1:above] 500mm/sec CNT50    ;
+   6:L P[1] 100mm/sec FINE    ;
+   7:  PR[2]=LPOS-LPOS ;
+   8:  PR[2,3]=80 ;
+   9:L P[2] 500mm/sec CNT50 Offset,PR[2]    ;
+  10:  FOR R[1]=0 TO 2 ;
+  11:  PR[3]=P[2] ;
+  12:  R[2]=R[1]*40.5 ;
+  13:  PR[3,1]=PR[3,1]+R[2] ;
+  14:L PR[3] 500mm/sec FINE    ;
+  15:  ENDFOR ;
+  16:  FOR R[3]=1 TO 2 ;
+  17:J P[R[3]] 50% FINE    ;
+  18:  ENDFOR ;
+  19:  PR[4]=P[3] ;
+  20:  PR[4,6]=PR[4,6]+90 ;
+  21:L PR[4] 500mm/sec FINE    ;
+  22:L P[3] 500mm/sec FINE    ;
+""",
+                "".join(lp(n) for n in range(1, 4)),
+            )
+        },
+        2,
+        5,
+        1,
+        options=ReadOptions(derived=True, whole_task=True),
+    ),
+    "groups": Example(
+        {
+            "ring.ls": ls(
+                """   1:  UFRAME_NUM[GP1]=1 ;
+   2:  UTOOL_NUM[GP1,GP2]=1 ;
+   3:J P[1] 50% FINE    ;
+   4:L P[2] 10mm/sec CNT100 COORD    ;
+   5:C P[3]
+    :  P[4] 10mm/sec FINE COORD    ;
+   6:  Independent GP ;
+   7:  Simultaneous GP
+    :  GP1 L P[5] 100mm/sec FINE
+    :  GP2 J P[5] 100% FINE    ;
+   8:  IF (DI[1]) THEN ;
+   9:L P[6] 100mm/sec FINE TB    .10sec,P-SPS    ;
+      1:  DO[1]=ON ;
+       ------ ;
+""",
+                "".join(
+                    lp(n).replace("};", "   GP2:\n\tUF : 0, UT : 0,\t\n\tJ1=    30.000 deg\n};") for n in range(1, 6)
+                )
+                + lp(6).replace("UF : 1, UT : 1", "UF : F, UT : F"),
+            ).replace("1,*,*,*,*", "1,1,*,*,*")
+        },
+        6,
+        frames=FrameTable(FRAMES.tools, FRAMES.bases, groups=MotionGroups(1, frozenset([2]))),
     ),
 }

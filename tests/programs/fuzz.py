@@ -48,6 +48,16 @@ NASTY = [
         b"RSI_ON()\n",
     ),
     *(b"SYSTART CV#(1)\n", b"WaitWObj w;\n", b"local ", b"J PAL_1[A_1] 9% FINE ;\n", b"my_move(p[0,0,0,0,0,0])\n"),
+    *(
+        b" COORD ",
+        b" Offset,PR[2] ",
+        b"PR[1,3]=",
+        b"LPOS",
+        b"GP2:\n",
+        b"  CALL X ;\n",
+        b"UF : F",
+        b"FOR R[1]=0 TO 3 ;\n",
+    ),
 ]
 
 

@@ -113,9 +113,34 @@ def test_approach_points(tmp_path: Path, case: str) -> None:
 
 def test_where_it_stands_while_it_moves_is_not_followed(tmp_path: Path) -> None:
     code = "L P[1] 9mm/sec CNT50\n  PR[1]=LPOS\n  PR[1,3]=PR[1,3]+30\nL PR[1] 9mm/sec FINE"
+    for early in (code, code.replace("CNT50", "FINE Skip,LBL[1]") + "\n  LBL[1]"):
+        program = judged(tmp_path, early)
+        assert (target(program, "P[1]").verdict, target(program, "PR[1]").verdict) == ("correct", "skip")
+        assert follows(program, "PR[1]") == []
+
+
+def test_where_it_stands_after_a_call(tmp_path: Path) -> None:
+    code = "L P[1] 9mm/sec FINE\n  CALL X\n  UFRAME_NUM=1\n  UTOOL_NUM=1\n  PR[1]=LPOS\nL PR[1] 9mm/sec FINE"
+    for other, found in (
+        ("  RO[1]=ON", ["P[1]"]),
+        ("  !L P[9] 9% FINE", ["P[1]"]),
+        ("J P[2] 9% FINE", []),
+        ("  CALL Y", []),
+    ):
+        known = with_programs({"X": other}, code)
+        assert follows(judged(tmp_path, code, registers=known), "PR[1]") == found, other
+
+
+def test_reading_the_position_of_the_robot_is_no_use_of_a_taught_one(tmp_path: Path) -> None:
+    code = "L P[1] 9mm/sec FINE\n  PR[1]=LPOS\n  PR[2]=JPOS\n  IF PR[1,3]>500,JMP LBL[1]\n  LBL[1]\n  CALL X"
+    for options in ({}, {"derived": False}, {"whole_task": False}):
+        assert target(judged(tmp_path, code, **options), "P[1]").verdict == "correct"
+
+
+def test_registers_that_a_motion_writes_on_its_way(tmp_path: Path) -> None:
+    code = f"{COPY}L P[2] 9mm/sec FINE Skip,LBL[1],PR[1]=LPOS\n  LBL[1]\nL PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"
     program = judged(tmp_path, code)
-    assert (target(program, "P[1]").verdict, target(program, "PR[1]").verdict) == ("correct", "skip")
-    assert follows(program, "PR[1]") == []
+    assert (target(program, "P[1]").verdict, target(program, "P[2]").verdict) == ("refuse", "correct")
 
 
 def test_both_ways_of_a_condition(tmp_path: Path) -> None:
@@ -160,6 +185,8 @@ def test_positions_by_a_counter(tmp_path: Path) -> None:
     assert follows(program, "P[R[1]]") == ["P[1]", "P[2]"]
     assert [target(program, f"P[{n}]").verdict for n in (1, 2, 3)] == ["correct"] * 3
     assert follows(judged(tmp_path, code.replace("=1 TO 2", "=1 TO R[5]")), "P[R[1]]") == []
+    without = judged(tmp_path, code, derived=False)  # it goes to positions as they are
+    assert [target(without, f"P[{n}]").verdict for n in (1, 2, 3)] == ["correct"] * 3
 
 
 OFFSETS = {

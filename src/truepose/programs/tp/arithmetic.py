@@ -265,8 +265,10 @@ class RegisterArithmetic:
         found: list[Name] = []
         for m in _REFERENCE.finditer(code):
             kind = (m[1] or m[4]).upper()
-            if kind in (b"LPOS", b"JPOS"):
+            if kind == b"LPOS":
                 found.append(HERE)
+            elif kind == b"JPOS":
+                continue
             elif kind == b"P":
                 found.append(point(int(m[2])) if m[2] else Element("P", None))
             elif kind == b"PR" and not (m[2] and int(m[2]) in self.offsets):

@@ -15,7 +15,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
-from truepose.programs.core.arithmetic import Expression, Name, Number, Opaque, Shifted, Variable
+from truepose.programs.core.arithmetic import Expression, Name, Number, Opaque, Operation, Shifted, Variable
 from truepose.programs.core.derived import Derivations, Derived
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.graph import Counter
@@ -41,6 +41,8 @@ _OWN_WORDS = re.compile(
 )
 _FROM_REGISTER = re.compile(rb"=\s*PR\s*\[\s*(\d{1,5})\s*(?::[^\]]*)?\][\s;]*$", re.I)
 _SAME: Final = 1e-4  # [mm], and of direction cosines
+_OFFSET = re.compile(rb"(?<!\w)(?:Tool_)?Offset\s*,\s*PR\s*\[[^\]]*\]", re.I)
+_ENDS_EARLY = re.compile(rb"\b(?:Skip|Search)\b", re.I)
 _EXACT = re.compile(rb"\bFINE\b", re.I)
 
 
@@ -113,14 +115,16 @@ class RegisterFlow:
         cleaned = [without_comments(code, facts.group) for code in codes]
         found = [one for code in cleaned if (one := assignment_in(code))]
         numbers = {(m[1].upper(), int(m[2])) for code in cleaned for m in _NUMBERS.finditer(code)}
-        self._facts = facts
+        self._facts, self._flow = facts, flow
         self.is_stored = facts.is_stored
         self._numeric = sorted(n for kind, n in numbers if kind == b"R")
         self._positions = sorted(n for kind, n in numbers if kind == b"PR")
         self._offsets = Offsets(found, facts.stored())
         self._arithmetic = RegisterArithmetic(self._offsets)
+        follows_robot = any(b"LPOS" in code.upper() for code in cleaned)
         self._derivations = Derivations(flow)
-        self._follows_robot = any(b"POS" in code.upper() for code in cleaned)
+        self._with_robot = Derivations(flow) if follows_robot else None
+        """The same, where a register may also get the position at which the robot stands."""
         self._uses_registers = bool(self._positions) or any(re.search(rb"P\s*\[\s*R\s*\[", code) for code in cleaned)
 
     @property
@@ -136,7 +140,7 @@ class RegisterFlow:
         if one.number is None:
             self._any_written(one, line)
         elif one.kind == "R":
-            self._derivations.assign(("R", one.number), self._arithmetic.number(one.value), line)
+            self._assign(("R", one.number), self._arithmetic.number(one.value), line)
         elif one.number in self._offsets:
             self._shift_set(one, one.number, line)
         else:
@@ -144,26 +148,26 @@ class RegisterFlow:
         return True
 
     def _any_written(self, one: Assignment, line: int) -> None:
-        self._derivations.escape(self._arithmetic.names_in(one.value), line, "written to a register by its number")
+        self._escape_all(self._arithmetic.names_in(one.value), line, "written to a register by its number")
         self._spoil({(one.kind, None)}, line)
 
     def _shift_set(self, one: Assignment, number: int, line: int) -> None:
         if one.axis is None:
             for axis, value in enumerate(self._arithmetic.components(one.value)):
-                self._derivations.assign(("PR", number, axis), value, line)
+                self._assign(("PR", number, axis), value, line)
         for axis in range(6) if one.axis == -1 else [one.axis] if one.axis is not None else []:
             value = _NOTHING if one.axis == -1 else self._arithmetic.number(one.value)
-            self._derivations.assign(("PR", number, axis), value, line)
+            self._assign(("PR", number, axis), value, line)
 
     def _position_set(self, one: Assignment, number: int, line: int) -> None:
         name = register(number)
         if one.axis is None:
-            self._derivations.assign(name, self._arithmetic.position(one.value), line, point=True)
+            self._assign(name, self._arithmetic.position(one.value), line, point=True)
         elif one.axis in (0, 1, 2):
-            self._derivations.assign(name, self._arithmetic.number(one.value), line, axis=one.axis)
+            self._assign(name, self._arithmetic.number(one.value), line, axis=one.axis)
         else:  # a turn
             reads = [name, *self._arithmetic.names_in(one.value)]
-            self._derivations.assign(name, Opaque(tuple([Variable(read) for read in reads])), line, point=True)
+            self._assign(name, Opaque(tuple([Variable(read) for read in reads])), line, point=True)
 
     def other(self, code: bytes, line: int) -> None:
         """Take any instruction that is neither a motion nor an assignment to a register."""
@@ -185,6 +189,8 @@ class RegisterFlow:
         read = [n for n in self._positions if effects.read & {n, None}]
         self._escape([register(n) for n in read if n not in self._offsets], line, f"in a register that {who} may use")
         self._spoil(set(effects.written), line)
+        if effects.moves:
+            self.moves(line)
 
     def end(self, line: int) -> None:
         """Take the end of the program: registers keep their values for others."""
@@ -199,10 +205,15 @@ class RegisterFlow:
         if m is not None:
             first, last = self._arithmetic.number(m[2]), self._arithmetic.number(m[4])
             counter = Counter(("R", int(m[1])), first, last, Number(-1.0 if m[3] else 1.0))
+        if counter is not None and self._with_robot is not None:
+            self._with_robot.assign(counter.name, counter.first, line)
         self._derivations.begin_loop(counter, "FOR", line, line)
 
     def end_loop(self, line: int) -> None:
         """Close a loop."""
+        counter = self._flow.counter
+        if counter is not None and self._with_robot is not None:
+            self._with_robot.assign(counter.name, Operation("+", Variable(counter.name), counter.step), line)
         self._derivations.end_loop("ENDFOR", "FOR", line)
 
     def goal(self, kind: str, number: int | None, given_by: int | None, shifts: bytes) -> Expression | None:
@@ -222,18 +233,21 @@ class RegisterFlow:
     def move(self, motion: Hashable | None, goal: Expression | None, code: bytes, line: int) -> None:
         """Take a motion; without an object of its own it goes to a position of the program itself."""
         if motion is not None and goal is not None:
-            self._derivations.move(motion, goal, line)
-        names = self._arithmetic.names_in(without_comments(code, self._facts.group))
-        others = [name for name in names if goal is None and name in self._registers()]
-        self._escape(others, line, "moved to with a shift that is known at run time only")
-        if self._follows_robot:
-            here = goal if goal is not None and _EXACT.search(code) else _NOTHING
-            self._derivations.assign(HERE, here, line, point=True)
+            for one in self._both():
+                one.move(motion, goal, line)
+        code = without_comments(code, self._facts.group)
+        names = self._arithmetic.names_in(code if goal is None else _OFFSET.sub(b"", code))
+        how = "moved to with a shift that is known at run time only" if goal is None else "used by another instruction"
+        self._escape([name for name in names if name in self._registers()], line, how)
+        self._spoil(writes_in(code), line)
+        if self._with_robot is not None:
+            stands = goal is not None and _EXACT.search(code) and not _ENDS_EARLY.search(code)
+            self._with_robot.assign(HERE, goal if stands and goal is not None else _NOTHING, line, point=True)
 
     def moves(self, line: int) -> None:
-        """Take a run of motions."""
-        if self._follows_robot:
-            self._derivations.assign(HERE, _NOTHING, line, point=True)
+        """Take motions after which the place of the robot is not known."""
+        if self._with_robot is not None:
+            self._with_robot.assign(HERE, _NOTHING, line, point=True)
 
     def solve(self, is_point: Callable[[int], bool]) -> Derived:
         """Return what is derived; `is_point` tells whether the numbers of a position never change."""
@@ -244,27 +258,45 @@ class RegisterFlow:
                     return name == point(number) and is_point(number)
             return False
 
-        return self._derivations.solve(known, self._facts.number)
+        found = self._derivations.solve(known, self._facts.number)
+        if self._with_robot is not None:
+            more = self._with_robot.solve(known, self._facts.number)
+            if more.spoiled.keys() <= found.spoiled.keys():  # to read the robot's position is no use of a taught one
+                return more
+        return found
+
+    def _both(self) -> list[Derivations]:
+        return [one for one in (self._derivations, self._with_robot) if one is not None]
+
+    def _assign(
+        self, name: Name, value: Expression, line: int, axis: int | None = None, *, point: bool = False
+    ) -> None:
+        for one in self._both():
+            one.assign(name, value, line, axis, point=point)
+
+    def _escape_all(self, names: list[Name], line: int, how: str) -> None:
+        for one in self._both():
+            one.escape(names, line, how)
 
     def _registers(self) -> set[Name]:
         return {register(n) for n in self._positions if n not in self._offsets}
 
     def _escape(self, names: list[Name], line: int, how: str) -> None:
         if names:
-            self._derivations.escape(names, line, how)
+            self._escape_all(names, line, how)
 
     def _spoil(self, written: Iterable[tuple[str, int | None]], line: int) -> None:
         """Let registers have unknown values."""
         some = set(written)
         for number in self._numeric:
             if some & {("R", number), ("R", None)}:
-                self._derivations.assign(("R", number), _NOTHING, line)
+                self._assign(("R", number), _NOTHING, line)
         for number in self._positions:
             if not some & {("PR", number), ("PR", None)}:
                 continue
             if number in self._offsets:
                 for axis in range(6):
-                    self._derivations.assign(("PR", number, axis), _NOTHING, line)
+                    self._assign(("PR", number, axis), _NOTHING, line)
             else:  # it may also keep its value
                 name = register(number)
-                self._derivations.assign(name, Opaque((Variable(name),)), line, point=True)
+                self._assign(name, Opaque((Variable(name),)), line, point=True)

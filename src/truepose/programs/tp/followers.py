@@ -28,6 +28,8 @@ class Follower(NamedTuple):
         The position that the motion itself names, which it shifts.
     line, node : int
         The line, and the node of the flow.
+    indirect : bool
+        Whether it goes to one of the positions as they are, by a number in a register.
     how : str
         The code, for messages.
     use : callable
@@ -38,6 +40,7 @@ class Follower(NamedTuple):
     own: Point | None
     line: int
     node: int
+    indirect: bool
     how: str
     use: Callable[[Point], Use]
 
@@ -72,7 +75,9 @@ class Followers:
             if goal is None or not goal.complete or not goal.shifts:
                 continue
             sources = [(self._source(name), axes, shifts) for (name, axes), shifts in goal.shifts.items()]
-            if one.own is None and not all(self._in_frame(point, states[one.node]) for point, _, _ in sources):
+            if not (one.own or one.indirect) and not all(
+                self._in_frame(point, states[one.node]) for point, _, _ in sources
+            ):
                 for point, _, _ in sources:
                     point.reads.append((one.line, _OTHER_FRAME))
                 continue
@@ -83,8 +88,8 @@ class Followers:
 
     def _follow(self, one: Follower, sources: list[tuple[Point, Axes, list[Vector]]]) -> None:
         self.resolved.add(id(one.target))
-        if one.own is not None and not self._allowed:
-            return  # the motion stays one to the position itself, with its reason
+        if (one.own is not None or one.indirect) and not self._allowed:
+            return  # the motion stays one to the positions themselves
         names = ", ".join(dict.fromkeys(point.name for point, _, _ in sources))
         one.target.uses = [one.use(sources[0][0])]
         one.target.problem = Problem("skip", f"derived from {names} by constant shifts; --derived corrects both alike")

@@ -284,10 +284,11 @@ class _Reader(Reader):
         elif own is None:
             problem = Problem("skip", "which position is known at run time only")
         target = Point(text, self.source, line, problem=problem, uses=[self.use(word, line)])
-        self._derived.move(target, goal, text.encode("latin-1") + tail, line)
+        self._derived.move(target, goal, tail if goal is not None else m[0] + tail, line)
         how = f"{word} {text}{shown(_AFTER_SPEED.sub(b'', tail))}"
         plain = motion._replace(problem=None)
-        self._followers.add(Follower(target, own, line, motion.node, how, partial(self._use_at, motion=plain)))
+        use = partial(self._use_at, motion=plain)
+        self._followers.add(Follower(target, own, line, motion.node, own is None and not m[1], how, use))
         if own is None:
             self.points.append(target)
             if not m[1]:
@@ -308,6 +309,7 @@ class _Reader(Reader):
 
     def _motion_elsewhere(self, line: int, code: bytes, word: str, operand: bytes) -> None:
         """Take a motion to something that is neither a position nor a register."""
+        self._derived.moves(line)
         if operand.upper().startswith(b"PAL"):
             problem = Problem("skip", "position of a palletising pattern, known at run time only")
             self.other(word, line, problem, operand.decode("latin-1"))

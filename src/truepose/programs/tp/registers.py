@@ -27,6 +27,7 @@ _RELEVANT = re.compile(
 _MENTIONED = re.compile(rb"(?<![\w$])PR[ \t]*\[[ \t]*(?:GP\d[ \t]*:[ \t]*)?(\d{1,5})?", re.I)
 _WHOLE = re.compile(rb"[ \t]*PR[ \t]*\[[ \t]*(\d{1,5})[ \t]*(?::[^\],\[]*)?\][ \t]*=", re.I)
 """A position register that is set as a whole."""
+_MOVES = re.compile(rb"^[ \t]*\d*[ \t]*:?[ \t]*(?:GP\d[ \t]+)?[JLCAS][ \t]+\w+[ \t]*\[", re.I | re.M)
 _LABEL = re.compile(rb"[ \t]*LBL[ \t]*\[", re.I)
 _JUMP = re.compile(rb"\bLBL[ \t]*\[", re.I)
 _OPENS = re.compile(rb"FOR\b|IF\b.*\bTHEN$", re.S)
@@ -63,6 +64,8 @@ class Effects(NamedTuple):
         Whether it is a macro, which other programs call by a name of its own.
     frames : tuple of (int, bytes)
         The instructions that name tools or user frames, each with its line.
+    moves : bool
+        Whether it moves the robot.
     """
 
     written: frozenset[tuple[Kind, int | None]] = frozenset()
@@ -70,9 +73,10 @@ class Effects(NamedTuple):
     calls: frozenset[str] = frozenset()
     macro: bool = False
     frames: tuple[tuple[int, bytes], ...] = ()
+    moves: bool = False
 
 
-ANYTHING: Final = Effects(frozenset([("R", None), ("PR", None)]), frozenset([None]))
+ANYTHING: Final = Effects(frozenset([("R", None), ("PR", None)]), frozenset([None]), moves=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +122,8 @@ class Registers:
             if (effects := self.programs.get(name)) is None:
                 return None
             frames = found.frames + effects.frames
-            found = Effects(found.written | effects.written, found.read | effects.read, frames=frames)
+            written, read = found.written | effects.written, found.read | effects.read
+            found = Effects(written, read, frames=frames, moves=found.moves or effects.moves)
             waiting += effects.calls
         return found
 
@@ -145,8 +150,9 @@ def effects_of(data: bytes) -> Effects:
         written |= writes_in(code)
         calls |= {name.decode("latin-1").upper() for name in CALL.findall(code)}
         ways.take(code)
+    moves = _MOVES.search(data, max(start, 0), end if end >= 0 else len(data)) is not None
     macro = re.search(rb"/PROG[^\r\n]*\bMacro\b", data[: max(start, 0)], re.I) is not None
-    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames))
+    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames), moves)
 
 
 class _Ways:
