@@ -170,16 +170,17 @@ def pick(module: Module, k: int) -> None:
     ]
     module.src += ["grip_open( )"]
     for name in (pick_, place):
-        if k % 3 == 0:
+        if k % 4 == 3:
+            module.src += [f"LIN X{name}:FABOVE C_DIS", f"LIN X{name}"]
+        elif k % 3 == 0:
             module.src += [f"XAP=X{name}", f"XAP.Z=XAP.Z+{60 + 5 * k}", "PTP XAP C_PTP", f"LIN X{name}"]
         elif k % 3 == 1:
             module.src += [f"LIN X{name}:{{X 0.0,Y 0.0,Z -{50 + 5 * k}.0,A 0.0,B 0.0,C 0.0}} C_DIS", f"LIN X{name}"]
         else:
             module.src += [f"XAP=X{name}", "XAP.X=XAP.X-15.5", "XAP.Z=XAP.Z+70", "LIN XAP", f"LIN X{name}"]
         module.src += [f"{'grip_close' if name == pick_ else 'grip_open'}( )", "WAIT SEC 0.2"]
-        module.src += [
-            f"LIN X{name}:{{X 0.0,Y 0.0,Z -40.0,A 0.0,B 0.0,C 0.0}} C_DIS" if k % 3 == 1 else "LIN XAP C_DIS"
-        ]
+        along_tool = f"LIN X{name}:{{X 0.0,Y 0.0,Z -40.0,A 0.0,B 0.0,C 0.0}} C_DIS"
+        module.src += [f"LIN FABOVE:X{name} C_DIS" if k % 4 == 3 else along_tool if k % 3 == 1 else "LIN XAP C_DIS"]
         module.src += ["WAIT FOR $IN[17]", f"PTP X{way}"]
     module.src += [HOME]
 

@@ -89,6 +89,8 @@ class KrlDerivations:
     ----------
     assigned : set of str
         The names, in upper case, that some statement assigns.
+    whole : bool
+        Whether no other modules than those at hand use the points.
     """
 
     def __init__(self, flow: Flow) -> None:
@@ -97,6 +99,27 @@ class KrlDerivations:
         self._keys: dict[int, tuple[str, int]] = {}
         self._points: dict[Name, PointVariable] = {}
         self._numbers: dict[Name, NumberVariable] = {}
+        self._components: dict[Name, tuple[PointVariable, Index, str]] = {}
+        self.whole = False
+
+    def component(self, variable: PointVariable, index: Index, key: str) -> Expression:
+        """Return a coordinate of a FRAME as a number, which is constant if nothing changes the frame."""
+        name = (f"{variable.name.upper()}.{key}", id(variable))
+        found = name if index == () else Element(name, index)
+        self._components[found] = variable, index, key
+        return Variable(found)
+
+    def _coordinate(self, variable: PointVariable, index: Index, key: str) -> float | None:
+        """Return a coordinate of a FRAME that nothing changes and that turns nothing; None for any other."""
+        elsewhere = variable.is_global or variable.is_public or variable.origin in ("nowhere", "import")
+        literals = concerning(variable.literals, index)
+        if (elsewhere and not self.whole) or len(literals) != 1 or literals[0].index is None:
+            return None
+        if concerning(variable.writes, index) or concerning(variable.reads, index):
+            return None
+        values = literals[0].aggregate.values
+        turns = any(values.get(angle) != 0.0 for angle in ("A", "B", "C"))
+        return None if turns or set(values) != set(CARTESIAN) else values[key]
 
     def _key(self, variable: PointVariable | NumberVariable) -> Name:
         if id(variable) not in self._keys:
@@ -163,6 +186,8 @@ class KrlDerivations:
         return len(concerning(variable.literals, place)) == 1 and not concerning(variable.writes, place)
 
     def _number(self, name: Name) -> float | None:
+        if name in self._components:
+            return self._coordinate(*self._components[name])
         array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
         variable = self._numbers.get(array)
         if variable is None or variable.handed or place is None:
@@ -231,7 +256,7 @@ def expression(
     """Return the expression of an assignment's right side, or of a motion's goal; None where it is not understood."""
     start, end = strip(source.data, start, end, BLANK)
     code = source.data[start:end]
-    if b"{" not in code:
+    if b"{" not in code and b":" not in code:
         return arithmetic(code, names, known)
     spans, at = [], start
     while at < end:
@@ -241,8 +266,9 @@ def expression(
         at = m.end()
     found: Expression | None = None
     before: list[tuple[Expression, Expression, Expression]] = []
+    goals = [span for span in spans if not _is_frame(source.data[slice(*span)], names)] or spans[:1]
     for a, b in spans:
-        if source.data[a : a + 1] != b"{":
+        if (a, b) in goals and source.data[a : a + 1] != b"{":
             goal = arithmetic(source.data[a:b].strip(), names, known)
             if found is not None or not isinstance(goal, Variable):
                 return None
@@ -250,7 +276,7 @@ def expression(
             for shift in reversed(before):
                 found = Shifted(found, shift, "frame")
             continue
-        by = _shift(source, a, b, line, names, known)
+        by = _frame(source.data[a:b], names, known) or _shift(source, a, b, line, names, known)
         if by is None:
             return None
         if found is None:
@@ -258,6 +284,29 @@ def expression(
         else:
             found = Shifted(found, by, "tool")
     return found
+
+
+_NAMED: Final = re.compile(rb"([A-Za-z]\w*+)[ \t]*+(?:\[[ \t]*+(\d{1,4})[ \t]*+\])?+[ \t]*+")
+
+
+def _is_frame(code: bytes, names: Resolver) -> bool:
+    """Return whether code is an aggregate, or names a FRAME."""
+    if code.startswith(b"{"):
+        return True
+    m = _NAMED.fullmatch(code)
+    variable = names.find(m[1].decode().upper()) if m else None
+    return variable is not None and variable.type == "FRAME"
+
+
+def _frame(code: bytes, names: Resolver, known: KrlDerivations) -> tuple[Expression, Expression, Expression] | None:
+    """Return the shift of a FRAME that is named; None where code is no such name."""
+    m = _NAMED.fullmatch(code)
+    variable = names.find(m[1].decode().upper()) if m else None
+    if m is None or variable is None or variable.array != (m[2] is not None):
+        return None
+    index = (int(m[2]),) if m[2] else ()
+    x, y, z = (known.component(variable, index, key) for key in AXES)
+    return x, y, z
 
 
 def _shift(

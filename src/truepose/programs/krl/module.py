@@ -108,6 +108,7 @@ class Shared:
 
     def __post_init__(self) -> None:
         self.derivations = KrlDerivations(self.flow)
+        self.derivations.whole = self.project or self.options.whole_task
 
 
 class KrlModule:
