@@ -227,7 +227,7 @@ def test_without_config_dat_the_backup_is_recognised_and_says_what_is_missing(tm
     (root,) = kuka.roots(listing(folder))
     assert "has no System/$config.dat" in kuka.contents(root, listing(folder)).warnings[0]
     assert not kuka.stored_frames(root, listing(folder)).bases
-    assert "is not known; give it in [frames]" in " ".join(reasons(read(folder)))
+    assert "is not known; give it in [frames" in " ".join(reasons(read(folder)))
 
 
 @pytest.mark.parametrize(
