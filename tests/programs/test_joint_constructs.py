@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.programs.joint_arms import FRAMES, MAKERS, TOOL, Sagging
 from tests.programs.test_joint_targets import JOINTS, texts
 
@@ -229,3 +230,42 @@ def test_guards_of_the_map_apply(tmp_path: Path, error_map: ErrorMap) -> None:
     assert left.targets[0].verdict == left.targets[2].verdict == "correct"
     change = left.targets[2].joints_after - np.degrees(q[2]).round(4)
     np.testing.assert_allclose(change, left.targets[0].joints_after - np.degrees(q[0]).round(4), atol=2e-4)
+
+
+def test_the_command_line(tmp_path: Path, error_map: ErrorMap, run: Any) -> None:
+    error_map.save(map_path := tmp_path / "map.truepose")
+    path = program(tmp_path, np.degrees(error_map.samples.q[:2]))
+    (tmp_path / "$config.dat").write_text(
+        "TOOL_DATA[1]={"
+        + ",".join(
+            f"{k} {v:.6f}"
+            for k, v in zip(
+                "XYZABC",
+                [
+                    *error_map.tf_flange_tool[:3, 3],
+                    *euler("kuka", Rotation.from_matrix(error_map.tf_flange_tool[:3, :3])),
+                ],
+                strict=True,
+            )
+        )
+        + "}\n"
+    )
+    where = ("--config-dat", tmp_path / "$config.dat")
+    off, on = run("check", path, *where), run("check", path, *where, "--joint-targets")
+    assert "0 to correct, 2 to skip" in off.out
+    assert "joint target; allow joint_targets to correct it" in off.out
+    assert "2 to correct, 0 to skip" in on.out
+    done = run("correct", map_path, path, *where, "--joint-targets", "--accept-weak-map", "--out", tmp_path / "out")
+    assert "2 corrected" in done.out
+    assert (tmp_path / "out" / "a.src").read_bytes() != path.read_bytes()
+    again = run(
+        "correct",
+        map_path,
+        tmp_path / "out" / "a.src",
+        *where,
+        "--joint-targets",
+        "--accept-weak-map",
+        "--out",
+        tmp_path / "twice",
+    )
+    assert "was corrected already" in again.failed()

@@ -206,6 +206,18 @@ def test_an_arm_of_seven_joints_or_none_is_refused(tmp_path: Path) -> None:
         correct_program(path, without, frames=FRAMES, options=JOINTS)
 
 
+def test_an_arm_of_another_maker_is_refused(tmp_path: Path) -> None:
+    """Its zero and senses are its own maker's; without a maker the robot's file states those of the controller."""
+    maker = MAKERS["kuka"]
+    path = maker.file(tmp_path, texts(maker.some(1, 15)))
+    other = replace(maker.robot, maker="ABB")
+    with pytest.raises(RefusedError, match="of ABB counts its joints as a controller of KUKA is not known"):
+        correct_program(path, Sagging(other), frames=FRAMES, options=JOINTS, other_maker=True)
+    none = correct_program(path, Sagging(replace(maker.robot, maker="")), frames=FRAMES, options=JOINTS)
+    assert none.coverage.corrected == 1
+    assert "names no maker" in " ".join(none.warnings)
+
+
 @pytest.mark.parametrize("maker", ["kuka", "abb", "fanuc"])
 def test_an_external_axis_away_from_zero_is_refused_unless_allowed(tmp_path: Path, maker: str) -> None:
     kind = MAKERS[maker]

@@ -68,7 +68,7 @@ def test_a_limit_that_is_stated(tmp_path: Path, make_map: Any) -> None:
     jump = np.zeros((N, 3))
     jump[2, 2] = 0.45
     assert corrected(tmp_path, make_map, jump, cell=states(0.5)).coverage.corrected == N
-    assert corrected(tmp_path, make_map, jump, cell=states(0.4)).coverage.corrected == 0
+    assert corrected(tmp_path, make_map, jump, cell=states(0.3)).coverage.corrected == 0
     assert corrected(tmp_path, make_map, 5 * jump, cell=states(3.0)).coverage.corrected == N
     record = corrected(tmp_path, make_map, jump, cell=states(0.5)).to_dict()
     assert record["continuity"]["max_bend_mm"] == 0.5

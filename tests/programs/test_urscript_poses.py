@@ -152,6 +152,63 @@ def test_the_other_ending(tmp_path: Path) -> None:
     assert reading(tmp_path, f"movel({P})", ending=".urscript").language == "urscript"
 
 
+@pytest.mark.parametrize(
+    ("code", "shift", "axes"),
+    [
+        ("movel(pose_trans(w, p[0,0,-0.1,0,0,0]))", (0, 0, -100), "tool"),
+        ("movel(pose_add(w, p[0.01,0,0.05,0,0,0]))", (10, 0, 50), "frame"),
+        ("up=p[0,0,0.05,0,0,0]\nmovel(pose_add(w, up))", (0, 0, 50), "frame"),
+        ("above=pose_add(w, p[0,0,0.05,0,0,0])\nmovej(above)\nmovel(above)", (0, 0, 50), "frame"),
+        ("movel(pose_add(pose_add(w, p[0,0,0.05,0,0,0]), p[0,0.02,0,0,0,0]))", (0, 20, 50), "frame"),
+        ("above=w\nabove[2]=above[2]+0.05\nmovel(above)", (0, 0, 50), "frame"),
+        ("above=w\nabove[2] = w[2] - 0.05\nabove[0]=above[0]+0.01\nmovel(above)", (10, 0, -50), "frame"),
+        ("def near(u):\nmovel(pose_trans(u, p[0,0,-0.1,0,0,0]))\nmovel(u)\nend\nnear(w)", (0, 0, -100), "tool"),
+    ],
+)  # fmt: skip
+def test_what_is_derived_from_a_point_shares_its_correction(
+    tmp_path: Path, make_map: Any, code: str, shift: tuple[float, ...], axes: str
+) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(f"def prog():\nw={P}\nmovel(w)\n{code}\nend\n")
+    left = read_program(path)
+    assert verdicts(left)["w"] == "refuse"
+    assert all("--derived" in target.reason for target in left.targets if target.name == "w")
+    program = read_program(path, None, ReadOptions(derived=True))
+    point = next(target for target in program.targets if target.name == "w")
+    assert (point.verdict, {one.axes for one in point.derived}) == ("correct", {axes}), point
+    np.testing.assert_allclose(point.derived[0].shifts, [shift], atol=1e-9)
+    followers = [target for target in program.targets if target.follows]
+    assert followers
+    assert len(followers) + 1 == len(program.targets)
+    corrected = correct_program(program, make_map([0.5, 0.25, -0.125]))
+    assert corrected.coverage.corrected == corrected.coverage.targets == len(program.targets)
+    assert corrected.files[path] == path.read_bytes().replace(
+        b"p[0.3,-0.1,.25,0,3.14159,0]", b"p[0.3005,-0.09975,.249875,0,3.14159,0]", 1
+    )
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "movel(pose_trans(w, p[0,0,-0.1,0,0,0.2]))",
+        "movel(pose_add(w, offset))",
+        "above=w\nabove[2]=above[2]+h\nmovel(above)",
+        "above=w\nmovel(above)\nabove[2]=above[2]+0.05\nmovel(above)",
+        "above=w\nabove[2]=0.5\nmovel(above)",
+        "above=w\nabove[3]=above[3]+0.1\nmovel(above)",
+        "above=w\nabove[2]=above[2]+0.05\nabove[2]=w[2]+0.05\nmovel(above)",
+        "above=w\nabove[2]=above[2]+0.05\nx=above[2]\nmovel(above)",
+        "movel(pose_add(w, p[0,0,0.1,0,0,0]))\ny=pose_dist(w, w)",
+        "movel(pose_trans(pose_add(w, p[0,0,0.1,0,0,0]), p[0,0,0.1,0,0,0]))",
+    ],
+)
+def test_what_is_no_constant_shift_stays_refused(tmp_path: Path, code: str) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(f"def prog():\nw={P}\nmovel(w)\n{code}\nend\n")
+    found = {target.name: target for target in read_program(path, None, ReadOptions(derived=True)).targets}
+    assert found["w"].verdict == "refuse", list(found.values())
+
+
 def test_options_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def a():\nw={P}\nmovel(w)\nx=w[2]\nend\n")

@@ -84,9 +84,7 @@ def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) ->
     RefusedError
         If the makers differ and `other_maker` is False.
     """
-    language = LANGUAGES.get(language_of(program.sources[0].path))
-    made_for = "" if language is None else language.maker
-    if not made_for:
+    if not (made_for := _made_for(program)):
         return []
     where = f"{program.path}: a program for {made_for}"
     judged = f"its words of configuration are judged as those of {made_for} wherever the arm can have them"
@@ -100,6 +98,17 @@ def check_maker(robot: Robot, program: Program, *, other_maker: bool = False) ->
         f"{where}, but the map is of {robot.name}, a robot of {robot.maker}; take the map of the robot that runs it, "
         "or allow it (--other-maker, other_maker=True) if this robot does"
     )
+
+
+def foreign_maker(robot: Robot, program: Program) -> str:
+    """Return the maker of the robots that a program is for, where the robot is of another one; else nothing."""
+    made_for = _made_for(program)
+    return made_for if robot.maker and _plain(made_for) not in _plain(robot.maker) else ""
+
+
+def _made_for(program: Program) -> str:
+    language = LANGUAGES.get(language_of(program.sources[0].path))
+    return "" if language is None else language.maker
 
 
 def controllers_for(

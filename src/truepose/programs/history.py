@@ -135,8 +135,8 @@ def _written(corrected: Remembered, path: Path) -> HashArray:
     for first, columns in corrected.targets.program.targets.chunks(path):
         after = corrected.targets.after[first : first + len(columns), :3]
         changed = np.isfinite(after).all(axis=1) & (after != columns.values[:, :3]).any(axis=1)
-        q = np.empty((0, 6))
-        if (joints := corrected.targets.joints) is not None:
+        q, joints = np.empty((0, 6)), corrected.targets.joints
+        if joints is not None and columns.joints is not None:
             q = joints.after[first : first + len(columns)]
             q = q[(np.isfinite(q) & (q != columns.joints)).any(axis=1)]
         kept = np.unique(np.concatenate([kept, _hashes(after[changed]), _hashes(q)]))[:_KEPT]

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RobotError
 from truepose.geometry import euler, invert_transform
+from truepose.programs.agreement import foreign_maker
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.joint_digits import by_form, moved_joints
 from truepose.programs.core.joint_targets import MOST_JOINTS, JointForm
@@ -105,11 +106,7 @@ class JointCorrection:
             return np.full((n, 1), np.nan), dict.fromkeys(range(n), "the map knows no robot")
         q, why = np.full((n, robot.dof), np.nan), dict[int, str]()
         for form, rows in by_form(columns):
-            reason = ground_objection(robot) if form.ground else ""
-            if form.count != robot.dof:
-                why.update(dict.fromkeys(rows.tolist(), f"it has {form.count} joints, {robot.name} has {robot.dof}"))
-            elif reason:
-                reason = f"J3 counts from the ground, and {reason}: joint 3 is not J3 + J2"
+            if reason := _unlike(form, robot, foreign_maker(robot, self.outcomes.program)):
                 why.update(dict.fromkeys(rows.tolist(), reason))
             else:
                 q[rows] = form.joints(columns.joints[rows])
@@ -230,6 +227,17 @@ class _Written(NamedTuple):
         coarse = np.flatnonzero((self.remaining > _SHARE * length) & (length > resolution)).tolist()
         left = "its digits are too coarse: {:.3f} mm of a correction of {:.3f} mm would remain"
         return why, {k: left.format(self.remaining[k], length[k]) for k in coarse if k not in why}
+
+
+def _unlike(form: JointForm, robot: Robot, maker: str) -> str:
+    """Return why joints in a form are not those of a robot; `maker`: of another robot that the program is for."""
+    if form.count != robot.dof:
+        return f"it has {form.count} joints, {robot.name} has {robot.dof}"
+    if maker:
+        return f"whether {robot.name} of {robot.maker} counts its joints as a controller of {maker} is not known"
+    if form.ground and (reason := ground_objection(robot)):
+        return f"J3 counts from the ground, and {reason}: joint 3 is not J3 + J2"
+    return ""
 
 
 def _objections(robot: Robot, q: FloatArray, verb: str) -> dict[int, str]:

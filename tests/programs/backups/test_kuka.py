@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,9 @@ import pytest
 from tests.programs.backups import kuka as corpus
 
 from truepose.errors import FileError
-from truepose.programs import FrameTable, Program, ReadOptions
+from truepose.programs import Program, ReadOptions, correct_programs, read_programs
 from truepose.programs.backups import kuka
-from truepose.programs.krl.reader import read_project
+from truepose.programs.batch import CorrectedBatch
 
 SHIFT = np.array([0.41, -0.33, 0.27])
 GRADIENT = 1e-4 * np.array([[1.0, -0.5, 0.0], [0.25, 0.75, -1.0], [0.5, 0.0, 0.6]])
@@ -33,18 +34,13 @@ def listing(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def read(folder: Path, root: Path | None = None, **options: Any) -> Program:
-    """Read the programs of a robot with the frames of its controller."""
-    files = listing(folder)
-    root = root or kuka.roots(files)[0]
-    stored = kuka.stored_frames(root, files)
-    tools = {key: one.tf for key, one in stored.tools.items() if not one.problem}
-    bases = {key: one.tf for key, one in stored.bases.items() if not one.problem}
-    table = FrameTable(tools, bases, in_world=frozenset(bases))
-    assert stored.tf_world_base is not None
-    table = table.standing_at(stored.tf_world_base, "$machine.dat")
-    (programs,) = kuka.contents(root, files).programs
-    return read_project(root, programs, table, ReadOptions(**options), **kuka.for_reader(root, files))
+def read(folder: Path, name: str = "", **options: Any) -> Program:
+    """Read the programs of a controller with its frames."""
+    found = read_programs([folder], options=ReadOptions(**options), controllers=[name] if name else [])
+    if found.unreadable:
+        raise found.unreadable[0]
+    (program,) = found.programs
+    return program
 
 
 # a reader of its own: regular expressions, no code of the library
@@ -137,6 +133,11 @@ def test_the_controller_is_recognised_and_its_files_are_sorted(folder: Path) -> 
     assert (found.robot, found.version, list(found.warnings)) == ("KR16R1610 C4 FLR Cell4 left", "V8.6.2", [])
 
 
+def test_no_file_of_the_controller_is_told_as_one_of_another(folder: Path) -> None:
+    (backup,) = read_programs([folder]).backups
+    assert (backup.warnings, [one.name for one in backup.controllers]) == ((), ["KRC/R1"])
+
+
 def test_tools_and_bases_are_read_with_names_lines_and_problems(folder: Path) -> None:
     files = listing(folder)
     stored = kuka.stored_frames(folder / "KRC/R1", files)
@@ -177,6 +178,129 @@ def test_system_modules_and_their_points_are_no_targets(program: Program) -> Non
     assert [t.reason for t in program.targets if t.name == "XSEEN"] == ["its value is known at run time only"]
 
 
+# the whole backup, corrected
+
+
+class Bowl:
+    """A map whose correction [mm, base frame] changes with the position."""
+
+    hash = "0" * 64
+
+    def __init__(self, scale: float = 1.0) -> None:
+        self.scale = scale
+
+    def shift(self, p: np.ndarray) -> np.ndarray:
+        return self.scale * (SHIFT + p @ GRADIENT.T)
+
+    def correct(self, poses: np.ndarray, **_: Any) -> SimpleNamespace:
+        p, n = poses[:, :3, 3], len(poses)
+        e = -self.shift(p)
+        return SimpleNamespace(
+            p_target=p, p_command=p - e, e=e, std=np.full((n, 3), 2.0), verdict=np.full(n, "correct"), reason=[""] * n
+        )
+
+
+def corrected(folder: Path, out: Path, scale: float = 1.0, **options: Any) -> tuple[CorrectedBatch, dict[str, bytes]]:
+    """Correct a backup; return the result, and all files of the whole corrected backup by their names."""
+    batch = correct_programs([folder], Bowl(scale), options=ReadOptions(**options), on_guard="skip")
+    batch.write(out, whole=True)
+    whole = out / folder.name
+    return batch, {path.relative_to(whole).as_posix(): path.read_bytes() for path in listing(whole)}
+
+
+def test_a_correction_of_zero_returns_the_backup_byte_for_byte(folder: Path, tmp_path: Path) -> None:
+    _, after = corrected(folder, tmp_path / "out", 0.0, derived=True)
+    assert after == corpus.backup()
+
+
+def test_corrected_targets_agree_with_an_independent_reader_to_the_digit(folder: Path, tmp_path: Path) -> None:
+    """In the base frame: the new numbers are those of the old place plus the correction there, to half a digit."""
+    batch, after = corrected(folder, tmp_path / "out", derived=True)
+    program = batch.corrected[0].program
+    before = corpus.backup()
+    own = {f"KRC/R1/{name}" for name in corpus.user_programs()}
+    assert {name for name in before if after[name] != before[name]} < own
+    left = {(str(t.path.relative_to(folder)), t.line) for t in program.targets if t.verdict != "correct"}
+    root = np.linalg.inv(matrix(corpus.ROBROOT))
+    texts = [{name: files[name] for name in own} for files in (before, after)]
+    n = 0
+    for old, new in zip(*map(taught, texts), strict=True):
+        assert (old.file, old.line) == (new.file, new.line)
+        if old.numbers == new.numbers:
+            assert (old.file, old.line) in left
+            continue
+        n += 1
+        tf = root @ matrix(corpus.BASES[old.base][2])
+        wanted = (tf @ matrix(old.numbers))[:3, 3]
+        wanted = wanted + Bowl().shift(wanted)
+        decimals = [len(after[new.file][a:b].partition(b".")[2]) for a, b in new.spans]
+        there = np.linalg.inv(tf) @ np.append(wanted, 1.0)
+        for axis in range(3):
+            kept = new.numbers[axis] == old.numbers[axis]  # a change below half a micrometre is none
+            half = 0.5e-3 if kept else 0.5 * 10.0 ** -decimals[axis]
+            assert abs(there[axis] - new.numbers[axis]) <= half * (1 + 1e-6), old
+            assert decimals[axis] >= 3
+        assert old.numbers[3:] == new.numbers[3:]
+    assert n == program.counts()["correct"]
+    digits = re.compile(rb"[0-9.+-]")
+    for name in own:
+        assert digits.sub(b"", after[name]) == digits.sub(b"", before[name])
+
+
+KINDS = {
+    "weld": (r"weld_\d+", 100.0, 100.0),
+    "handling": (r"pick\d", 25.0, 100.0),
+    "pallets": (r"pallet_\d", 0.0, 100.0),
+    "milling": (r"mill\d", 100.0, 100.0),
+    "splines": (r"glue_\d", 100.0, 100.0),
+    "by hand": (r"station\d", 100.0, 100.0),
+    "global points": (r"global_points", 100.0, 100.0),
+    "positioner": (r"turn_table", 0.0, 0.0),
+    "camera": (r"camera", 0.0, 0.0),
+}
+"""Kinds of programs, each with the share of Cartesian targets that must be correct without and with `derived` [%]."""
+
+
+def shares(program: Program) -> dict[str, float]:
+    """Return the share of the Cartesian motion targets of each kind of program that are correct [%].
+
+    Relative motions and joint targets do not count; a target that follows a corrected one does.
+    """
+    found: dict[str, list[bool]] = {kind: [] for kind in KINDS}
+    correct = {(t.path.stem, t.name) for t in program.targets if t.verdict == "correct"}
+    for target in program.targets:
+        if not target.motions or "joint" in target.reason or target.reason.startswith("relative"):
+            continue
+        (kind,) = [kind for kind, (stem, *_) in KINDS.items() if re.fullmatch(stem, target.path.stem.lower())]
+        follows = bool(target.follows) and all(
+            any(name == other and stem.lower() == target.path.stem.lower() for stem, other in correct)
+            for name in target.follows
+        )
+        found[kind] += [target.verdict == "correct" or follows] * len(target.motions)
+    return {kind: 100.0 * sum(ok) / len(ok) for kind, ok in found.items()}
+
+
+def test_most_targets_of_each_kind_of_program_are_corrected(folder: Path, program: Program) -> None:
+    derived = shares(read(folder, derived=True))
+    plain = shares(program)
+    for kind, (_, least, with_derived) in KINDS.items():
+        assert plain[kind] == pytest.approx(least, abs=1.0), kind
+        assert derived[kind] == with_derived, kind
+
+
+def test_what_is_left_has_a_reason_that_names_what_and_the_remedy(folder: Path) -> None:
+    found = reasons(read(folder, derived=True))
+    left = [why for why in found if not re.search(r"derived from|joint target|relative:", why)]
+    known = (
+        r"base BASE_DATA\[#\] cannot be used \(R#/System/\$config.dat, line #\): it moves with DKP # \(EASYS\)",
+        r"external axis E# is in use and has no model; allow external_axes if it moves neither",
+        r"taught on an absolutely accurate robot .* switch that option off and allow absolute_accuracy",
+        r"its value is known at run time only",
+    )
+    assert len(left) == len(known)
+    assert all(any(re.search(pattern, why) for why in left) for pattern in known)
+
+
 # variants and bad input
 
 NAME = "KRC/R1/Program/Weld/weld_01.src"
@@ -203,7 +327,7 @@ def test_two_robots_have_their_own_programs_frames_and_places(tmp_path: Path, pr
     folder = lay(tmp_path, corpus.two_robots())
     files = listing(folder)
     assert kuka.roots(files) == [folder / "KRC/R1", folder / "KRC/R2"]
-    first, second = (read(folder, root) for root in kuka.roots(files))
+    first, second = (read(folder, name) for name in ("KRC/R1", "KRC/R2"))
     assert first.counts() == second.counts() == program.counts()
     np.testing.assert_allclose(first.positions_base(), program.positions_base(), atol=1e-9)
     assert np.abs(second.positions_base() - first.positions_base()).max() > 500.0

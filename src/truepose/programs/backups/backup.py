@@ -151,7 +151,8 @@ def find_backup(path: Path) -> Backup | None:
             controllers.append(_controller(maker, formats[maker], root, path, own))
         except FileError as error:
             unreadable.append(error)
-    told = [*warnings, *_outside(path, [root for root, _ in roots], files)]
+    named = {file for one in controllers for file in one.contents.others}
+    told = [*warnings, *_outside(path, [root for root, _ in roots], [file for file in files if file not in named])]
     return Backup(path, tuple(controllers), tuple(files), tuple(unreadable), tuple(told))
 
 

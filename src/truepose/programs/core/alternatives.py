@@ -87,14 +87,11 @@ def _of_target(target: Target, k: int, tf_base_frame: FloatArray, within: FloatA
     """Return the alternatives of one target; `within`, (v, 4, 4) [mm], are the deviations of its frame."""
     assert target.rotation is not None
     own = make_transform(target.rotation, target.p)
-    shifts, levers, words = [np.zeros(3)], [np.zeros(3)], [""]
-    for one in target.derived:
-        for shift in one.shifts:
-            turns = one.axes == "tool"
-            vector = own[:3, :3] @ shift if turns else np.array(shift)
-            shifts.append(vector)
-            levers.append(vector if turns else np.zeros(3))
-            words.append(f"at the position that is derived from it, {one.how}")
+    nothing = np.zeros((1, 3))
+    found = [(nothing, nothing), *(one.vectors(target.rotation) for one in target.derived)]
+    shifts, levers = (np.concatenate(part) for part in zip(*found, strict=True))
+    named = [f"at the position that is derived from it, {one.how}" for one in target.derived for _ in one.shifts]
+    words = ["", *named]
     poses = np.repeat(own[None], len(shifts), axis=0)
     poses[:, :3, 3] += shifts
     frames = tf_base_frame[None]

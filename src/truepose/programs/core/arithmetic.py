@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Final, Literal, NamedTuple
 
 Axes = Literal["frame", "tool"]
@@ -27,11 +27,11 @@ class Element(NamedTuple):
 
 
 class At(NamedTuple):
-    """The position of a point with a shift [mm] along axes of its frame or of its tool."""
+    """The position of a point with shifts [mm] along the axes of its frame, and along those of its tool."""
 
     source: Name
     shift: Vector = _ZERO
-    axes: Axes = "frame"
+    along_tool: Vector = _ZERO
 
 
 class PartOf(NamedTuple):
@@ -137,7 +137,7 @@ def evaluate(expression: Expression, get: Callable[[Name], Value]) -> Value:
             return get(name) if not indices else _element(name, [evaluate(index, get) for index in indices], get)
         case Coordinate(of, axis):
             point = evaluate(of, get)
-            if isinstance(point, At) and (point.axes == "frame" or point.shift == _ZERO):
+            if isinstance(point, At) and point.along_tool == _ZERO:
                 return PartOf(point.source, axis, point.shift[axis])
             return Depends(sources_of(point))
         case Operation(operator, left, right):
@@ -146,29 +146,24 @@ def evaluate(expression: Expression, get: Callable[[Name], Value]) -> Value:
             point, shift = evaluate(of, get), [evaluate(one, get) for one in by]
             numbers = [one for one in shift if isinstance(one, float)]
             if isinstance(point, At) and len(numbers) == 3:
-                x, y, z = numbers
-                return shifted(point, (x, y, z), axes)
+                return shifted(point, numbers, axes)
             return _depending(point, *shift)
         case Opaque(reads):
             return _depending(*[evaluate(one, get) for one in reads])
 
 
-def shifted(point: At, by: Vector, axes: Axes) -> Value:
-    """Return a position with one more shift; shifts along axes of the frame and of the tool do not add up."""
-    if by == _ZERO:
-        return point
-    if point.shift != _ZERO and point.axes != axes:
-        return Depends(frozenset([point.source]))
-    x, y, z = (round(a + b, _DECIMALS) + 0.0 for a, b in zip(point.shift, by, strict=True))
-    return At(point.source, (x, y, z), axes if (x, y, z) != _ZERO else "frame")
+def shifted(point: At, by: Sequence[float], axes: Axes) -> At:
+    """Return a position with one more shift."""
+    before = point.shift if axes == "frame" else point.along_tool
+    x, y, z = (round(a + b, _DECIMALS) + 0.0 for a, b in zip(before, by, strict=True))
+    return point._replace(shift=(x, y, z)) if axes == "frame" else point._replace(along_tool=(x, y, z))
 
 
 def with_coordinate(point: Value, axis: int, value: Value) -> Value:
     """Return a position with another coordinate (0 to 2); a coordinate that is not its own loses the correction."""
     if not (isinstance(point, At) and isinstance(value, PartOf)):
         return _depending(point, value)
-    in_frame = point.axes == "frame" or point.shift == _ZERO
-    if not in_frame or (point.source, axis) != (value.source, value.axis):
+    if point.along_tool != _ZERO or (point.source, axis) != (value.source, value.axis):
         return _depending(point, value)
     x, y, z = (round(value.offset, _DECIMALS) + 0.0 if k == axis else point.shift[k] for k in range(3))
     return At(point.source, (x, y, z))

@@ -10,14 +10,13 @@ constant shift. A point whose digits reach anything else - a condition, an outpu
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from truepose.programs.core.arithmetic import (
     UNKNOWN,
     At,
-    Axes,
     Depends,
     Element,
     Expression,
@@ -25,7 +24,6 @@ from truepose.programs.core.arithmetic import (
     Operation,
     Value,
     Variable,
-    Vector,
     evaluate,
     names_in,
     sources_of,
@@ -34,9 +32,12 @@ from truepose.programs.core.arithmetic import (
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.graph import Counter, Ways
 from truepose.programs.core.points import Place
+from truepose.programs.core.target import Along
 
 _MOST_STEPS: Final = 20_000
 _MOST_POSITIONS: Final = 1_000
+NOT_CONSTANT: Final = "moved to with a shift that is not constant"
+"""How a point is used whose shift in a motion is not known."""
 _TOO_MANY: Final = f"moved to with more than {_MOST_POSITIONS:,} shifts"
 
 
@@ -79,13 +80,13 @@ class Goal(NamedTuple):
 
     Attributes
     ----------
-    shifts : dict of (point, axes) to list of (x, y, z) [mm]
-        The shifts from each point.
+    shifts : dict of (point, axes) to list of tuple of float [mm]
+        The shifts from each point along "frame" or "tool" axes, or along "both" one after the other.
     complete : bool
         Whether these are all.
     """
 
-    shifts: dict[tuple[Name, Axes], list[Vector]]
+    shifts: dict[tuple[Name, Along], list[tuple[float, ...]]]
     complete: bool
 
 
@@ -179,7 +180,7 @@ class Derivations:
         found, ways = Derived(), Ways(self._flow.graph)
         for node, events in self._events.items():
             for event in events:
-                for name in _concerned(event):
+                for name in self.concerned(event):
                     self._places[name].add(node)
         for names, motions in self._groups():
             _Walk(self, ways, names, motions, is_point, number, found).go()
@@ -188,6 +189,12 @@ class Derivations:
     def nodes_of(self, names: Iterable[Name]) -> set[int]:
         """Return the nodes that change variables, or use them otherwise, or have one of some motions."""
         return set[int]().union(*[self._places.get(name, set()) for name in names])
+
+    def concerned(self, event: Event) -> Collection[Name]:
+        """Return the variables that an event changes or uses otherwise, or its motion."""
+        if isinstance(event, Move):
+            return (Motion(event.motion),)
+        return (event.name,) if isinstance(event, Assign) else self.assigned(event.names)
 
     def is_point(self, name: Name) -> bool:
         """Return whether a variable is assigned as a point."""
@@ -271,13 +278,6 @@ class _Joined:
         self._above[self.root(a)] = self.root(b)
 
 
-def _concerned(event: Event) -> Sequence[Name]:
-    """Return the variables that an event changes or uses otherwise, or its motion."""
-    if isinstance(event, Move):
-        return (Motion(event.motion),)
-    return (event.name,) if isinstance(event, Assign) else event.names
-
-
 class _Walk:
     """Goes through the program with the values of some variables; see `Derivations`."""
 
@@ -295,7 +295,7 @@ class _Walk:
         self._is_point, self._number, self._found = is_point, number, found
         self._events: dict[int, list[Event]] = {}
         self._live: dict[int, set[Name]] = defaultdict(set)
-        self._goals: dict[Hashable, dict[tuple[Name, Axes], set[Vector]]] = {}
+        self._goals: dict[Hashable, dict[tuple[Name, Along], set[tuple[float, ...]]]] = {}
         self._open: set[Hashable] = set()
 
     def go(self) -> None:
@@ -317,7 +317,7 @@ class _Walk:
     def _concerns(self, event: Event) -> bool:
         if isinstance(event, Move):
             return event.motion in self._motions
-        return not self._names.isdisjoint(_concerned(event))
+        return not self._names.isdisjoint(self._all.concerned(event))
 
     def _give_up(self, how: str) -> None:
         """Spoil all points that these variables may take values of."""
@@ -335,7 +335,7 @@ class _Walk:
     def _uses(self, event: Event) -> set[Name]:
         """Return the variables whose values an event needs."""
         if isinstance(event, Escape):
-            return {*event.names} & self._names
+            return self._all.assigned(event.names) & self._names
         used = self._all.assigned(names_in(event.expression)) & self._names
         return used | {event.name} if isinstance(event, Assign) and event.axis is not None else used
 
@@ -420,7 +420,7 @@ class _Walk:
         """Let an event change values, and note what it does to points."""
         get = self._getter(values)
         if isinstance(event, Escape):
-            for name in self._names.intersection(event.names):
+            for name in self._all.assigned(event.names) & self._names:
                 sources = sources_of(get(name))
                 self._spoil(sources, event.place, event.how)
                 values[name] = Depends(sources)
@@ -438,11 +438,28 @@ class _Walk:
             return
         goals = self._goals.setdefault(event.motion, {})
         if isinstance(value, At):
-            goals.setdefault((value.source, value.axes), set()).add(value.shift)
+            along, shift = _along(value)
+            goals.setdefault((value.source, along), set()).add(shift)
         else:
             self._open.add(event.motion)
-            self._spoil(sources_of(value), event.place, "moved to with a shift that is not constant")
+            self._spoil(sources_of(value), event.place, NOT_CONSTANT)
+
+
+def _along(value: At) -> tuple[Along, tuple[float, ...]]:
+    """Return the axes of a position's shift, and the shift."""
+    if not any(value.along_tool):
+        return "frame", value.shift
+    return ("both", value.shift + value.along_tool) if any(value.shift) else ("tool", value.along_tool)
 
 
 def _order(place: Place) -> tuple[str, int]:
     return ("", place) if isinstance(place, int) else (place.file, place.line)
+
+
+def words(name: str, source: str, shifts: Sequence[tuple[float, ...]], along: Along) -> str:
+    """Return in words how a position is derived from a point."""
+    largest = max(shifts, key=lambda shift: sum(part * part for part in shift))
+    numbers = ", ".join(f"{part:g}" for part in largest)
+    axes = {"frame": "", "tool": " along the axes of the tool", "both": " along the axes of the frame and of the tool"}
+    others = "" if len(shifts) == 1 else f", the largest of {len(shifts)} shifts"
+    return f"{name} = {source} + ({numbers}) mm{axes[along]}{others}"

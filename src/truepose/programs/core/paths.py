@@ -8,16 +8,18 @@ whose position is not known, and at the end of its routine.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import RefusedError
 from truepose.programs.core.modules import RefusedModules
-from truepose.programs.core.outcomes import Outcomes
+from truepose.programs.core.outcomes import DONE, Outcomes
 from truepose.programs.core.program import Program
+from truepose.programs.core.smoothing import Bends, smoothed
 from truepose.programs.core.source import printable
 
 SMALLEST_LIMIT: Final = 0.1
@@ -28,6 +30,8 @@ SLOPE: Final = 0.005
 """Bends below this [mm per mm of spacing] are allowed: the errors of an arm change by some millimetres per metre."""
 _BACK: Final = -0.5  # cosine of the turn at a target beyond which the path goes back: the tool stops there
 _BLOCK: Final = 1 << 16
+_SMOOTHINGS: Final = 3  # a point may be in several paths
+_TINY: Final = np.finfo(float).tiny
 _SHOWN: Final = 3  # paths that a message names
 
 
@@ -48,6 +52,8 @@ class Continuity:
         The largest allowed bend.
     slope : float
         The share of the spacing below which a bend is allowed, too.
+    smoothed : dict of int to float [mm]
+        The targets whose corrections were smoothed along their path, and by how much.
     """
 
     bend: FloatArray
@@ -55,16 +61,18 @@ class Continuity:
     spacing: FloatArray
     limit: float
     slope: float
+    smoothed: Mapping[int, float] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
-        """Return the largest changes; None where there is no path."""
+        """Return the largest changes, None where there is no path, and the number of smoothed targets."""
         largest = {
             "largest_bend_mm": self.bend,
             "largest_change_of_direction_deg": self.direction,
             "largest_change_of_spacing_mm": self.spacing,
         }
         found = {key: float(np.nanmax(v)) if np.isfinite(v).any() else None for key, v in largest.items()}
-        return {**found, "max_bend_mm": self.limit}
+        most = max(self.smoothed.values(), default=0.0)
+        return {**found, "max_bend_mm": self.limit, "smoothed": len(self.smoothed), "largest_smoothing_mm": most}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +112,7 @@ class Paths:
         self._n, self._motions = len(program.targets), program.targets.motions
         self._p, self._change = _in_base(program, outcomes)
         self.limit, self._slope = limit or default_limit(outcomes), 0.0 if limit else SLOPE
+        self._smoothed: dict[int, float] = {}
 
     @property
     def origin(self) -> str:
@@ -130,7 +139,7 @@ class Paths:
         return np.unique(np.column_stack([a, b])[wanted], axis=0)
 
     def settle(self, outcomes: Outcomes, on_guard: str, modules: RefusedModules | None = None) -> Continuity:
-        """Refuse bends beyond the limit, or leave the whole paths that have one as they are.
+        """Smooth bends beyond the limit; refuse those that remain, or leave the whole paths that have one as they are.
 
         A point of such a path may be in other paths, which are then judged again. With `modules`, only the modules of
         such a path are refused.
@@ -140,9 +149,14 @@ class Paths:
         RefusedError
             If a path bends too much and `on_guard` is ``refuse``.
         """
+        for _ in range(_SMOOTHINGS):
+            smoothed = [self._smooth(outcomes, kink) for kink in self.judge(outcomes.moved)[1]]
+            if not any(smoothed):
+                break
         while True:
             continuity, kinks = self.judge(outcomes.moved)
             if not kinks:
+                self._tell_smoothed(outcomes)
                 return continuity
             if on_guard == "refuse" and modules is not None:
                 for kink in kinks:
@@ -153,6 +167,37 @@ class Paths:
             for kink in kinks:
                 outcomes.leave(kink.path, f"its whole path stays nominal: {self._words(outcomes, kink)}")
             outcomes.leave_circles()
+
+    def _smooth(self, outcomes: Outcomes, kink: Kink) -> bool:
+        """Smooth the corrections of a path within their uncertainty; return whether no bend is left in it."""
+        row, path = self._rows(outcomes.moved)
+        seq = row[path == path[np.flatnonzero(row == kink.target)[0]]]
+        rows, place = np.unique(seq, return_inverse=True)
+        moved = outcomes.moved[rows]
+        change = np.where(moved[:, None], self._change[rows], 0.0)
+        corner = _corners(self._p[seq], np.zeros(len(seq), np.int64))
+        limit = np.maximum(self.limit, self._slope * corner.along)
+        bends = Bends(place[corner.at], place[corner.at - 1], place[corner.at + 1], corner.share, limit)
+        free = outcomes.code[rows] == DONE.index("correct")  # one that was clipped is at its own limit
+        if outcomes.joints is not None:
+            free &= np.isnan(outcomes.joints.p[rows, 0])  # their digits are joints
+        found = smoothed(change, free, np.linalg.norm(outcomes.std[rows], axis=1), bends)
+        if found is None:
+            return False
+        self._change[rows[free]] = found[free]
+        for i, by in zip(rows[free].tolist(), (found - change)[free], strict=True):
+            target = outcomes.program.targets[i]
+            assert target.tf_base_frame is not None  # of a corrected target
+            outcomes.after[i, :3] += target.tf_base_frame[:3, :3].T @ by
+            self._smoothed[i] = self._smoothed.get(i, 0.0) + float(np.linalg.norm(by))
+        return True
+
+    def _tell_smoothed(self, outcomes: Outcomes) -> None:
+        """Note the smoothing of each target that is still corrected."""
+        for i, size in self._smoothed.items():
+            if outcomes.corrected[i]:
+                told = f"smoothed along its path by {size:.3f} mm"
+                outcomes.notes[i] = "; ".join(filter(None, [outcomes.notes.get(i, ""), told]))
 
     def _words(self, outcomes: Outcomes, kink: Kink) -> str:
         target = outcomes.program.targets[kink.target]
@@ -187,7 +232,8 @@ class Paths:
                 of = int(path[here][at[k]])
                 worst[of] = max(worst.get(of, (0.0, 0)), (float(size[k]), int(seq[at[k]])))
         kinks = [Kink(target, size, np.unique(row[path == of])) for of, (size, target) in sorted(worst.items())]
-        return Continuity(bend, direction, spacing, self.limit, self._slope), kinks
+        smoothed = {i: size for i, size in self._smoothed.items() if corrected[i]}
+        return Continuity(bend, direction, spacing, self.limit, self._slope, smoothed), kinks
 
     def _rows(self, corrected: BoolArray) -> tuple[IntArray, IntArray]:
         """Return the targets along all paths, and for each the number of its path; standing still counts once."""
@@ -230,8 +276,7 @@ def _in_base(program: Program, outcomes: Outcomes) -> tuple[FloatArray, FloatArr
         (j,) = follow.sources
         source = program.targets[j]
         if source.rotation is not None and source.tf_base_frame is not None:
-            axes = source.rotation.as_matrix() if follow.shift.axes == "tool" else np.eye(3)
-            p[i] = p[j] + source.tf_base_frame[:3, :3] @ axes @ follow.shift.shifts[0]
+            p[i] = p[j] + source.tf_base_frame[:3, :3] @ follow.shift.vectors(source.rotation)[0][0]
             change[i] = change[j]
     return p, change
 
@@ -252,19 +297,39 @@ def _measure(
     along : (k,) array [mm]
         Harmonic mean of the distances to both neighbours.
     """
-    step, changed = np.diff(p, axis=0), np.diff(p + change, axis=0)
-    before, after = np.linalg.norm(step, axis=1), np.linalg.norm(changed, axis=1)
-    one_path = path[1:] == path[:-1]
-    spacing = np.where(one_path, np.abs(after - before), np.nan)
-    h1, h2 = before[:-1], before[1:]
-    u, v = (d / np.maximum(size, np.finfo(float).tiny)[:, None] for d, size in ((step, before), (changed, after)))
-    goes_back = np.einsum("ij,ij->i", u[:-1], u[1:]) < _BACK
-    at = np.flatnonzero(one_path[:-1] & one_path[1:] & ~goes_back)
-    h1, h2 = h1[at], h2[at]
-    share = np.where(h1 + h2 > 0, h1 / np.maximum(h1 + h2, np.finfo(float).tiny), 0.5)[:, None]
-    between = change[at] + share * (change[at + 2] - change[at])
+    corner = _corners(p, path)
+    changed = np.diff(p + change, axis=0)
+    after, at = np.linalg.norm(changed, axis=1), corner.at - 1
+    spacing = np.where(path[1:] == path[:-1], np.abs(after - corner.before), np.nan)
+    u, v = (d / np.maximum(size, _TINY)[:, None] for d, size in ((np.diff(p, axis=0), corner.before), (changed, after)))
+    between = change[at] + corner.share[:, None] * (change[at + 2] - change[at])
     bend = np.linalg.norm(change[at + 1] - between, axis=1)
     turn = np.linalg.norm((v[1:] - v[:-1])[at] - (u[1:] - u[:-1])[at], axis=1)
     turn = np.rad2deg(2.0 * np.arcsin(np.minimum(turn / 2.0, 1.0)))
-    along = 2.0 * h1 * h2 / np.maximum(h1 + h2, np.finfo(float).tiny)
-    return at + 1, bend, turn, spacing, along
+    return corner.at, bend, turn, spacing, corner.along
+
+
+class _Corners(NamedTuple):
+    """Targets (k,) with a neighbour on both sides in their path, but for those where the path goes back.
+
+    `share` is the place of each between its neighbours, `along` the harmonic mean of the distances to them [mm];
+    `before` (m − 1,) are all distances [mm].
+    """
+
+    at: IntArray
+    share: FloatArray
+    along: FloatArray
+    before: FloatArray
+
+
+def _corners(p: FloatArray, path: IntArray) -> _Corners:
+    """Return the corners of consecutive targets (m, 3) [mm], whose paths have the numbers (m,)."""
+    step = np.diff(p, axis=0)
+    before = np.linalg.norm(step, axis=1)
+    one_path = path[1:] == path[:-1]
+    u = step / np.maximum(before, _TINY)[:, None]
+    goes_back = np.einsum("ij,ij->i", u[:-1], u[1:]) < _BACK
+    at = np.flatnonzero(one_path[:-1] & one_path[1:] & ~goes_back)
+    h1, h2 = before[at], before[at + 1]
+    both = np.maximum(h1 + h2, _TINY)
+    return _Corners(at + 1, np.where(h1 + h2 > 0, h1 / both, 0.5), 2.0 * h1 * h2 / both, before)

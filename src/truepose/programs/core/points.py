@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from truepose.programs.core.joint_targets import JointNumbers
 from truepose.programs.core.order import Sweep, Visit, in_order
 from truepose.programs.core.program import Key, KnownFrames, ReadOptions, frame_key
 from truepose.programs.core.source import Source, Span, parse_number
-from truepose.programs.core.target import Shifts, Target, Verdict
+from truepose.programs.core.target import Along, Shifts, Target, Verdict
 
 AS_MEASURED: Final = "as measured"
 """Tool of targets in languages that name none: the point that the map was measured with."""
@@ -132,16 +132,17 @@ class Derived(NamedTuple):
         How the program does it, such as ``Offs(p1,0,0,50)``.
     shifts : tuple of (x, y, z) [mm]
         The shifts.
-    axes : {"frame", "tool"}
-        The axes of the shifts: those of the point's frame, or those of the tool at the point.
+    axes : {"frame", "tool", "both"}
+        The axes of the shifts: those of the point's frame, those of the tool at the point, or the former for the first
+        three numbers of each shift and the latter for the last three.
     uses : tuple of Use
         The motions to these positions, which count for the tool and the frame of the point.
     """
 
     place: Place
     how: str
-    shifts: tuple[tuple[float, float, float], ...]
-    axes: Literal["frame", "tool"] = "frame"
+    shifts: tuple[tuple[float, ...], ...]
+    axes: Along = "frame"
     uses: tuple[Use, ...] = ()
 
     def of_target(self) -> Shifts:

@@ -23,6 +23,9 @@ JOINT_MOTION: Final = re.compile(
 """Words of joint motions, whose path is no line in space, and of data whose motions are not known."""
 
 
+Along = Literal["frame", "tool", "both"]
+
+
 class Shifts(NamedTuple):
     """Positions that a program derives from a target by constant shifts, and moves to.
 
@@ -32,16 +35,26 @@ class Shifts(NamedTuple):
         How and where the program does it.
     shifts : tuple of (x, y, z) [mm]
         The shifts.
-    axes : {"frame", "tool"}
-        The axes of the shifts: those of the target's frame, or those of the tool at the target.
+    axes : {"frame", "tool", "both"}
+        The axes of the shifts: those of the target's frame, those of the tool at the target, or the former for the
+        first three numbers of each shift and the latter for the last three.
     motions : tuple of str
         The motion word of every use of these positions.
     """
 
     how: str
-    shifts: tuple[tuple[float, float, float], ...]
-    axes: Literal["frame", "tool"] = "frame"
+    shifts: tuple[tuple[float, ...], ...]
+    axes: Along = "frame"
     motions: tuple[str, ...] = ()
+
+    def vectors(self, rotation: Rotation) -> tuple[FloatArray, FloatArray]:
+        """Return the shifts in the target's frame, (n, 3) [mm], and what of them turns with the target.
+
+        `rotation` is the orientation of the target in its frame.
+        """
+        shifts = np.array(self.shifts, float)
+        along_tool = np.zeros((len(shifts), 3)) if self.axes == "frame" else rotation.apply(shifts[:, -3:])
+        return along_tool + (0.0 if self.axes == "tool" else shifts[:, :3]), along_tool
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

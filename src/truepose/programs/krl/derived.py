@@ -23,7 +23,7 @@ from truepose.programs.core.arithmetic import (
     Shifted,
     Variable,
 )
-from truepose.programs.core.derived import Derivations, Goal
+from truepose.programs.core.derived import Derivations, Goal, words
 from truepose.programs.core.derived import Derived as Found
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.graph import Counter
@@ -209,7 +209,7 @@ class KrlDerivations:
         derived = []
         for (source, axes), shifts in goal.shifts.items():
             if source in points:
-                how = _words(point.name, self.shown(source), shifts, axes)
+                how = words(point.name, self.shown(source), shifts, axes)
                 derived.append((points[source], Derived(point.uses[0].line, how, tuple(shifts), axes)))
         derive(point, derived)
         if not goal.complete or len(derived) < len(goal.shifts):
@@ -335,11 +335,3 @@ def numbers_of(code: bytes) -> float | None:
         return parse_number(code.strip())
     except ValueError:
         return None
-
-
-def _words(name: str, source: str, shifts: Sequence[tuple[float, float, float]], axes: str) -> str:
-    """Return a derivation in words."""
-    x, y, z = max(shifts, key=lambda shift: sum(part * part for part in shift))
-    along = " along the axes of the tool" if axes == "tool" else ""
-    largest = "" if len(shifts) == 1 else f", the largest of {len(shifts)} shifts"
-    return f"{name} = {source} + ({x:g}, {y:g}, {z:g}) mm{along}{largest}"

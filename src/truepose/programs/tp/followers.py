@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from truepose.programs.core.arithmetic import Axes, Element, Vector
+from truepose.programs.core.arithmetic import Element
 from truepose.programs.core.derived import Derived as Found
 from truepose.programs.core.flow import State
 from truepose.programs.core.points import Derived, Frame, Place, Point, Problem, Use, derive
+from truepose.programs.core.target import Along
 from truepose.programs.tp.frames import in_force
 from truepose.programs.tp.positions import Positions
 
@@ -86,7 +87,7 @@ class Followers:
             if isinstance(name, Element) and name.array == "P" and not self._is_own(name, place):
                 self._source(name).reads.append((place, how))
 
-    def _follow(self, one: Follower, sources: list[tuple[Point, Axes, list[Vector]]]) -> None:
+    def _follow(self, one: Follower, sources: list[tuple[Point, Along, list[tuple[float, ...]]]]) -> None:
         self.resolved.add(id(one.target))
         if (one.own is not None or one.indirect) and not self._allowed:
             return  # the motion stays one to the positions themselves

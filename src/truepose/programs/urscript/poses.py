@@ -62,13 +62,20 @@ class Inverse(NamedTuple):
     text: str
 
 
+class Offset(NamedTuple):
+    """A shift (x, y, z) [mm] that statements add to the coordinates of a pose."""
+
+    shift: tuple[float, float, float]
+    text: str = "shift"
+
+
 class Unknown(NamedTuple):
     """Any other expression."""
 
     text: str
 
 
-Pose = Literal | Name | Item | Join | Inverse | Unknown
+Pose = Literal | Name | Item | Join | Inverse | Offset | Unknown
 
 
 def read_literal(source: Source, name: str, start: int, end: int, line: int) -> Point | None:

@@ -22,12 +22,14 @@ from truepose.programs.core.forms import FoundRun, is_run
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
+    Derived,
     Frame,
     NotCorrected,
     Point,
     Problem,
     Use,
     computed,
+    derive,
     handed_to,
     not_understood,
     unknown_motion,
@@ -35,6 +37,7 @@ from truepose.programs.core.points import (
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions, frame_key
 from truepose.programs.core.reader import Reader
 from truepose.programs.core.source import Source, Span, shown
+from truepose.programs.urscript.declarations import Declarations
 from truepose.programs.urscript.poses import (
     Inverse,
     Join,
@@ -43,9 +46,6 @@ from truepose.programs.urscript.poses import (
     Unknown,
     has_literal,
     keys,
-    parse,
-    read_literal,
-    text_of,
     transform,
 )
 from truepose.programs.urscript.routines import Routines
@@ -58,7 +58,6 @@ from truepose.programs.urscript.syntax import (
     KEYWORD,
     MOTION,
     NAME,
-    POSE,
     STRANGE,
     TAKES_POSES,
     TCP,
@@ -67,7 +66,7 @@ from truepose.programs.urscript.syntax import (
     arguments,
     statements,
 )
-from truepose.programs.urscript.variables import DEEPEST, READ, Variable, Variables, is_followed
+from truepose.programs.urscript.variables import DEEPEST, READ, Variable, Variables, Way, is_followed
 
 _VALUES: Final = slice(0, 6)
 _BASE: Final = Frame("base", 0)
@@ -96,14 +95,6 @@ class _Passed(NamedTuple):
     name: str
 
 
-class _Alias(NamedTuple):
-    """A variable that is assigned an expression."""
-
-    key: str
-    pose: Pose
-    line: int
-
-
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     """Read a .script file; a FileError names the line if it is broken."""
     return _Reader(Source.read(path), frames, options).read()
@@ -117,17 +108,15 @@ class _Reader(Reader):
         self._goals: list[_Goal] = []
         self._arcs: list[list[Point | _Goal]] = []
         self._passed: list[_Passed] = []
-        self._aliases: dict[int, _Alias] = {}
         self._tcps: list[Pose] = []
         self._routines = Routines(source)
-        self._assigned: list[tuple[str, int, str]] = []
         self._variables = Variables(self._routines.own, self._stored_base)
+        self._declared = Declarations(source, self._routines, self._variables)
 
     def read(self) -> Program:
         routines = self._routines.bodies
         if not any(MOTION.search(s.code) for body in routines.values() for s in body) and not any(routines):
             raise FileError(self.source.path, "has neither a def nor a motion: it is no URScript")
-        self._declare()
         called = self._routines.called()
         for name, body in routines.items():
             self._routines.current = name
@@ -138,66 +127,6 @@ class _Reader(Reader):
         arcs = [[[one] if isinstance(one, Point) else one.points for one in arc] for arc in self._arcs]
         self.circles = [[point for points in arc for point in points] for arc in arcs]
         return self.program("ur", unit=1000.0, tool=Frame(AS_MEASURED), frame=_BASE, runs=self._runs)
-
-    def _declare(self) -> None:
-        """Note the variables that hold poses; one may be used above its assignment in the text."""
-        routines, table = self._routines, self._variables.table
-        self._assigned += routines.declare_locals()
-        table |= {key: Variable(parameter=True) for key in routines.passed()}
-        for name, body in routines.bodies.items():
-            routines.current = name
-            for statement in body:
-                self._assign(statement)
-        routines.own |= {key for key, _, _ in self._assigned}
-        for key, line, how in self._assigned:
-            if key in table:
-                table[key].writes.append((line, how))
-
-    def _assign(self, statement: Statement) -> None:
-        m = ASSIGN.match(statement.code)
-        if m is None:
-            return
-        code, table, line = statement.code, self._variables.table, statement.line
-        name, start, end = m[2].decode(), m.end(), len(statement.code.rstrip())
-        key = self._routines.key(name)
-        if m[3]:
-            self._assigned.append((key, line, "component set"))
-        elif points := self._literals(name, statement, start, end):
-            variable = table.setdefault(key, Variable())
-            variable.listed = code[start : start + 1] == b"["
-            variable.points += points
-            if variable.parameter or (variable.listed and len(variable.points) > len(points)):
-                self._assigned.append((key, line, "assigned"))
-        else:
-            pose = self._pose(name, statement, start, end)
-            if isinstance(pose, Unknown) or (variable := table.setdefault(key, Variable())).parameter:
-                self._assigned.append((key, line, "assigned"))
-            else:
-                variable.given.append(pose)
-                self._aliases[statement.start] = _Alias(key, pose, line)
-
-    def _literals(self, name: str, statement: Statement, start: int, end: int) -> list[Point]:
-        """Return the pose that fills a span of a statement, or the poses of a list; nothing if it is anything else."""
-        code, line = statement.code, statement.line
-        if code[start : start + 1] != b"[" or code[end - 1 : end] != b"]":
-            point = read_literal(self.source, name, statement.start + start, statement.start + end, line)
-            return [] if point is None else [point]
-        spans = arguments(code[: end - 1] + b")", start + 1)
-        if not all(POSE.match(code, a, b) for a, b in spans):
-            return []
-        found = [
-            read_literal(self.source, f"{name}[{k}]", statement.start + a, statement.start + b, line)
-            for k, (a, b) in enumerate(spans)
-        ]
-        return [point for point in found if point is not None] if None not in found else []
-
-    def _pose(self, name: str, statement: Statement, start: int, end: int) -> Pose:
-        """Return the expression in a span of a statement; `name` is for the pose that is written in it."""
-
-        def literal(a: int, b: int) -> Point | None:
-            return read_literal(self.source, name, statement.start + a, statement.start + b, statement.line)
-
-        return parse(statement.code, start, end, literal, self._routines.key)
 
     def _stored_base(self, name: str) -> FloatArray | None:
         """Return a base that the controller stores; programs see it under its name."""
@@ -224,6 +153,8 @@ class _Reader(Reader):
         return self.flow.node, len(self.points), len(self._goals), len(self._arcs), len(self._passed), len(self._inline)
 
     def _statement(self, statement: Statement) -> None:
+        if statement.start in self._declared.adjusted:
+            return
         code, line, routines = statement.code, statement.line, self._routines.bodies
         block = m[1] if (m := BLOCK.match(code)) else b""
         word = m[1] if (m := WORD.match(code)) else b""
@@ -234,7 +165,7 @@ class _Reader(Reader):
         assigned = ASSIGN.match(code)
         masked = bytearray(code)
         if assigned is not None and self._routines.key(assigned[2].decode()) in table:
-            end = len(code) if statement.start in self._aliases else assigned.end()
+            end = len(code) if statement.start in self._declared.aliases else assigned.end()
             masked[:end] = b" " * end
         if TCP.search(code):
             self._tcp(statement, masked)
@@ -292,7 +223,7 @@ class _Reader(Reader):
                 a = start if keyword is None else keyword.end()
                 which = parameters[k] if keyword is None and k < len(parameters) else keyword and keyword[1].decode()
                 name = f"{function}:{line} argument {k + 1}"
-                pose = self._pose(name, statement, a, b)
+                pose = self._declared.pose(name, statement, a, b)
                 key = f"{function}.{which}"
                 if key in self._variables.table:
                     use = self.use(function, line)
@@ -307,7 +238,7 @@ class _Reader(Reader):
         assert m is not None
         spans = arguments(statement.code, m.end())
         text = shown(statement.code[slice(*spans[0])] if spans else b"")
-        pose = self._pose("set_tcp", statement, *spans[0]) if spans else Unknown("")
+        pose = self._declared.pose("set_tcp", statement, *spans[0]) if spans else Unknown("")
         if isinstance(pose, Literal) and pose.point.values:
             text = statement.code[slice(*spans[0])].decode("latin-1")
             value = InForce("literal", f"set_tcp({text})", None, pose.point.values)
@@ -339,7 +270,7 @@ class _Reader(Reader):
 
     def _goal(self, name: str, word: str, statement: Statement, a: int, b: int, masked: bytearray) -> Point | _Goal:
         line, text = statement.line, statement.code[a:b]
-        pose = self._pose(name, statement, a, b)
+        pose = self._declared.pose(name, statement, a, b)
         use = self.use(word, line, None, _BASE)
         if isinstance(pose, Literal):
             self._inline.append((pose.point, use, self.flow.node))
@@ -361,7 +292,7 @@ class _Reader(Reader):
         for pose in self._tcps:
             if any(self._variables.is_goal(key) for key in keys(pose)):
                 self._read(pose, 1, "used as a TCP")
-        for alias in self._aliases.values():
+        for alias in self._declared.aliases.values():
             if not self._variables.is_goal(alias.key) or self._variables.table[alias.key].meaning is None:
                 self._read(alias.pose, alias.line, READ)
         for variable in list(self._variables.table.values()):
@@ -405,8 +336,6 @@ class _Reader(Reader):
         line = goal.line
         try:
             ways = self._variables.ways(goal.pose)
-            if any(way.shift is not None for way in ways):
-                raise NotCorrected(*computed(text_of(goal.pose)))
         except NotCorrected as stop:
             goal.points = [Point(goal.name, self.source, line, problem=stop.problem, uses=[goal.use])]
             self.points += goal.points
@@ -417,9 +346,22 @@ class _Reader(Reader):
             place = way.caller or use
             frame = way.frame or use.frame
             order = k if len(ways) > 1 else use.order
-            way.point.uses.append(use._replace(line=place.line, section=place.section, frame=frame, order=order))
-        goal.points = [way.point for way in ways]
-        return goal.points
+            here = use._replace(line=place.line, section=place.section, frame=frame, order=order)
+            if way.shift is None:
+                way.point.uses.append(here)
+                goal.points.append(way.point)
+            else:
+                goal.points.append(self._derive(goal, way, here))
+        return [way.point for way in ways]
+
+    def _derive(self, goal: _Goal, way: Way, use: Use) -> Point:
+        """Return the target of a motion to a position that is derived from a point."""
+        assert way.shift is not None  # it is derived
+        name = goal.name if way.caller is None else f"{goal.name}, {way.caller.word}:{way.caller.line}"
+        target = Point(name, self.source, goal.line, problem=computed(way.how), uses=[use])
+        derive(target, [(way.point, Derived(goal.line, way.how, (tuple(way.shift.tolist()),), way.axes))])
+        self.points.append(target)
+        return target
 
     def _finish(self, variable: Variable, moved: dict[int, Point]) -> None:
         """Give the points of a variable what the program does with it other than by motions."""

@@ -9,7 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from truepose._typing import FloatArray
-from truepose.geometry import invert_transform
+from truepose.geometry import invert_transform, make_transform
+from truepose.programs.core.arithmetic import Axes
 from truepose.programs.core.points import Frame, NotCorrected, Point, Problem, Use, computed
 from truepose.programs.urscript.poses import (
     Inverse,
@@ -17,6 +18,7 @@ from truepose.programs.urscript.poses import (
     Join,
     Literal,
     Name,
+    Offset,
     Pose,
     Unknown,
     added,
@@ -78,7 +80,11 @@ class Way(NamedTuple):
     frame : Frame, optional
         That frame as the program names it.
     shift : (3,) array [mm], optional
-        The constant shift from the point to the position of the motion, along the axes of the frame.
+        The constant shift from the point to the position of the motion.
+    axes : {"frame", "tool"}
+        The axes of the shift: those of the frame, or those of the tool at the point.
+    how : str
+        The expression of the shift.
     caller : Use, optional
         The call that passes the point to a function.
     """
@@ -87,6 +93,8 @@ class Way(NamedTuple):
     tf: FloatArray | None = None
     frame: Frame | None = None
     shift: FloatArray | None = None
+    axes: Axes = "frame"
+    how: str = ""
     caller: Use | None = None
 
 
@@ -150,6 +158,8 @@ class Variables:
                 return transform(pose.point.values) if pose.point.values else None
             case Name() | Item():
                 return self._constant_variable(pose, depth)
+            case Offset():
+                return make_transform(translation=pose.shift)
             case Inverse():
                 of = self.constant(pose.of, depth + 1)
                 return None if of is None else invert_transform(of)
@@ -239,14 +249,14 @@ class Variables:
         if by is None or not is_shift(by):
             raise NotCorrected(*computed(pose.text))
         found = []
+        axes: Axes = "frame" if pose.adds else "tool"
         for way in self.ways(pose.first, depth + 1):
-            if pose.adds:  # along the axes of the base
-                shift = by[:3, 3] if way.tf is None else way.tf[:3, :3].T @ by[:3, 3]
-            elif way.point.values:
-                shift = transform(way.point.values)[:3, :3] @ by[:3, 3]
-            else:
+            if way.shift is not None and way.axes != axes:
                 raise NotCorrected(*computed(pose.text))
-            found.append(way._replace(shift=shift if way.shift is None else way.shift + shift))
+            # pose_add counts along the axes of the base
+            shift = by[:3, 3] if way.tf is None or axes == "tool" else way.tf[:3, :3].T @ by[:3, 3]
+            shift = shift if way.shift is None else way.shift + shift
+            found.append(way._replace(shift=shift, axes=axes, how=pose.text))
         return found
 
     def _ways_of(self, pose: Name | Item, depth: int) -> list[Way]:
