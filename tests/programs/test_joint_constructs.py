@@ -51,7 +51,7 @@ def krl(folder: Path, src: str, dat: str = "", **options: Any) -> dict[str, Targ
         ("LIN XA", f"DECL E6AXIS XA={{{AXES}}}", "skip", "joint target"),
         ("$IPO_MODE=#TCP\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "external TCP"),
         ("$TOOL=f()\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "$TOOL is known at run time only"),
-        ("$TOOL=TOOL_DATA[5]\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "tool 5 is not known"),
+        ("$TOOL=TOOL_DATA[5]\nPTP XA", f"DECL E6AXIS XA={{{AXES}}}", "refuse", "TOOL_DATA[5] is not known"),
     ],
 )  # fmt: skip
 def test_krl(tmp_path: Path, src: str, dat: str, verdict: str, reason: str) -> None:
