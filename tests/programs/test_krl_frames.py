@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from truepose.errors import FileError
-from truepose.programs import FrameTable, Program, Target
+from truepose.programs import FrameTable, FrameTolerance, Program, Target
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 0.0,C -180.0}"
 Read = Callable[..., Program]
@@ -223,3 +224,33 @@ def test_an_fdat_that_the_program_sets_counts_for_nothing(read: Any) -> None:
     for setting in ("FP1.BASE_NO=N", "FP1=FOTHER", "fp1 . TOOL_NO = 2"):
         (target,) = read(f"{setting}\n{moves}", dat).targets
         assert "FP1 is set at run time" in target.reason
+
+
+@pytest.mark.parametrize(
+    ("body", "dat", "known"),
+    [
+        ("$BASE=FB", f"DECL FRAME FB={FRAME}", True),
+        ("$BASE=FB[2]", f"DECL FRAME FB[2]\nFB[2]={FRAME}", True),
+        ("FB=measured( )\n$BASE=FB", f"DECL FRAME FB={FRAME}", True),
+        ("FB.Z=FB.Z+500\n$BASE=FB", f"DECL FRAME FB={FRAME}", False),
+        (f"FB={FRAME.replace('10.0', '900.0')}\n$BASE=FB", f"DECL FRAME FB={FRAME}", False),
+        ("DECL FRAME FB\nFB=measured( )\n$BASE=FB", f"DECL FRAME FB={FRAME}", False),
+        ("$BASE=FB", "DECL FRAME FB={X 10.0}", False),
+        ("$BASE=FB", f"ENDDAT\nDEFDAT CELL PUBLIC\nDECL FRAME FB={FRAME}", False),
+    ],
+)
+def test_a_frame_that_may_change_is_taken_within_a_tolerance(read: Any, body: str, dat: str, known: bool) -> None:
+    src = f"BAS(#TOOL,1)\n{body}\nBAS(#TOOL,1)\nLIN {{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}}"
+    (target,) = read(src, dat, calls_keep_frames=True).targets
+    assert ("; --frame-tolerance corrects with the stored frame" in target.reason) == known
+    assert "is known at run time only: $BASE=FB" in target.reason
+    (target,) = read(src, dat, calls_keep_frames=True, frame_tolerance=FrameTolerance(5.0)).targets
+    assert (target.verdict == "correct", "may change" in target.frame_changed) == (known, known)
+
+
+def test_a_literal_base_is_refused_where_the_world_moves_with_the_robot(read: Any, frames: FrameTable) -> None:
+    table = replace(frames, problems={("base", 0): "cannot be used: an axis carries the robot"})
+    for base in (f"$BASE={FRAME}", "$BASE=$NULLFRAME", "$BASE=$WORLD"):
+        (target,) = read(f"BAS(#TOOL,1)\n{base}\nLIN {POSE}", table=table).targets
+        assert target.verdict == "refuse"
+        assert "cannot be used: an axis carries the robot" in target.reason

@@ -432,7 +432,11 @@ class Judge:
             return table[key]
         if frame.tf is not None:
             tf = _array(frame.tf)
-            return self._frames.bases[0] @ tf if which == "base" else tf  # the program gives it in the world
+            if which == "tool":
+                return tf
+            if why := self._frames.problems.get(("base", 0)):  # the program gives it in the world
+                raise NotCorrected("refuse", f"base {frame.text} {why}")
+            return self._frames.bases[0] @ tf
         raise NotCorrected("refuse", f"{which} {frame.text} is not known; {self._remedy(which, frame)}")
 
     def _remedy(self, which: str, frame: Frame) -> str:

@@ -24,8 +24,9 @@ _FRAME: Final = re.compile(
 _BEHIND: Final = rb"FRAME[ \t]++([A-Za-z]\w*+)[ \t]*+(?:\[[^\]\r\n]*+\])?+[ \t]*+(?:=|;|\r?$)"
 _OF_LIST: Final = re.compile(rb"^[ \t]*+" + _CONST + _BEHIND, re.I | re.M)
 _LOCAL: Final = re.compile(rb"^[ \t]*+(?:DECL[ \t]++)?+" + _BEHIND, re.I | re.M)
-"""The names of constant frames of a data list, and of frames that a .src declares."""
+"""The names of constant frames of a data list, and of other frames."""
 _REST: Final = re.compile(rb"[^\r\n]++")
+_COMPONENT: Final = re.compile(rb"^[ \t]*+" + _ITEM + rb"\.[ \t]*+\w++[ \t]*+=(?!=)", re.M)
 _ASSIGNED: Final = re.compile(rb"[ \t]*+=[ \t]*+\{")
 _DECLARES_FRAME: Final = re.compile(rb"[ \t]*+(?:DECL[ \t]++)?+FRAME[ \t]++", re.I)
 _HARMLESS: Final = re.compile(
@@ -46,10 +47,14 @@ class Constants:
         The whole numbers.
     frames : dict of str to tuple of 6 float
         The frames, X, Y, Z [mm], A, B, C [deg].
+    stored : dict of str to tuple of 6 float
+        The values that the data list has of frames that are no constants; those that the .src sets to another value of
+        its own are left out.
     """
 
     integers: dict[str, int] = field(default_factory=dict)
     frames: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    stored: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     def integer(self, code: bytes) -> int | None:
         """Return the value of a number or of the name of a constant; None if it is neither."""
@@ -92,9 +97,23 @@ def find_constants(dat: Source | None, src: Source) -> Constants:
     _, local = lists[-1]
     names = {key.partition("[")[0].encode() for key in (*found.integers, *found.frames)}
     changed = _changed(names, local, src) if names else set()
+    if dat is not None:
+        found.stored.update(_stored(dat, src))
     for table in (found.integers, found.frames):
         for key in [key for key in table if key in spoilt or key.partition("[")[0].encode() in changed]:
             del table[key]
+    return found
+
+
+def _stored(dat: Source, src: Source) -> dict[str, tuple[float, ...]]:
+    """Return the values of frames of a data list that the .src neither hides nor sets to a value of its own."""
+    names = {m[1].upper() for m in _LOCAL.finditer(dat.data)}
+    for pattern in (_FRAME, _LOCAL, _COMPONENT) if names else ():
+        names -= {m[1].upper() for m in pattern.finditer(src.data)}
+    found: dict[str, tuple[float, ...]] = {}
+    for m in _FRAME.finditer(dat.data):
+        if m[1].upper() in names and (pose := _pose(dat, m.end())) is not None:
+            found[key_of(m[1] + (m[2] or b""))] = pose
     return found
 
 

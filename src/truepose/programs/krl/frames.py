@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
 from truepose.programs.core.source import Source, shown, strip
-from truepose.programs.krl.constants import NO_CONSTANTS, Constants
+from truepose.programs.krl.constants import NO_CONSTANTS, Constants, key_of
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
 
@@ -40,6 +40,8 @@ def frame_value(
         return unknown if number is None else _numbered(which, number)
     if (pose := constants.frame(code)) is not None:
         return InForce("literal", shown(source.data, start, end), None, pose)
+    if which == "base" and (pose := constants.stored.get(key_of(code))) is not None:
+        return InForce("unknown", f"$BASE={shown(source.data, start, end)}", None, pose)
     if code.upper() == b"$NULLFRAME" or (which == "base" and code.upper() == b"$WORLD"):
         return _numbered(which, 0)
     if m := _WITH_FUNCTION.fullmatch(code):

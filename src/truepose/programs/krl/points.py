@@ -273,12 +273,16 @@ class KrlJudge(Judge):
             value = InForce("number", f"{data}[{default}]", default)
         if value.kind not in ("number", "literal"):
             reason = f"{system} is known at run time only: {value.text}; set it to a constant before this motion"
-            raise NotCorrected("refuse", reason)
+            if value.pose is None:
+                raise NotCorrected("refuse", reason)
+            if self._options.frame_tolerance is None:
+                raise NotCorrected("refuse", f"{reason}; --frame-tolerance corrects with the stored frame")
         if value.pose is not None:
-            return Frame(value.text, None, make_transform(euler("kuka", value.pose[3:]), value.pose[:3]).tobytes())
-        number = value.number
-        changed = self._numbers_changed
-        if number and (place := changed.get((which, number)) or changed.get((which, None))):
+            tf = make_transform(euler("kuka", value.pose[3:]), value.pose[:3])
+            changed = "" if value.kind == "literal" else f"{value.text}, a variable that may change"
+            return Frame(value.text, None, tf.tobytes(), changed)
+        number, places = value.number, self._numbers_changed
+        if number and (place := places.get((which, number)) or places.get((which, None))):
             how = f"{value.text} is changed by the program ({at(place)})"
             if which == "tool":
                 raise NotCorrected("refuse", how)
