@@ -62,7 +62,8 @@ def read(
         raise source.error(root.line, f"begins with <{root.tag}>, expected <URProgram>")
     name = root.get("installation")
     known = _beside(path, name) if installations is None else installations.get(name.lower())
-    return _Reader(source, frames, options, root, known).read()
+    missing = f"{name}.installation" if installations is not None and known is None and name else ""
+    return _Reader(source, frames, options, root, known, missing).read()
 
 
 def _beside(path: Path, name: str) -> Installation | None:
@@ -81,9 +82,10 @@ class _Reader(Reader):
         options: ReadOptions,
         root: Element,
         installation: Installation | None,
+        missing: str,
     ) -> None:
         super().__init__(source, frames, options)
-        self._root, self._installation = root, installation
+        self._root, self._installation, self._missing = root, installation, missing
         found = [(_code_of(element).encode(), element.line) for element in root.walk()]
         self._code = [_Text(code, line) for code, line in found if code]
         self._named = {m[0].decode(): text.line for text in self._code for m in _NAME.finditer(text.code)}
@@ -198,9 +200,10 @@ class _Reader(Reader):
         if name == _BASE:
             now: FloatArray | None = np.eye(4)
         else:
-            now = self.frames.bases.get(frame_key(name))
             placed = None if self._installation is None else self._installation.features.get(name)
-            now = placed.tf if now is None and placed is not None else now
+            now = self.frames.bases.get(frame_key(name)) if placed is None else placed.tf
+        if self._missing and name != _BASE:
+            return Problem("refuse", f"feature {name} is not known: {self._missing} is not in the backup; add it")
         if now is None:
             remedy = f"give it in [frames.bases.{name}] of the cell file, or the .installation that states its pose"
             return Problem("refuse", f"base {name} is not known; {remedy}")

@@ -7,6 +7,7 @@ program sets none, it is the one that the user names, or that of the measurement
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -95,8 +96,13 @@ class _Passed(NamedTuple):
     name: str
 
 
-def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
-    """Read a .script file; a FileError names the line if it is broken."""
+def read(
+    path: Path, frames: KnownFrames, options: ReadOptions, *, installations: Mapping[str, object] | None = None
+) -> Program:
+    """Read a .script file; a FileError names the line if it is broken.
+
+    `installations` are for .urp programs; scripts see their features by name, and those are in `frames`.
+    """
     return _Reader(Source.read(path), frames, options).read()
 
 
