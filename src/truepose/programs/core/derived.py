@@ -145,7 +145,7 @@ class Derivations:
         self._note(Escape(tuple(names), place, how))
 
     def distrust(self, name: Name) -> None:
-        """Note that a variable, or any element of an array, may change at any time: it is never known."""
+        """Note that a variable, or any element of an array, may change or be used at any time: it is never known."""
         self._distrusted.add(name)
 
     def is_distrusted(self, name: Name) -> bool:
@@ -434,6 +434,7 @@ class _Walk:
                 value = UNKNOWN
             if self._all.is_distrusted(event.name):
                 value = Depends(sources_of(value))
+                self._spoil(value.sources, event.place, "copied into a variable that is not followed")
             values[event.name] = value
             return
         goals = self._goals.setdefault(event.motion, {})

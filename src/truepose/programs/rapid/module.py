@@ -9,6 +9,7 @@ from typing import Final
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
+from truepose.programs.core.arithmetic import Number
 from truepose.programs.core.flow import UNSET, BlockError, InForce
 from truepose.programs.core.forms import Lines, is_run
 from truepose.programs.core.points import Point, Problem, at
@@ -16,6 +17,7 @@ from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import NamedTargets, at_line, blank_in_name, prefix_of
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
+from truepose.programs.rapid.derived import NumberVariable, number_values
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import (
     Datum,
@@ -28,6 +30,7 @@ from truepose.programs.rapid.names import (
     late_bound,
 )
 from truepose.programs.rapid.runs import NUMBERS, RapidRuns
+from truepose.programs.rapid.shifted import assign, counter_of
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -243,7 +246,7 @@ class RapidModule:
             flow.end("ENDIF", "IF")
         elif word in ("IF", "TEST", "FOR", "WHILE"):
             self._names.read_by(rest, line)
-            flow.begin("SWITCH" if word == "TEST" else word, line)
+            self._begin_block(word, rest, line)
         elif word in ("ELSEIF", "ELSE"):
             self._names.read_by(rest, line)
             flow.branch("ELSE", last=word == "ELSE")
@@ -252,7 +255,9 @@ class RapidModule:
         elif word in ("ENDIF", "ENDTEST"):
             flow.end(word, "IF" if word == "ENDIF" else "SWITCH")
         elif word in LOOPS:
-            flow.end(word, LOOPS[word])
+            if word == "ENDFOR" and self._names.counters:
+                self._names.counters.pop()
+            self._task.derivations.derivations.end_loop(word, LOOPS[word], self._names.place(line))
         elif word in HANDLERS and (len(statement) == 1 or statement[1].text == "(") and self._routine():
             flow.part()
         elif statement[0].kind == "word" and word in ("RETURN", "EXIT", "EXITCYCLE", "RAISE", "TRYNEXT", "RETRY"):
@@ -265,6 +270,16 @@ class RapidModule:
         else:
             return False
         return True
+
+    def _begin_block(self, word: str, items: list[Token], line: int) -> None:
+        """Open IF, TEST or a loop."""
+        counter = None
+        if word == "FOR" and items:
+            found = counter_of(items, self._names)
+            number, counter = found or (NumberVariable(self._names.cased(items[0]), "VAR", {}, handed=True), None)
+            self._names.counters.append(number)
+        kind = "SWITCH" if word == "TEST" else word
+        self._task.derivations.derivations.begin_loop(counter, kind, line, self._names.place(line))
 
     def _leave(self, word: str) -> None:
         if word == "RETURN":
@@ -314,6 +329,7 @@ class RapidModule:
         how = f"passed to {self._names.shown([statement[0]])}"
         named = any(len(t) == 1 and self._names.find(t[0].text) is not None for t in positional)
         self._names.read_by(statement[1:], line, how if named else "read")
+        self._names.hand_numbers(statement[1:])
         if name in LOADS:
             self._load(statement, line)
         elif name in ("SETDATAVAL", "SETALLDATAVAL", "GETDATAVAL"):
@@ -372,11 +388,15 @@ class RapidModule:
 
     def _assign(self, statement: list[Token], position: int, line: int) -> None:
         left, right = statement[:position], statement[position + 1 :]
-        self._names.read_by(right, line)
+        followed = assign(left, right, _braces(left), self._names, line)
+        if not followed:
+            self._names.read_by(right, line)
         name = left[0].text
         if self._names.find(name) is not None:
             how = "component set" if any(t.text == "." for t in left) else "assigned"
-            self._names.write(name, line, how, syntax.constant_index(_braces(left)))
+            self._names.write(name, line, how, syntax.constant_index(_braces(left)), followed=True)
+        elif followed:
+            pass
         elif len(left) == 1 or any(t.text in _PARTS for t in left):
             self._names.change(name, line)
 
@@ -393,6 +413,14 @@ class RapidModule:
         position = syntax.position_of(":=", statement)
         parsed = syntax.value(statement[position + 1 :]) if position else []
         has_index = any(t.text == "{" for t in statement[: position or None])
+        if type_ == "NUM":
+            values = number_values(parsed, array=has_index) if kind != "PERS" else {}
+            number = scope.numbers[name] = NumberVariable(self._names.cased(statement[2]), kind, values)
+            if inner and kind == "VAR" and () in values:
+                value = Number(values[()])
+                self._task.derivations.derivations.assign(
+                    self._task.derivations.name(number), value, self._names.place(line)
+                )
         if inner and type_ not in _TARGET_TYPES:
             scope.others.add(name)
         elif type_ in _FRAME_TYPES and not has_index:

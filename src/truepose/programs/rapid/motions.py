@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from truepose.programs.core.arithmetic import Shifted
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, Use, computed, not_understood, unknown_motion
-from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.data import jointtarget, robtarget
-from truepose.programs.rapid.names import ModuleNames, RapidMotion, RobtargetVariable
+from truepose.programs.rapid.names import ModuleNames, RapidMotion
+from truepose.programs.rapid.shifted import goal_of
 from truepose.programs.rapid.syntax import Argument, Token, is_list
-from truepose.programs.rapid.words import ABSOLUTE, OFFSETS, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
+from truepose.programs.rapid.words import ABSOLUTE, SPEED, TOOL_AFTER, WITHOUT_TRIGGER, ZONE
 
 _CORRECTED_PATH = Problem("refuse", "\\Corr: a sensor shifts the path at run time")
 
@@ -144,15 +145,16 @@ class RapidMotionReader:
             self._task.points.append(point)
             return [point]
         if items and items[0].kind == "word" and (len(items) == 1 or (items[1].text == "{" and items[-1].text == "}")):
-            return self._named(items, name, line, use)
-        self._offset(items, use, line)
-        function = items[0].text if items and items[0].kind == "word" else ""
-        problem = computed(self._names.shown(items))
-        if function in OFFSETS and self._options.offsets:
-            problem = Problem("skip", f"offset from a point that is corrected: {self._names.shown(items)}")
-        return [self._add(Point(name, self._source, line, problem=problem), use)]
+            return self._named(items, name, line, use, circle=goals > 1)
+        point = Point(name, self._source, line, problem=computed(self._names.shown(items)))
+        goal = goal_of(items, self._names)
+        if isinstance(goal, Shifted):
+            self._task.derivations.move(point, goal, use, self._task.flow.node)
+        else:
+            self._names.read_by(items, line)
+        return [self._add(point, use)]
 
-    def _named(self, items: list[Token], name: str, line: int, use: Use) -> list[Point]:
+    def _named(self, items: list[Token], name: str, line: int, use: Use, *, circle: bool) -> list[Point]:
         variable = self._names.find(items[0].text)
         if variable is None:
             known = self._names.is_inner(items[0].text)
@@ -160,52 +162,25 @@ class RapidMotionReader:
             point = Point(self._names.cased(items[0]), self._source, line, problem=Problem("skip", reason))
             return [self._add(point, use)]
         index = syntax.constant_index(items[1:])
+        unknown = Problem("skip", "its value is known at run time only")
+        follower = Point(self._names.shown(items), self._source, line, problem=unknown)
+        goal = goal_of(items, self._names)
         if not variable.elements:
-            problem = Problem("skip", "its value is known at run time only")
-            return [self._add(Point(variable.name, self._source, line, problem=problem), use)]
+            if goal is not None:
+                self._task.derivations.move(follower, goal, use, self._task.flow.node)
+            return [self._add(follower, use)]
         found = [p for key, p in variable.elements.items() if index is None or key == index]
         if not found:
             point = Point(name, self._source, line, problem=Problem("refuse", f"{variable.name} has no such element"))
             return [self._add(point, use)]
         for point in found:
             self._move(point, use)
+        if variable.kind != "CONST":
+            if goal is None or circle:
+                self._task.derivations.escape(variable, self._names.place(line), "moved to in a way that is not known")
+            else:
+                self._task.derivations.move(follower, goal, use, self._task.flow.node, tuple(found))
         return found
-
-    def _offset(self, items: list[Token], use: Use, line: int) -> None:
-        """Note the points in an expression: moved to with an offset, or read."""
-        function = items[0].text if items and items[0].kind == "word" else ""
-        if function not in OFFSETS or len(items) < 4:
-            self._names.read_by(items, line)
-            return
-        pieces = syntax.split(items[2:-1])
-        first = pieces[0]
-        size, known = 0.0, True
-        for piece in pieces[1:4]:
-            text = "".join(t.text for t in piece)
-            try:
-                size += parse_number(text.encode("latin-1")) ** 2
-            except ValueError:
-                known = False
-        for piece in pieces[1:]:
-            self._names.read_by(piece, line)
-        if first and first[0].text in OFFSETS:
-            self._offset(first, use, line)
-            return
-        if not first or (variable := self._names.find(first[0].text)) is None:
-            self._names.read_by(first, line)
-            return
-        variable.offset_known = variable.offset_known and known
-        if size**0.5 >= variable.offset:
-            variable.offset, variable.offset_place = size**0.5, use.line
-        index = syntax.constant_index(first[1:])
-        for key, point in variable.elements.items():
-            if index is None or key == index:
-                self._move(point, use._replace(problem=use.problem or self._offset_problem(variable)))
-
-    def _offset_problem(self, variable: RobtargetVariable) -> Problem | None:
-        if self._options.offsets:
-            return None
-        return Problem("skip", "")  # the words follow when the largest offset is known
 
     def _use(self, word: str, token: Token, line: int) -> Use:
         return Use(word, self._names.place(line), section=self._task.flow.section, order=token.start)

@@ -17,6 +17,7 @@ from truepose.programs.core.program import Key, ReadOptions, frame_key
 from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import FoundGroup, NamedTargets, prefix_of
+from truepose.programs.rapid.derived import NumberVariable, RapidDerivations
 from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
 
 Reach = Literal["routine", "module", "task", "controller"]
@@ -48,9 +49,6 @@ class RobtargetVariable:
     kind: str
     reach: Reach = "task"
     elements: dict[tuple[int, ...], Point] = field(default_factory=dict)
-    offset: float = 0.0
-    offset_place: Place = 0
-    offset_known: bool = True
     joints: bool = False
 
 
@@ -107,7 +105,8 @@ class Read(NamedTuple):
 class Scope:
     """The names that are declared in one place: in the task, in a module with LOCAL, or in a routine.
 
-    `others` are names of a routine whose value only the run time knows: parameters, tools, workobjects.
+    `others` are names of a routine whose value only the run time knows: parameters, tools, workobjects. `numbers` are
+    the num among them that may shift points.
     """
 
     points: dict[str, RobtargetVariable] = field(default_factory=dict)
@@ -115,6 +114,7 @@ class Scope:
     frames: dict[str, Datum] = field(default_factory=dict)
     routines: dict[str, Routine] = field(default_factory=dict)
     others: set[str] = field(default_factory=set)
+    numbers: dict[str, NumberVariable] = field(default_factory=dict)
     _seen: tuple[int, set[str]] = (0, set())
 
     def point(self, name: str) -> RobtargetVariable | None:
@@ -197,6 +197,9 @@ class RapidTask:
 
     kinds: dict[tuple[Use, int], int] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self.derivations = RapidDerivations(self.flow)
+
     def of_name(self, name: str) -> Iterator[RobtargetVariable]:
         """Yield the robtargets of a name, whichever module or routine declares them; all where it is empty."""
         for points, _ in self.columns:
@@ -248,11 +251,14 @@ class ModuleNames:
         The names that the module declares with LOCAL.
     inner : Scope
         The names of the routine that is being read.
+    counters : list of NumberVariable
+        The counters of the open loops.
     """
 
     def __init__(self, source: Source, task: RapidTask) -> None:
         self.source, self.task = source, task
         self.own, self.inner = Scope(), Scope()
+        self.counters: list[NumberVariable] = []
 
     def place(self, line: int) -> Place:
         """Return a line, with the file's name if the task has several."""
@@ -266,6 +272,28 @@ class ModuleNames:
             if name in scope.others:
                 return None
         return None
+
+    def find_number(self, name: str) -> NumberVariable | None:
+        """Return the num of a name."""
+        counters = [counter for counter in self.counters if counter.name.upper() == name]
+        if counters:
+            return counters[-1]
+        for scope in (self.inner, self.own, self.task.scope):
+            if (number := scope.numbers.get(name)) is not None:
+                # other modules that are not at hand may change it
+                unseen = scope is self.task.scope and not self.task.whole and number.kind != "CONST"
+                return None if unseen else number
+            if name in scope.others:
+                return None
+        return None
+
+    def hand_numbers(self, items: list[Token]) -> None:
+        """Note that code may change the num that it names."""
+        for token in items:
+            number = self.find_number(token.text) if token.kind == "word" else None
+            if number is not None and number.kind != "CONST":
+                number.handed = True
+                self.task.derivations.escape_number(number)
 
     def find_frame(self, name: str) -> Datum | None:
         """Return the tool or workobject of a name, as a module declares it."""
@@ -288,6 +316,7 @@ class ModuleNames:
                 continue  # the size of an array, not its values
             if (variable := self.find(token.text)) is not None:
                 self.task.reads.append(Read(variable, self.place(line), how))
+                self.task.derivations.escape(variable, self.place(line), how)
             elif i + 1 < len(items) and items[i + 1].text == "(" and (called := self.find_routine(token.text)):
                 self.task.flow.call(called.key, "")
                 self.hand_over(called, syntax.arguments(_in_brackets(items[i + 1 :])), line)
@@ -308,13 +337,20 @@ class ModuleNames:
 
     def change(self, name: str, line: int) -> None:
         """Note that a tool or workobject of this name may change here."""
-        if not self.is_inner(name):
+        if (number := self.find_number(name)) is not None:
+            number.handed = True
+            self.task.derivations.escape_number(number)
+        elif not self.is_inner(name):
             for kind in ("tool", "base"):
                 self.task.changed.setdefault((kind, frame_key(name)), self.place(line))
 
-    def write(self, name: str, line: int, how: str, index: tuple[int, ...] | None = None) -> None:
-        """Note that the points of a name, or the elements of an index, are written here."""
+    def write(
+        self, name: str, line: int, how: str, index: tuple[int, ...] | None = None, *, followed: bool = False
+    ) -> None:
+        """Note that the points of a name, or the elements of an index, are written here; `followed`: with what."""
         variable = self.find(name)
+        if variable is not None and not followed:
+            self.task.derivations.escape(variable, self.place(line), how)
         for key, point in variable.elements.items() if variable is not None else ():
             if not index or key == index:
                 point.writes.append((self.place(line), how))

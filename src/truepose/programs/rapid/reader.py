@@ -19,7 +19,7 @@ from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.forms import Run
 from truepose.programs.core.order import Sweep
-from truepose.programs.core.points import Judge, Problem, Use, at
+from truepose.programs.core.points import Judge, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -222,16 +222,11 @@ def _leave(task: RapidTask, files: TaskFiles) -> None:
 
 def _attach(task: RapidTask) -> None:
     """Give each point its motions and reads, now that displacements and offsets are known."""
+    _follow(task)
     owner = {id(point): variable for variable in task.variables for point in variable.elements.values()}
     for point, use, node in task.moves:
         variable = owner.get(id(point))
         problem = _hindered(task, use, node, joints=point.joints is not None)
-        if problem == Problem("skip", "") and variable is not None:
-            size = f"{variable.offset:g} mm" if variable.offset_known else "known at run time only"
-            reason = f"moved to with an offset (largest {size}, {at(variable.offset_place)}); allow offsets"
-            problem = Problem("skip", f"{reason} to give both one correction")
-            # with an offset anywhere it is skipped everywhere
-            point.problem = point.problem or problem
         point.uses.append(use._replace(problem=problem or (_unseen(task, variable.reach) if variable else None)))
     # jointtargets that no motion goes to are no targets: other data have this form, too
     task.points[:] = [p for p in task.points if p.uses or not (id(p) in owner and owner[id(p)].joints)]
@@ -279,7 +274,29 @@ def _settle(task: RapidTask) -> None:
         task.groups += columns.settle(uses)
         for name, line, kind in columns.left():
             use, node = kinds[kind]
+            task.derivations.distrust(scope.points[name])
             task.moves.append(RapidMotion(scope.points[name].elements[()], at_line(use, line), node))
+
+
+def _follow(task: RapidTask) -> None:
+    """Let the targets that are derived from points follow these."""
+    known, allowed = task.derivations, task.options.derived or task.options.offsets
+    found = known.solve()
+    known.spoil(found)
+    if task.loads or task.sets_by_name:
+        known.spoil_assigned(task.loads or "data are set by name")
+    for variable, place in known.read_itself:
+        for point in variable.elements.values():
+            point.reads.append((place, "read by arithmetic"))
+    for k, (point, use, node, instead) in enumerate(known.followed):
+        if (goal := found.goals.get(k)) is None:
+            continue
+        point.uses = [use._replace(problem=_hindered(task, use, node))]
+        complete = known.derive(goal, point, allowed=allowed)
+        if instead and complete and allowed:
+            gone = {id(one) for one in instead}
+            task.moves[:] = [move for move in task.moves if id(move.point) not in gone or move.use != use]
+            task.points.append(point)
 
 
 def _shifts(state: State) -> Iterator[str]:

@@ -1,0 +1,207 @@
+"""What RAPID statements do to robtargets: assignments, Offs and RelTool, and motions to what they give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from truepose.programs.core.arithmetic import (
+    Element,
+    Expression,
+    Name,
+    names_in,
+)
+from truepose.programs.core.derived import NOT_CONSTANT, Derivations, Goal, words
+from truepose.programs.core.derived import Derived as Found
+from truepose.programs.core.flow import Flow
+from truepose.programs.core.points import Derived, Place, Point, Problem, Use, at, derive
+from truepose.programs.core.source import parse_number
+from truepose.programs.rapid import syntax
+from truepose.programs.rapid.syntax import Token
+
+
+class Robtarget(Protocol):
+    """A robtarget or an array of them; see `truepose.programs.rapid.names.RobtargetVariable`."""
+
+    name: str
+    kind: str
+    elements: dict[tuple[int, ...], Point]
+    joints: bool
+
+
+@dataclass(slots=True, eq=False)
+class NumberVariable:
+    """A num or an array of them.
+
+    Attributes
+    ----------
+    name : str
+        The name.
+    kind : {"CONST", "PERS", "VAR"}
+        The kind of data; values of a PERS are not known, because the controller keeps them.
+    values : dict of tuple of int to float
+        The declared values by element; () of a plain variable.
+    handed : bool
+        Whether a statement may change it in a way that is not followed.
+    """
+
+    name: str
+    kind: str
+    values: dict[tuple[int, ...], float]
+    handed: bool = False
+
+
+class Followed(NamedTuple):
+    """A motion whose goal may be derived.
+
+    Attributes
+    ----------
+    point : Point
+        The target of this motion.
+    use : Use
+        The motion.
+    node : int
+        Its node in the flow.
+    instead : tuple of Point
+        The declared points to which it goes if it is not followed; then `point` is no target.
+    """
+
+    point: Point
+    use: Use
+    node: int
+    instead: tuple[Point, ...] = ()
+
+
+class RapidDerivations:
+    """Notes what the statements of a task do to robtargets; see `truepose.programs.core.derived.Derivations`.
+
+    Parameters
+    ----------
+    flow : Flow
+        The ways through the task.
+
+    Attributes
+    ----------
+    followed : list of Followed
+        The motions whose goals may be derived.
+    assigned : list of (Expression, Place)
+        What is assigned to any robtarget.
+    read_itself : list of (Robtarget, Place)
+        Robtargets whose components are set to others of their own.
+    """
+
+    def __init__(self, flow: Flow) -> None:
+        self.derivations = Derivations(flow)
+        self.followed: list[Followed] = []
+        self.assigned: list[tuple[Expression, Place]] = []
+        self.read_itself: list[tuple[Robtarget, Place]] = []
+        self._keys: dict[int, tuple[str, int]] = {}
+        self._points: dict[Name, Robtarget] = {}
+        self._numbers: dict[Name, NumberVariable] = {}
+
+    def name(self, variable: Robtarget | NumberVariable, index: tuple[int, ...] | None = ()) -> Name:
+        """Return the name of a variable or of an element; None is any element."""
+        if id(variable) not in self._keys:
+            key = self._keys[id(variable)] = (variable.name.upper(), len(self._keys))
+            if isinstance(variable, NumberVariable):
+                self._numbers[key] = variable
+            else:
+                self._points[key] = variable
+        key = self._keys[id(variable)]
+        return key if index == () else Element(key, index)
+
+    def escape(self, variable: Robtarget, place: Place, how: str) -> None:
+        """Note another use of a robtarget that the program may write."""
+        if variable.kind != "CONST":
+            name = self.name(variable)
+            self.derivations.escape([name, Element(name, None)], place, how)
+
+    def distrust(self, variable: Robtarget) -> None:
+        """Note that there are motions to a robtarget which are not followed."""
+        self.derivations.distrust(self.name(variable))
+
+    def escape_number(self, number: NumberVariable) -> None:
+        """Note that a num may change here."""
+        self.derivations.escape([self.name(number)], 0, "handed to another routine")
+
+    def move(self, point: Point, goal: Expression, use: Use, node: int, instead: tuple[Point, ...] = ()) -> None:
+        """Note a motion; see `Followed`."""
+        followed = Followed(point, use, node, instead)
+        self.followed.append(followed)
+        self.derivations.move(len(self.followed) - 1, goal, use.line)
+
+    def solve(self) -> Found:
+        """Return what is derived from which point, once the flow is solved."""
+        return self.derivations.solve(self._is_point, self._number)
+
+    def _is_point(self, name: Name) -> bool:
+        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        variable = self._points.get(array)
+        if variable is None or variable.joints:
+            return False
+        if place is None:
+            return bool(variable.elements)
+        point = variable.elements.get(place)
+        return point is not None and bool(point.values) and not point.writes
+
+    def _number(self, name: Name) -> float | None:
+        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        variable = self._numbers.get(array)
+        if variable is None or variable.handed or place is None:
+            return None
+        return variable.values.get(place)
+
+    def points_of(self, name: Name) -> list[Point]:
+        """Return the points of a name: one, or all elements of an array."""
+        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        elements = self._points[array].elements
+        return list(elements.values()) if place is None else [elements[place]]
+
+    def spoil(self, found: Found) -> None:
+        """Note the points that are used otherwise as read."""
+        for name, (place, how) in found.spoiled.items():
+            for point in self.points_of(name):
+                if how == NOT_CONSTANT:
+                    reason = f"moved to with an offset that is known at run time only ({at(place)})"
+                    point.problem = point.problem or Problem("skip", reason)
+                else:
+                    point.reads.append((place, how))
+
+    def spoil_assigned(self, why: str) -> None:
+        """Note all points whose values variables take: code that is not at hand may change or use these."""
+        for expression, place in self.assigned:
+            for name in names_in(expression):
+                if self._is_point(name):
+                    for point in self.points_of(name):
+                        point.reads.append((place, f"read by arithmetic ({why})"))
+
+    def derive(self, goal: Goal, point: Point, *, allowed: bool) -> bool:
+        """Let a target follow the points of its goal; return whether it goes nowhere else.
+
+        Without `allowed`, these points are left, and say with which offset.
+        """
+        derived: list[tuple[Point, Derived]] = []
+        for (source, along), shifts in goal.shifts.items():
+            (one,) = self.points_of(source)
+            place = point.uses[0].line
+            derived.append((one, Derived(place, words(point.name, one.name, shifts, along), tuple(shifts), along)))
+            if not allowed:
+                size = max(sum(part * part for part in shift) ** 0.5 for shift in shifts)
+                reason = f"moved to with an offset (largest {size:g} mm, {at(place)})"
+                one.problem = one.problem or Problem("skip", f"{reason}; --derived gives both one correction")
+        derive(point, derived)
+        if not goal.complete:
+            point.follows, point.shift = [], None
+        return bool(point.follows)
+
+
+def number_values(parsed: syntax.Value, *, array: bool) -> dict[tuple[int, ...], float]:
+    """Return the values of a declared num, by element."""
+    found = {}
+    for index, element in syntax.elements(parsed, 1 if array else 0):
+        text = "".join(token.text for token in element if isinstance(token, Token))
+        try:
+            found[index] = parse_number(text.encode("latin-1"))
+        except ValueError:
+            continue
+    return found
