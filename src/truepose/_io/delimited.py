@@ -314,6 +314,14 @@ def escaped(name: str) -> str:
     return f"'{name}" if _FORMULA.match(name) else name
 
 
+def csv_cell(text: str) -> str:
+    """Return a cell of CSV, in quotes where it needs them, that no spreadsheet takes for a formula."""
+    text = escaped(text)
+    if any(mark in text for mark in ',"\r\n'):
+        return '"' + text.replace('"', '""') + '"'
+    return text
+
+
 def unescaped(cell: str) -> str:
     """Return the name in a cell that `escaped` wrote."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

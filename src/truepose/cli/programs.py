@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from truepose.cli.output import Steps
     from truepose.compensation import Policy
     from truepose.errors import FileError
-    from truepose.programs import CorrectedBatch, FrameTable, Program, ReadOptions
+    from truepose.programs import CorrectedBatch, Coverage, FrameTable, Program, ReadOptions
 
 
 _WRITTEN: Final = 12  # files that are listed one by one
@@ -48,6 +48,12 @@ OtherMaker = Annotated[
 ]
 AcceptWeakMap = Annotated[
     bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
+]
+
+
+ReportPath = Annotated[
+    Path | None,
+    typer.Option("--report", help="Write how much is corrected, and what would allow more (.html or .csv)."),
 ]
 
 
@@ -181,20 +187,26 @@ _READING = Reading()
 def check(
     paths: Programs,
     reading: Reading = _READING,
+    report: ReportPath = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
-    from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing
-    from truepose.programs import read_programs
+    from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing, show_options
+    from truepose.programs import Coverage, read_programs
     from truepose.programs.used_frames import by_controller
 
+    _allow_report(report, force)
     with working("Reading the programs", quiet=as_json):
         given = reading.frames(reading.cell())
         found = read_programs(paths, given, reading.options(), controllers=reading.controllers or ())
+        coverage = Coverage.of_programs(found.programs, found.unreadable)
+        _write_report(coverage, report)
     if as_json:
         emit_json(
             {
                 "backups": [backup.to_dict() for backup in found.backups],
+                "coverage": coverage.total.to_dict(),
                 "programs": [{"file": p.path, **p.counts()} for p in found.programs],
                 "targets": [target.to_dict() for program in found.programs for target in program.targets],
                 "unreadable": [str(error) for error in found.unreadable],
@@ -206,7 +218,10 @@ def check(
             show_checked(program)
         for _, _, rows in by_controller(found.programs, found.backups, given):
             show_missing(rows)
+        show_options(coverage)
         say_total(found.programs, len(found.unreadable))
+        if report is not None:
+            say(f"Wrote {report}")
     if found.unreadable:
         raise unread(found.unreadable)
 
@@ -235,6 +250,7 @@ def correct(
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the changes and write nothing.")] = False,
     xlsx: Annotated[bool, typer.Option("--xlsx", help="Write each record as a workbook, too.")] = False,
+    report: ReportPath = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -242,13 +258,13 @@ def correct(
     from truepose.cli.verdicts import show_backups
     from truepose.error_map import load_map
     from truepose.errors import DataError, RefusedError
-    from truepose.programs import CorrectedBatch, RefusedProgram
+    from truepose.programs import CorrectedBatch, Coverage, RefusedProgram
     from truepose.programs.batch import check_names, correct_read, read_for
 
     if in_place and (out is not None or whole):
         raise DataError(f"{'--whole' if whole else '--out'} has no effect with --in-place; give one of them")
     out = out or Path("corrected")
-    overwrite(force)
+    _allow_report(report, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
     with working("Reading the map", quiet=as_json) as progress:
         error_map = load_map(map_path)
@@ -280,6 +296,9 @@ def correct(
         if corrected and not dry_run:
             how = {"force": force, "workbook": xlsx}
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
+        refusals = [one.reason for one in batch.refused]
+        _write_report(Coverage.of_outcomes([one.targets for one in corrected], refusals), report)
+        written += [] if report is None else [report]
     if as_json:
         backups = [backup.to_dict() for backup in found.backups]
         emit_json({"written": written, "backups": backups, **batch.to_dict()})
@@ -288,6 +307,24 @@ def correct(
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)
     if batch.refused:
         raise RefusedError(_refusals(batch))
+
+
+def _allow_report(report: Path | None, force: bool) -> None:
+    """Refuse a report early that must not be written."""
+    if report is None:
+        overwrite(force)
+        return
+    from truepose.report.coverage import check_path
+
+    check_path(report)
+    overwrite(force, report)
+
+
+def _write_report(coverage: Coverage, report: Path | None) -> None:
+    if report is not None:
+        from truepose.report.coverage import write_coverage
+
+        write_coverage(coverage, report)
 
 
 @contextmanager

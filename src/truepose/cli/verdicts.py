@@ -10,7 +10,7 @@ from truepose.cli.output import say
 
 if TYPE_CHECKING:
     from truepose._typing import IntArray
-    from truepose.programs import Backup, CorrectedProgram, Program
+    from truepose.programs import Backup, CorrectedProgram, Coverage, Program
     from truepose.programs.core.reasons import Judged
     from truepose.programs.used_frames import UsedFrame
 
@@ -102,6 +102,17 @@ def show_missing(rows: Sequence[UsedFrame]) -> None:
     what = "1 tool or base is" if n == 1 else f"{n} tools and bases are"
     say(f"{what} not known. Give the cell file (--cell) these lines, with the values that the controller shows:")
     typer.echo("\n".join(["", *lines, ""]))
+
+
+def show_options(coverage: Coverage) -> None:
+    """Show how many targets each option would allow, and what it assumes."""
+    from rich.markup import escape
+
+    total = coverage.total
+    assumed = {one.remedy.option: one.remedy.assumption for one in total.reasons if one.remedy is not None}
+    for option, n in total.by_option().items():
+        if option:
+            say(escape(f"{option} may allow {n} more; it assumes: {assumed[option]}"))
 
 
 def say_total(programs: Sequence[Program], unreadable: int) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from truepose.programs.correct import correct_program
     from truepose.programs.corrected import CorrectedProgram
     from truepose.programs.corrector import Corrector
+    from truepose.programs.coverage import Coverage
     from truepose.programs.frame_table import FrameTable
     from truepose.programs.reading import Reading, read_program, read_programs
     from truepose.programs.verified import ProgramVerification, VerifiedTarget
@@ -28,6 +29,7 @@ _HOME = {
     "CorrectedProgram": "corrected",
     "CorrectedShare": "core.outcomes",
     "Corrector": "corrector",
+    "Coverage": "coverage",
     "FolderWatch": "watching",
     "FrameTable": "frame_table",
     "FrameTolerance": "core.program",
@@ -54,6 +56,7 @@ __all__ = [
     "CorrectedProgram",
     "CorrectedShare",
     "Corrector",
+    "Coverage",
     "FolderWatch",
     "FrameTable",
     "FrameTolerance",

@@ -15,7 +15,7 @@ from typing import Final, TextIO
 
 import numpy as np
 
-from truepose._io.delimited import escaped
+from truepose._io.delimited import csv_cell
 from truepose._io.files import read_bytes
 from truepose._io.folders import files_within
 from truepose._io.zips import is_zip, on_disk
@@ -93,7 +93,9 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
             more = "" if joints is None else _json_joints(joints[i], kinds[kind])
             lines.append(json_form % (line, _quoted(name), *filled, more, verdict, _quoted(reason), _quoted(note)))
             shown = (*row[:16], *row[20:], *(() if joints is None else joints[i]))
-            cells.append(csv_form % (line, _cell(name), status, turn, *shown, verdict, _cell(reason), _cell(note)))
+            cells.append(
+                csv_form % (line, csv_cell(name), status, turn, *shown, verdict, csv_cell(reason), csv_cell(note))
+            )
         yield lines, cells
 
 
@@ -150,16 +152,8 @@ def _templates(target: Target, angles: int, joints: int) -> tuple[str, str]:
         f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "difference_mm": %s, "correction_mm": {three}, '
         f'"std_mm": %s{oriented}%s, "verdict": "%s", "reason": %s, "note": %s}}'
     )
-    head = f"{_cell(file)},%s,%s,{_cell(motion)},{_cell(frame)},{_cell(tool)},%s,%s,"
+    head = f"{csv_cell(file)},%s,%s,{csv_cell(motion)},{csv_cell(frame)},{csv_cell(tool)},%s,%s,"
     return json_form, head + ",".join(["%s"] * (16 + 2 * angles + joints + 3)) + "\n"
-
-
-def _cell(text: str) -> str:
-    """Return a cell of CSV, in quotes where it needs them, that no spreadsheet takes for a formula."""
-    text = escaped(text)
-    if any(mark in text for mark in ',"\r\n'):
-        return '"' + text.replace('"', '""') + '"'
-    return text
 
 
 def check_not_corrected(program: Program, map_path: Path | None) -> None:

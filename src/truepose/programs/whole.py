@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from truepose._io.delimited import escaped
+from truepose._io.delimited import csv_cell
 from truepose._io.files import Commit
 from truepose._io.zip_writer import write_changed
 from truepose._io.zips import is_zip, on_disk
@@ -91,9 +91,7 @@ class CorrectedFiles:
         """Return the list: the path of each file in the backup, and its SHA-256 before and after."""
         lines = ["file,sha256_before,sha256_after"]
         for path, change in self.changes.items():
-            name = escaped(path.relative_to(self.backup).as_posix())
-            quoted = '"' + name.replace('"', '""') + '"' if any(mark in name for mark in ',"\r\n') else name
-            lines.append(f"{quoted},{change.before},{change.after}")
+            lines.append(f"{csv_cell(path.relative_to(self.backup).as_posix())},{change.before},{change.after}")
         return ("\n".join(lines) + "\n").encode("utf-8", "backslashreplace")
 
 
