@@ -91,6 +91,8 @@ APPROACHES = {
     "another tool": (f"{COPY}  UTOOL_NUM=R[1]\nL PR[1] 9mm/sec FINE", None),
     "called": (f"{COPY}  CALL X\nL PR[1] 9mm/sec FINE", None),
     "a macro": (f"{COPY}  OPEN HAND\nL PR[1] 9mm/sec FINE", None),
+    "no number": ("  PR[1]=P[1]\n  PR[1,3]=PR[1,3]+1e999\n  PR[1e999]=P[1]\nL PR[1] 9mm/sec FINE", None),
+    "half a number": ("  PR[1]=P[1]\n  PR[1,3]=PR[1.5,3]+50\nL PR[1] 9mm/sec FINE", None),
     "division": ("  PR[1]=P[1]\n  R[1]=10 DIV 3\n  PR[1,3]=PR[1,3]+R[1]\nL PR[1] 9mm/sec FINE", None),
 }
 

@@ -268,7 +268,9 @@ class ArithmeticReader:
         number, word, sign = self._tokens[self._at]
         self._at += 1
         if number:
-            return Number(float(number))
+            if not math.isfinite(value := float(number)):
+                raise NotArithmetic
+            return Number(value)
         if sign == "-":
             return Operation("-", Number(0.0), self._factor())
         if sign == "+":

@@ -194,7 +194,7 @@ class RegisterArithmetic:
             return self.opaque(value)
 
     def _named(self, word: str, indices: tuple[Expression, ...], path: str) -> Expression:
-        places = [int(index.value) for index in indices if isinstance(index, Number)]
+        places = [int(index.value) for index in indices if isinstance(index, Number) and index.value.is_integer()]
         if path or len(places) != len(indices):
             raise NotArithmetic
         match word.upper(), places:
