@@ -114,9 +114,9 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page = Page("Growth with the number of samples", path)
     page.say(
         'Virtual cell "paper", random poses; one run of each size. Time is processor time of the call, all threads, in '
-        "a warm process; memory is what the call adds in a fresh one to the peak of making the samples. Exponents are the slopes over the "
-        f"last three sizes. A row ends where the next size would take more than {PATIENCE:.0f} s. `fit` replaces "
-        "ordinary Kriging by Vecchia's approximation above 5,000 samples."
+        "a warm process; memory is what the call adds in a fresh one to the peak of making the samples. Exponents are "
+        f"the slopes over the last three sizes. A row ends where the next size would take more than {PATIENCE:.0f} s. "
+        "`fit` replaces ordinary Kriging by Vecchia's approximation above 5,000 samples."
     )
     page.head(["method", "n", "time", "memory", "exponents of time; memory"])
     sizes = SIZES[:3] if quick else SIZES
