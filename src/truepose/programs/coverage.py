@@ -14,7 +14,7 @@ from truepose._io.delimited import csv_cell
 from truepose._typing import BoolArray
 from truepose.programs.core.outcomes import Outcomes
 from truepose.programs.core.program import Program
-from truepose.programs.core.reasons import without_numbers
+from truepose.programs.core.reasons import kind_of
 from truepose.programs.core.remedies import Remedy, remedy_of
 
 _COLUMNS: Final = ("program", "targets", "correctable", "count", "reason", "option", "assumption")
@@ -28,18 +28,21 @@ class CoverageReason:
     Attributes
     ----------
     reason : str
-        The reason; the first one where they differ in numbers.
+        The reason; its kind where the reasons differ (`truepose.programs.core.reasons.kind_of`).
     count : int
         The number of targets.
+    example : str
+        The reason of the first target.
     """
 
     reason: str
     count: int
+    example: str = ""
 
     @property
     def remedy(self) -> Remedy | None:
         """What would allow these targets; None where nothing does."""
-        return remedy_of(self.reason)
+        return remedy_of(self.example or self.reason)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it for JSON."""
@@ -136,12 +139,11 @@ class Coverage:
     @property
     def total(self) -> CoverageLine:
         """The sum over all programs."""
-        counts: dict[str, list[Any]] = {}
+        counts = _Counts()
         for one in (reason for line in self.programs for reason in line.reasons):
-            counts.setdefault(without_numbers(one.reason), [one.reason, 0])[1] += one.count
-        reasons = sorted((CoverageReason(reason, n) for reason, n in counts.values()), key=lambda one: -one.count)
+            counts.add(one.example, one.count, one.reason)
         targets, correctable = (sum(getattr(one, key) for one in self.programs) for key in ("targets", "correctable"))
-        return CoverageLine(_TOTAL, targets, correctable, tuple(reasons))
+        return CoverageLine(_TOTAL, targets, correctable, counts.reasons())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the programs and their sum, for JSON."""
@@ -158,6 +160,24 @@ class Coverage:
                 texts = (told["reason"], told["option"], told["assumption"])
                 rows.append(",".join(csv_cell(str(value)) for value in (*values, *texts)))
         return "\n".join(rows) + "\n"
+
+
+class _Counts:
+    """Counts reasons by their kind and by what allows them."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, Remedy | None], CoverageReason] = {}
+
+    def add(self, reason: str, n: int = 1, shown: str = "") -> None:
+        """Add the reason of n targets; `shown` is its kind if it stands for several."""
+        key = kind_of(reason), remedy_of(reason)
+        known = self._found.get(key, CoverageReason(shown or reason, 0, reason))
+        same = known.reason == (shown or reason)
+        self._found[key] = CoverageReason(known.reason if same else key[0], known.count + n, known.example)
+
+    def reasons(self) -> tuple[CoverageReason, ...]:
+        """Return the reasons, the most frequent first."""
+        return tuple(sorted(self._found.values(), key=lambda one: -one.count))
 
 
 def _readable(program: Program) -> BoolArray:
@@ -189,9 +209,7 @@ def _line(
     name: str, rows: NDArray[np.int64], done: BoolArray, moved_to: BoolArray, told: Sequence[Any]
 ) -> CoverageLine:
     reasons, kind, why = told
-    counts: dict[str, list[Any]] = {}
+    counts = _Counts()
     for i in rows[moved_to[rows] & ~done[rows]].tolist():
-        reason = why.get(i) or reasons[kind[i]]
-        counts.setdefault(without_numbers(reason), [reason, 0])[1] += 1
-    found = sorted((CoverageReason(reason, n) for reason, n in counts.values()), key=lambda one: -one.count)
-    return CoverageLine(name, int(moved_to[rows].sum()), int(done[rows].sum()), tuple(found))
+        counts.add(why.get(i) or reasons[kind[i]])
+    return CoverageLine(name, int(moved_to[rows].sum()), int(done[rows].sum()), counts.reasons())

@@ -11,6 +11,13 @@ _NUMBER: Final = re.compile(r"(?<![\w.])(?<!_DATA\[)(?<!FRAME\[)(?<!TOOL\[)[-+�
 """A number, but for digits of a name and the number of a frame, which is its name."""
 
 
+_PLACE: Final = re.compile(r"\((?:[^()]*, )?line \d+\)")
+_CODE: Final = re.compile(
+    r"(?<=run time: )\S.*|(?<=not known: )\S.*|(?<=not understood: )\S.*|(?<=arithmetic \(…\): )[^;]*"
+    r"|(?<=handed to )\w+\(\)|(?<=passed to )\w+"
+)
+
+
 class Judged(Protocol):
     """A target with its verdict, such as `truepose.programs.Target`."""
 
@@ -33,7 +40,7 @@ class Judged(Protocol):
 
 @dataclass(frozen=True)
 class ReasonGroup:
-    """Targets with one verdict, whose reasons differ in their numbers at most.
+    """Targets with one verdict, whose reasons are of one kind.
 
     Attributes
     ----------
@@ -68,11 +75,22 @@ def without_numbers(reason: str) -> str:
     return _NUMBER.sub("…", reason)
 
 
+def kind_of(reason: str) -> str:
+    """Return a reason with … in place of its numbers, of files and lines, and of the code that it quotes.
+
+    Examples
+    --------
+    >>> kind_of("target computed at run time: Offs(p1,0,0,50)"), kind_of("read by arithmetic (a.mod, line 9)")
+    ('target computed at run time: …', 'read by arithmetic (…)')
+    """
+    return without_numbers(_CODE.sub("…", _PLACE.sub("(…)", reason)))
+
+
 def group_reasons(targets: Iterable[Judged]) -> list[ReasonGroup]:
-    """Return the groups of targets by verdict and reason, without regard to numbers; the largest group first."""
+    """Return the groups of targets by verdict and kind of reason, see `kind_of`; the largest group first."""
     found: dict[tuple[str, str], list[Judged]] = {}
     for target in targets:
-        found.setdefault((target.verdict, without_numbers(target.reason)), []).append(target)
+        found.setdefault((target.verdict, kind_of(target.reason)), []).append(target)
     groups = [
         ReasonGroup(
             verdict,
