@@ -59,8 +59,9 @@ def show_corrected(program: CorrectedProgram) -> None:
     from rich.markup import escape
 
     summary = program.summary()
+    following = f"{summary['following']} derived from these, " if summary["following"] else ""
     say(
-        f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, "
+        f"[bold]{escape(str(program.program.path))}[/]: {summary['corrected']} corrected, {following}"
         f"{summary['below_uncertainty']} below uncertainty, {summary['skipped']} skipped, "
         f"{summary['refused']} refused; largest correction "
         f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
@@ -69,7 +70,7 @@ def show_corrected(program: CorrectedProgram) -> None:
     for module, rows in modules.items() if len(modules) > 1 else ():
         note = "; refused, not written" if module in program.refused else ""
         say(f"  {escape(str(module))}: {int(np.count_nonzero(corrected[rows]))} of {len(rows)} corrected{note}")
-    _say_reasons(program.targets, np.flatnonzero(program.targets.code != 1))
+    _say_reasons(program.targets, np.flatnonzero((program.targets.code != 1) & (corrected | ~program.targets.moved)))
 
 
 def show_limits(programs: Sequence[CorrectedProgram]) -> None:

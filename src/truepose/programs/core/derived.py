@@ -35,6 +35,7 @@ from truepose.programs.core.points import Place
 from truepose.programs.core.target import Along
 
 _MOST_STEPS: Final = 20_000
+_MOST_STEPS_IN_ALL: Final = 400_000
 _MOST_POSITIONS: Final = 1_000
 NOT_CONSTANT: Final = "moved to with a shift that is not constant"
 """How a point is used whose shift in a motion is not known."""
@@ -177,13 +178,16 @@ class Derivations:
             The value of a variable that is not assigned; None where that is not known.
         """
         assert self._flow.graph is not None  # it is solved
-        found, ways = Derived(), Ways(self._flow.graph)
+        found, ways, steps = Derived(), Ways(self._flow.graph), 0
         for node, events in self._events.items():
             for event in events:
                 for name in self.concerned(event):
                     self._places[name].add(node)
         for names, motions in self._groups():
-            _Walk(self, ways, names, motions, is_point, number, found).go()
+            most = min(_MOST_STEPS, _MOST_STEPS_IN_ALL - steps)
+            walk = _Walk(self, ways, names, motions, is_point, number, found)
+            walk.go(most)
+            steps += walk.steps
         return found
 
     def nodes_of(self, names: Iterable[Name]) -> set[int]:
@@ -297,9 +301,10 @@ class _Walk:
         self._live: dict[int, set[Name]] = defaultdict(set)
         self._goals: dict[Hashable, dict[tuple[Name, Along], set[tuple[float, ...]]]] = {}
         self._open: set[Hashable] = set()
+        self.steps = self._most = 0
 
-    def go(self) -> None:
-        """Take all ways."""
+    def go(self, most: int) -> None:
+        """Take all ways, in at most so many steps."""
         nodes = self._all.nodes_of([*self._names, *map(Motion, self._motions)])
         for node in sorted(nodes):
             self._events[node] = [event for event in self._all.events[node] if self._concerns(event)]
@@ -307,7 +312,7 @@ class _Walk:
             self._give_up("used in an interrupt program, a thread or an error handler")
             return
         self._find_live()
-        if not self._follow():
+        if not self._follow(most):
             self._give_up(_TOO_MANY)
             return
         for motion, shifts in self._goals.items():
@@ -363,7 +368,7 @@ class _Walk:
                     self._live[node].add(name)
                     waiting += [other for other in self._ways.before(node) if other not in defined[name]]
 
-    def _follow(self) -> bool:
+    def _follow(self, most: int) -> bool:
         """Take all ways with all values; False where there are too many."""
         live, seen = self._live, set[tuple[int, frozenset[tuple[Name, Value]]]]()
         waiting: list[tuple[int, dict[Name, Value]]] = [(node, {}) for node in self._events if not live.get(node)]
@@ -374,12 +379,13 @@ class _Walk:
             if key in seen:
                 continue
             seen.add(key)
-            if len(seen) > _MOST_STEPS:
+            self.steps += 1
+            if self.steps > most:
                 return False
             values = dict(values)
             for event in self._events.get(node, ()):
                 self._take(event, values)
-            if any(sum(map(len, shifts.values())) > _MOST_POSITIONS for shifts in self._goals.values()):
+            if self._most > _MOST_POSITIONS:
                 return False
             for follower in self._next(node, values):
                 if needed := live.get(follower):
@@ -441,6 +447,7 @@ class _Walk:
         if isinstance(value, At):
             along, shift = _along(value)
             goals.setdefault((value.source, along), set()).add(shift)
+            self._most = max(self._most, sum(map(len, goals.values())))
         else:
             self._open.add(event.motion)
             self._spoil(sources_of(value), event.place, NOT_CONSTANT)
