@@ -90,6 +90,9 @@ def test_corrections_are_turned_into_the_feature(tmp_path: Path, make_map: Any) 
         (f"w={P}\ndef go(w):\nmovel(w)\nend\ngo(w)\nmovel(w)\nw[2]=0.3", {"w": "skip"}),
         (f"movel(f({P}))", {"movel:2": "skip", "f:2 argument 1": "skip"}),
         (f"movel(a=1.2, q={P})", {"movel:2": "refuse"}),
+        (f"w={P}\nmovel(w)\nmovel(pose_trans(w, f(w)))", {"w": "refuse", "movel:4": "skip"}),
+        (f"w={P}\nmovel(w)\nmovel(pose_trans({Q}, p[g(w),0,0,0,0,0]))", {"w": "refuse", "movel:4": "skip"}),
+        (f"w={P}\nmovel(w)\nx=pose_trans({Q}, g(w))", {"w": "refuse"}),
     ],
 )  # fmt: skip
 def test_what_is_known_at_run_time_only_stays(tmp_path: Path, code: str, expected: dict[str, str]) -> None:
@@ -138,6 +141,29 @@ def test_tcps_by_name_and_through_functions(tmp_path: Path) -> None:
         f"t={P}\nset_tcp(t)\nmovel(t)",
     ):
         assert "refuse" in verdicts(reading(tmp_path, code)).values(), code
+
+
+def test_calls_inside_expressions_are_seen(tmp_path: Path) -> None:
+    """A function that sets another TCP is called, wherever in a statement the call stands."""
+    helper = "def other(x):\nset_tcp(p[0,0,0.2,0,0,0])\nreturn x\nend\nset_tcp(p[0,0,0.1,0,0,0])\n"
+    for call in (
+        f"movel(pose_trans({Q}, other({P})))",
+        f"movej(get_inverse_kin({P}, qnear=other(1)))",
+        f"movel(pose_trans({Q}, p[other(1),0,0,0,0,0]))",
+        f"x=pose_trans({Q}, other({P}))",
+        "set_payload(other(1))",
+    ):
+        program = reading(tmp_path, f"{helper}{call}\nmovel({P})")
+        last = program.targets[len(program.targets) - 1]
+        assert last.tool == "set_tcp(p[0,0,0.2,0,0,0])", (call, last)
+
+
+def test_calls_of_calls_end(tmp_path: Path) -> None:
+    deep = "".join(f"def f{k}(w):\n" + f"f{k + 1}(w)\n" * 8 + "end\n" for k in range(9))
+    program = reading(tmp_path, f"def f9(w):\nmovel(w)\nend\n{deep}f0({P})")
+    assert program.counts()["correct"] == 0
+    again = reading(tmp_path, f"def go(w):\ngo(w)\nmovel(w)\nend\ngo({P})")
+    assert len(again.targets) > 0
 
 
 def test_circles_through_features_are_corrected_whole(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ _BASE: Final = "Joint_0_name"
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
 _TCP: Final = re.compile(rb"(?<![\w.])set_tcp\s*\(")
 _MOTION: Final = re.compile(rb"(?<![\w.])(?:move[jlpc]|servo[jclp]|speed[jl])\s*\(")
+_OWN_TCP: Final = ("TCPOffset", "tcp")
 _CODE: Final = ("Script", "Assignment", "expression")
 _NAME: Final = re.compile(rb"[A-Za-z_]\w*")
 
@@ -174,6 +175,9 @@ class _Reader(Reader):
         for text in self._code:
             if _TCP.search(text.code):
                 return Problem("refuse", f"a Script node sets the TCP (line {text.line}): it may be any at the motion")
+        for element in self._root.walk():
+            if element.tag not in _OWN_TCP and "tcp" in f"{element.tag} {element.get('type')}".lower():
+                return Problem("refuse", f"<{element.tag}> (line {element.line}) may set the TCP: it may be any")
         return None
 
     def _objection(self, move: Element, waypoint: Element, tcp: FloatArray) -> Problem | None:

@@ -17,9 +17,10 @@ from truepose.programs.core.source import Source, is_broken, parse_number, shown
 from truepose.programs.urscript.syntax import ARGUMENT, POSE, VARIABLE, arguments
 
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
-_ITEM: Final = re.compile(rb"([A-Za-z_]\w*)\s*\[\s*([A-Za-z_]\w*|[0-9]{1,6})\s*\]")
+_ITEM: Final = re.compile(rb"([A-Za-z_]\w*)\s*\[\s*([\w+*/%. -]+?)\s*\]")
 _JOIN: Final = re.compile(rb"(pose_trans|pose_add|pose_inv)\s*\(")
 _INVERSE: Final = re.compile(rb"get_inverse_kin\s*\(")
+_CALL: Final = re.compile(rb"(?!get_(?:actual|target)_joint_positions\b)\b[A-Za-z_]\w*\s*\(")
 _OTHER_TCP: Final = re.compile(rb",\s*tcp\s*=")
 _NO_ROTATION: Final = 1e-9
 """The largest rotation [rad] of a shift."""
@@ -139,20 +140,28 @@ def parse(
         spans = arguments(code, m.end())
         named = ARGUMENT.match(code, *spans[0])
         whole = code[spans[-1][1] : end].strip() == b")" and (named is None or named[1] == b"x")
-        if not whole or len(spans) > 4 or _OTHER_TCP.search(code, m.end(), end):
+        others = code[spans[0][1] : end]
+        if not whole or len(spans) > 4 or _OTHER_TCP.search(others) or _CALL.search(others):
             return Unknown(shown(text))
         return parse(code, spans[0][0] if named is None else named.end(), spans[0][1], literal, key)
     if m := _ITEM.fullmatch(text):
-        return Item(key(m[1].decode()), int(m[2]) if m[2].isdigit() else None, shown(text))
+        return Item(key(m[1].decode()), int(m[2]) if m[2].isdigit() and len(m[2]) < 7 else None, shown(text))
     if m := _JOIN.match(code, start, end):
         spans = arguments(code, m.end())
         count = 1 if m[1] == b"pose_inv" else 2
         if len(spans) == count and code[spans[-1][1] : end].strip() == b")":
             parts = [parse(code, a, b, literal, key) for a, b in spans]
+            if not all(map(_is_plain, parts)):  # what else it may call or read is for the reader to see
+                return Unknown(shown(text))
             if count == 1:
                 return Inverse(parts[0], shown(text))
             return Join(m[1] == b"pose_add", parts[0], parts[1], shown(text))
     return Unknown(shown(text))
+
+
+def _is_plain(pose: Pose) -> bool:
+    """Return whether an expression consists of names, numbers and the functions that join poses."""
+    return not isinstance(pose, Unknown) and not (isinstance(pose, Literal) and pose.point.problem is not None)
 
 
 def keys(pose: Pose) -> Iterator[str]:

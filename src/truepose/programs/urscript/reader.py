@@ -67,7 +67,7 @@ from truepose.programs.urscript.syntax import (
     arguments,
     statements,
 )
-from truepose.programs.urscript.variables import DEEPEST, READ, Variable, Variables, Way, is_followed
+from truepose.programs.urscript.variables import READ, Variable, Variables, Way, is_followed
 
 _VALUES: Final = slice(0, 6)
 _BASE: Final = Frame("base", 0)
@@ -236,7 +236,7 @@ class _Reader(Reader):
                     self._passed.append(_Passed(key, pose, use, line, function, name))
                     self._variables.table[key].given.append(pose)
                     self._variables.table[key].callers.append(use)
-                if not isinstance(pose, Unknown):
+                if not isinstance(pose, Unknown | Literal):
                     masked[a:b] = b" " * (b - a)
 
     def _tcp(self, statement: Statement, masked: bytearray) -> None:
@@ -262,7 +262,7 @@ class _Reader(Reader):
         if word in AT_RUN_TIME:
             self.other(word, line, Problem("skip", f"{word}: followed at run time"))
             return
-        named = ("pose_via", "pose_to") if word == "movec" else ("pose",)
+        named = ("pose_via", "pose_to") if word == "movec" else ("q",) if word == "movej" else ("pose",)
         spans = _chosen(code, arguments(code, m.end()), named)
         if len(spans) < len(named) or any(a == b for a, b in spans):
             self.other(word, line, not_understood(shown(code)))
@@ -329,13 +329,16 @@ class _Reader(Reader):
             if problem is not None:
                 self.points.append(Point(one.name, self.source, one.line, problem=problem, uses=[one.use]))
 
-    def _read(self, pose: Pose, line: int, how: str, depth: int = 0) -> None:
+    def _read(self, pose: Pose, line: int, how: str) -> None:
         """Note that the program reads the variables of an expression, and those that give them their values."""
-        for key in keys(pose):
-            if (variable := self._variables.table.get(key)) and depth < DEEPEST:
-                variable.reads.append((line, how))
-                for one in variable.given:
-                    self._read(one, line, READ, depth + 1)
+        waiting, seen = [(pose, how)], set[str]()
+        while waiting:
+            pose, how = waiting.pop()
+            for key in set(keys(pose)) - seen:
+                seen.add(key)
+                if (variable := self._variables.table.get(key)) is not None:
+                    variable.reads.append((line, how))
+                    waiting += [(one, READ) for one in variable.given]
 
     def _arrive(self, goal: _Goal, ambient: State) -> list[Point]:
         """Add a motion to the points that it goes to, and return these."""

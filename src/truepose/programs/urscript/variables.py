@@ -29,6 +29,8 @@ from truepose.programs.urscript.poses import (
 
 DEEPEST: Final = 12
 """The largest number of variables and calls between a motion and its numbers."""
+MOST_STEPS: Final = 20_000
+"""The largest number of calls and expressions that are followed from one motion."""
 READ: Final = "read by arithmetic"
 """The phrase for a point that the program computes with."""
 
@@ -113,6 +115,10 @@ class Variables:
         self.table: dict[str, Variable] = {}
         self._assigned, self._base = assigned, base
         self._goals: set[str] = set()
+        self._steps = 0
+        self._endless: set[str] = set()
+        self._marked: set[tuple[str, bool]] = set()
+        self._constants: dict[Name | Item, FloatArray | None] = {}
 
     def settle(self, goals: Iterable[Pose]) -> None:
         """Find the variables that motions go to; all others are constant features and shifts."""
@@ -122,6 +128,8 @@ class Variables:
             self._mark(goal, joins=False)
         while size != len(self._goals):
             size = len(self._goals)
+            self._marked.clear()
+            self._constants.clear()
             for goal in goals:
                 self._mark(goal, joins=True)
 
@@ -137,6 +145,9 @@ class Variables:
             elif joins and not isinstance(pose.first, Unknown):
                 self._mark(pose.first, joins=joins, depth=depth + 1)
         elif isinstance(pose, Name | Item) and (variable := self.table.get(pose.key)):
+            if (pose.key, joins) in self._marked:
+                return
+            self._marked.add((pose.key, joins))
             self._goals.add(pose.key)
             following = variable.given if variable.parameter else [variable.meaning] if variable.meaning else []
             for one in following:
@@ -157,7 +168,10 @@ class Variables:
             case Literal():
                 return transform(pose.point.values) if pose.point.values else None
             case Name() | Item():
-                return self._constant_variable(pose, depth)
+                if pose not in self._constants:
+                    self._constants[pose] = None  # a variable that is made of itself is no constant
+                    self._constants[pose] = self._constant_variable(pose, depth)
+                return self._constants[pose]
             case Offset():
                 return make_transform(translation=pose.shift)
             case Inverse():
@@ -197,10 +211,19 @@ class Variables:
         Raises
         ------
         NotCorrected
-            If they are known at run time only, or a frame is not known.
+            If they are known at run time only, a frame is not known, or there are too many.
         """
-        if depth > DEEPEST:
+        if depth == 0:
+            self._steps = 0
+        self._steps += 1
+        if depth > DEEPEST or self._steps > MOST_STEPS:
             raise NotCorrected(*computed(text_of(pose)))
+        if depth == 0 and isinstance(pose, Name | Item):
+            try:
+                return self._ways_of(pose, depth)
+            finally:
+                if self._steps > MOST_STEPS:
+                    self._endless.add(pose.key)
         match pose:
             case Literal():
                 return [Way(pose.point)]
@@ -261,6 +284,8 @@ class Variables:
 
     def _ways_of(self, pose: Name | Item, depth: int) -> list[Way]:
         variable = self.table.get(pose.key)
+        if pose.key in self._endless:
+            raise NotCorrected(*computed(pose.text))
         if variable is None and "." in pose.key:
             raise NotCorrected("skip", f"{pose.text} is known at run time only")
         if variable is None or isinstance(pose, Item) != variable.listed:
@@ -285,7 +310,8 @@ class Variables:
                 try:
                     found += [way._replace(caller=way.caller or caller) for way in self.ways(one, depth + 1)]
                 except NotCorrected:
-                    continue
+                    if self._steps > MOST_STEPS:
+                        raise
         if not found:
             raise NotCorrected("skip", f"{pose.text} is known at run time only")
         return found
