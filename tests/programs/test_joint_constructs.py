@@ -257,6 +257,7 @@ def test_the_command_line(tmp_path: Path, error_map: ErrorMap, run: Any) -> None
     assert "2 to correct, 0 to skip" in on.out
     done = run("correct", map_path, path, *where, "--joint-targets", "--accept-weak-map", "--out", tmp_path / "out")
     assert "2 corrected" in done.out
+    assert re.search(r"2 of the corrected are joint targets; their digits leave 0\.000\d mm at most", done.out)
     assert (tmp_path / "out" / "a.src").read_bytes() != path.read_bytes()
     again = run(
         "correct",

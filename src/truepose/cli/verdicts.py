@@ -66,6 +66,9 @@ def show_corrected(program: CorrectedProgram) -> None:
         f"{summary['refused']} refused; largest correction "
         f"{summary['largest_correction_mm']:.3f} mm, largest standard deviation {summary['largest_std_mm']:.3f} mm"
     )
+    if joint_targets := summary.get("joint_targets"):
+        remaining = summary["largest_remaining_mm"]
+        say(f"  {joint_targets} of the corrected are joint targets; their digits leave {remaining:.4f} mm at most")
     modules, corrected = program.program.modules, program.targets.corrected
     for module, rows in modules.items() if len(modules) > 1 else ():
         note = "; refused, not written" if module in program.refused else ""
