@@ -167,3 +167,30 @@ def test_the_places_at_which_the_map_is_asked(tmp_path: Path) -> None:
     turn = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.01]])
     given = others.corrections(turn)
     assert np.allclose(given[0, :3], np.cross([0.0, 0.0, 0.01], others.lever[0]), atol=1e-3)
+
+
+@pytest.mark.promise("A correction that derived positions share is not smoothed along a path.")
+def test_a_point_of_a_smoothed_path(tmp_path: Path, make_map: Any) -> None:
+    data = "".join(f"CONST robtarget q{i}:={RT.replace('600', str(500 + 40 * i))};\n" for i in range(7))
+    path = "".join(f"MoveL q{i}{END}" for i in range(7))
+
+    class Rough(make_map):
+        def correct(self, poses: np.ndarray, **more: Any) -> Any:
+            answer = super().correct(poses, **more)
+            answer.p_command = answer.p_target + np.where(np.isclose(poses[:, :1, 3], 620.0), [0.0, 0.5, 0.0], 0.2)
+            answer.std[:] = 0.05
+            return answer
+
+    def moved(code: str) -> dict[str, Any]:
+        corrected = correct_program(read(tmp_path, path + code, data, derived=True), Rough())
+        return {
+            outcome.name: (outcome.correction, corrected.targets.notes.get(k, ""))
+            for k, outcome in enumerate(corrected.targets)
+        }
+
+    free = moved("")
+    assert "smoothed along its path" in free["q3"][1]
+    shared = moved(f"MoveJ Offs(q3,0,0,0){END}")
+    assert "smoothed" not in shared["q3"][1]
+    assert np.allclose(shared["q3"][0], [0.0, 0.5, 0.0], atol=1e-3)
+    assert "smoothed" in shared["q2"][1]

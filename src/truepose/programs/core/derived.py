@@ -122,6 +122,7 @@ class Derivations:
         self._counters: dict[int, tuple[Counter, ...]] = {}
         self._points: set[Name] = set()
         self._numbers: set[Name] = set()
+        self._elements: dict[Name, set[Name]] = defaultdict(set)
         self._distrusted: set[Name] = set()
         self._places: dict[Name, set[int]] = defaultdict(set)
 
@@ -135,6 +136,8 @@ class Derivations:
     ) -> None:
         """Note an assignment to a variable, or to a coordinate (0 to 2) of a point; `point`: it is one."""
         (self._points if point or axis is not None else self._numbers).add(name)
+        if isinstance(name, Element):
+            self._elements[name.array].add(name)
         self._note(Assign(name, expression, axis, place))
 
     def move(self, motion: Hashable, expression: Expression, place: Place) -> None:
@@ -211,11 +214,11 @@ class Derivations:
 
     def assigned(self, names: Iterable[Name]) -> set[Name]:
         """Return the variables among some that the program assigns; those of an array where any element is meant."""
-        known, found = self._points | self._numbers, set[Name]()
+        found = set[Name]()
         for name in names:
             if isinstance(name, Element) and name.place is None:
-                found |= {other for other in known if isinstance(other, Element) and other.array == name.array}
-            elif name in known:
+                found |= self._elements.get(name.array, set())
+            elif name in self._points or name in self._numbers:
                 found.add(name)
         return found
 

@@ -179,6 +179,7 @@ class Paths:
         limit = np.maximum(self.limit, self._slope * corner.along)
         bends = Bends(place[corner.at], place[corner.at - 1], place[corner.at + 1], corner.share, limit)
         free = outcomes.code[rows] == DONE.index("correct")  # one that was clipped is at its own limit
+        free &= ~np.isin(rows, list(outcomes.differences))  # compared with those of positions that share them
         if outcomes.joints is not None:
             free &= np.isnan(outcomes.joints.p[rows, 0])  # their digits are joints
         found = smoothed(change, free, np.linalg.norm(outcomes.std[rows], axis=1), bends)
