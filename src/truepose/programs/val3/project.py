@@ -95,6 +95,12 @@ class Project:
         near = [one for one in found if one.path.parent == application.path.parent]
         return near[0] if len(near) == 1 else found[0] if len(found) == 1 else None
 
+    def users(self, application: Application) -> Iterator[Application]:
+        """Yield the other applications that have this one as a library."""
+        for other in self.applications:
+            if other is not application and any(self.library(other, a) is application for a in other.libraries):
+                yield other
+
     def table(self, application: Application, kind: str) -> Table:
         """Return the frames or tools of an application; `kind` is "frame" or "tool"."""
 

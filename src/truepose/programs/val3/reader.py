@@ -8,7 +8,8 @@ never written again: only digits of attributes change.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -81,6 +82,7 @@ class _Reader(Reader):
         self._places: dict[tuple[str, ...], list[_Place]] = {}
         self._missing: dict[str, Point] = {}
         self._fathers: dict[int, tuple[Frame | None, str]] = {}
+        self._keys: dict[int, int] = {}
         self._runs: list[_Place] = []
 
     def read(self) -> Program:
@@ -91,10 +93,10 @@ class _Reader(Reader):
         self._declared = {name.lower(): one for name, one in data.declared.items()}
         own = [ProgramCode(path) for path in application.programs]
         self._frames = project.table(application, "frame")
-        indices = _indices(own)
+        indices = self._elements(own)
         for value in data.values:
             self._add(value, indices)
-        uses = Uses(self._points, lambda point: self._fathers[id(point)][0])
+        uses = Uses(self._points, lambda point: self._fathers[id(point)][0], lambda point: self._keys[id(point)])
         if own and self._places:
             self._by_programs(uses, own)
         else:
@@ -111,14 +113,29 @@ class _Reader(Reader):
             self.points.append(point)
         return self.program("staubli", tool=Frame(AS_MEASURED), runs=runs)
 
-    def _add(self, value: Value, indices: Mapping[str, set[int]]) -> None:
+    def _elements(self, own: Sequence[ProgramCode]) -> dict[str, set[int] | None]:
+        """Return the elements of arrays that programs name one by one; None where more than one motion goes to all."""
+        found: dict[str, set[int] | None] = {}
+        whole: Counter[str] = Counter()
+        if any(True for _ in self._project.users(self._application)):
+            return dict.fromkeys(self._declared)
+        for code in own:
+            for reference in code.references(0, len(code.data)):
+                name, index = reference.parts[0]
+                whole[name] += index is None
+                if index is not None and (elements := found.setdefault(name, set())) is not None:
+                    elements.add(int(index or 0))
+        return {**found, **{name: None for name, n in whole.items() if n > 1}}
+
+    def _add(self, value: Value, indices: Mapping[str, set[int] | None]) -> None:
         """Add the points of a value."""
         if value.run is None:
             self._add_point(value)
             return
+        one_by_one = indices.get(value.way[0].name.lower(), set())
         run, source = value.run, self.source
         starts = run.starts(source.data)
-        for first, last, alone in _parts(value, indices.get(value.way[0].name.lower(), set())):
+        for first, last, alone in _parts(value, one_by_one):
             lines = None if alone else run.part(source.data, first, last)
             if lines is None or not self._add_run(element_of(source, value, starts[first], run.line + first, lines)):
                 for k in range(first, last):
@@ -149,6 +166,7 @@ class _Reader(Reader):
         father = value.text("fatherId")
         frame = self._frames.named(father) if value.kind in POINTS else None
         self._fathers[id(point)] = frame, father
+        self._keys[id(point)] = int(value.way[-1].key) if value.way[-1].key.isdecimal() else 0
         if value.kind not in POINTS:
             if all(key in value.attributes for key in JOINT_KEYS):
                 numbers, spans = value.numbers(self.source, JOINT_KEYS)
@@ -190,7 +208,7 @@ class _Reader(Reader):
             line = self._declared[name].line
             problem = Problem("skip", "it has no <Value> in the file, so it is 0: nothing is added to a file")
             point = self._missing[reference.text] = Point(reference.text, self.source, line, problem=problem)
-            self._fathers[id(point)] = None, ""
+            self._fathers[id(point)], self._keys[id(point)] = (None, ""), 0
         return self._missing[reference.text]
 
     def _all(self) -> Iterator[_Place]:
@@ -284,22 +302,17 @@ class _Reader(Reader):
         return FoundRun(lines, point, VALUES, moved_in, (place.value.way[0].name + "[", "]"))
 
 
-def _indices(programs: Iterable[ProgramCode]) -> dict[str, set[int]]:
-    """Return the elements of arrays that programs name one by one."""
-    found: dict[str, set[int]] = {}
-    for code in programs:
-        for reference in code.references(0, len(code.data)):
-            name, index = reference.parts[0]
-            if index is not None:
-                found.setdefault(name, set()).add(int(index or 0))
-    return found
+def _parts(value: Value, one_by_one: set[int] | None) -> Iterator[tuple[int, int, bool]]:
+    """Yield the parts of a run: the first place, that behind the last, and whether the elements stand alone.
 
-
-def _parts(value: Value, alone: set[int]) -> Iterator[tuple[int, int, bool]]:
-    """Yield the parts of a run: the first place, that behind the last, and whether the elements stand alone."""
+    The first element of an array has a name without an index, so it stands alone.
+    """
     assert value.run is not None
     first, items = int(value.way[0].key), value.run.items
-    places = sorted(k - first for k in alone if 0 <= k - first < items)
+    if one_by_one is None:
+        yield 0, items, True
+        return
+    places = sorted(k - first for k in one_by_one | {0} if 0 <= k - first < items)
     done = 0
     for k in places:
         if k > done:

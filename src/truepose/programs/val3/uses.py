@@ -15,6 +15,7 @@ _MOVE: Final = re.compile(rb"(?<![\w:])((?:alter)?mov(?:e)?([jlc])(f?))\s*\(\s*"
 _ALTER: Final = re.compile(rb"(?<![\w:])alter(?:Begin|Mov\w*)?\s*\(", re.I)
 _APPRO: Final = re.compile(rb"\s*appro\s*\(", re.I)
 _STEP_BY: Final = re.compile(rb"\s*([\w:.\[\]\s]+?)\s*([-+])\s*([0-9.]+)\s*")
+_MOST_ELEMENTS: Final = 10**9
 _AXES: Final = {"x": 0, "y": 1, "z": 2}
 
 Vector = tuple[float, float, float]
@@ -102,6 +103,8 @@ class Uses:
         names no point. Its second argument states whether a name without an index stands for the whole array.
     frame_of : callable
         A function that returns the frame of a point.
+    place_of : callable
+        A function that returns the place of a point in its array, which is the order of motions to all of them.
 
     Attributes
     ----------
@@ -115,6 +118,7 @@ class Uses:
 
     points: Callable[[Reference, bool], tuple[list[Point], int] | None]
     frame_of: Callable[[Point], Frame | None]
+    place_of: Callable[[Point], int]
     moved: list[ShiftedMotion] = field(default_factory=list)
     computed: list[ComputedMotion] = field(default_factory=list)
     variables: Variables = field(default_factory=Variables)
@@ -177,15 +181,15 @@ class _Program:
             named = code.data[slice(*arguments[goals])].decode("latin-1")
             local = code.local(*arguments[goals])
             tool = Frame(local, f"{local} of {self._name}") if local else self._tool(named)
-            for goal in arguments[:goals]:
-                if self._goal(m, goal, tool):
+            for rank, goal in enumerate(arguments[:goals]):
+                if self._goal(m, goal, tool, rank):
                     taken.append(goal)
                 elif not self._alias:
                     self._computed(m[1].decode().lower(), goal)
         return taken
 
-    def _goal(self, m: re.Match[bytes], goal: tuple[int, int], tool: Frame | None) -> bool:
-        """Take the goal of a motion; return whether it is understood."""
+    def _goal(self, m: re.Match[bytes], goal: tuple[int, int], tool: Frame | None, rank: int) -> bool:
+        """Take a goal of a motion, the first or second; return whether it is understood."""
         word, place, problem = m[1].decode().lower(), self._place(goal[0]), None
         if m[3]:
             problem = Problem("refuse", f"{word} (line {place.line} of {self._name}) yields to forces")
@@ -194,7 +198,8 @@ class _Program:
             problem = Problem("refuse", reason)
 
         def use(point: Point) -> Use:
-            return Use(word, place, tool, self._uses.frame_of(point), problem)
+            order = rank * _MOST_ELEMENTS + min(self._uses.place_of(point), _MOST_ELEMENTS - 1)
+            return Use(word, place, tool, self._uses.frame_of(point), problem, order=order)
 
         variable = self._variable(*goal)
         value = self._values.get(variable) if variable else None

@@ -146,7 +146,7 @@ class _Parser:
         self._open: list[_Element] = []
         self._seen: dict[tuple[Step, ...], int] = {}
         self._declared: dict[str, Data] = {}
-        self._ranges: dict[str, list[tuple[int, int]]] = {}
+        self._ranges: dict[str, list[tuple[int, int, int]]] = {}
         self._public = True
         self._hidden_bytes = self._hidden_lines = 0
         self._parser = parser = expat.ParserCreate()
@@ -194,10 +194,10 @@ class _Parser:
         keys = run.columns(self._source.data, slice(0, 1))[0][:, 0].astype(int)
         first, last = int(keys[0]), int(keys[-1])
         ranges = self._ranges.setdefault(top.name, [])
-        repeated = any(a <= last and first <= b for a, b in ranges)
+        repeated = any(a <= last and first <= b for a, b, _ in ranges)
         if repeated or (keys[1:] - keys[:-1] != 1).any() or any(way in self._seen for way in self._ways(top, keys)):
             return False
-        ranges.append((first, last))
+        ranges.append((first, last, run.line))
         attributes = _attributes(self._source, self._source.data.index(b"<", run.start))
         way = (Step(top.name, str(first)),)
         self._found.append(Value(top.kind, way, attributes, run.line, public=self._public, run=run))
@@ -228,7 +228,7 @@ class _Parser:
         first = self._seen.get(way)
         if first is None and len(way) == 1 and way[0].key.isdecimal():
             key = int(way[0].key)
-            first = next((line for a, b in self._ranges.get(way[0].name, ()) if a <= key <= b), None)
+            first = next((at + key - a for a, b, at in self._ranges.get(way[0].name, ()) if a <= key <= b), None)
         if first is not None:
             shown = f"{'.'.join(map(str, way[:-1]))}{'.' if way[1:] else ''}{way[-1].name}[{way[-1].key}]"
             raise self._source.error(line, f"{shown} is given twice, first in line {first}; keep one")
