@@ -50,6 +50,7 @@ def show_checked(program: Program) -> None:
     for module, rows in modules.items() if len(modules) > 1 else ():
         counts = [int(np.count_nonzero(codes[rows] == k)) for k in range(3)]
         say(f"  {escape(str(module))}: {_verdicts(dict(zip(('correct', 'skip', 'refuse'), counts, strict=True)))}")
+    _say_blended(program)
     _say_reasons(program.targets, np.flatnonzero(codes))
 
 
@@ -73,6 +74,7 @@ def show_corrected(program: CorrectedProgram) -> None:
     for module, rows in modules.items() if len(modules) > 1 else ():
         note = "; refused, not written" if module in program.refused else ""
         say(f"  {escape(str(module))}: {int(np.count_nonzero(corrected[rows]))} of {len(rows)} corrected{note}")
+    _say_blended(program.program)
     _say_reasons(program.targets, np.flatnonzero((program.targets.code != 1) & (corrected | ~program.targets.moved)))
 
 
@@ -131,6 +133,14 @@ def say_total(programs: Sequence[Program], unreadable: int) -> None:
 
 def _verdicts(counts: Mapping[Any, int]) -> str:
     return f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
+
+
+def _say_blended(program: Program) -> None:
+    """Show how many motions of a program are blended."""
+    from truepose.programs.core.blending import in_words
+
+    if told := in_words(program.blended):
+        say(f"  {told}")
 
 
 def _say_reasons(targets: Sequence[Any], rows: IntArray) -> None:

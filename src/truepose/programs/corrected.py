@@ -122,6 +122,7 @@ class CorrectedProgram:
             "resolution_mm": self.resolution,
             "summary": self.summary(),
             "continuity": self.continuity.summary(),
+            "blended": self.program.blended,
             "warnings": list(self.warnings),
             "refused": {str(path): reason for path, reason in self.refused.items()},
         }

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, FileError
+from truepose.programs.core.blending import blended
 from truepose.programs.core.columns import ProgramTargets, TargetColumns
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Verdict
@@ -240,9 +241,14 @@ class Program:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the path, the language, the counts and the targets with their verdicts, for JSON."""
-        found: dict[str, Any] = {"file": str(self.path), "language": self.language}
+        found: dict[str, Any] = {"file": str(self.path), "language": self.language, "blended": self.blended}
         found |= {str(verdict): n for verdict, n in self.counts().items()}
         return {**found, "targets": [target.to_dict() for target in self.targets]}
+
+    @property
+    def blended(self) -> dict[str, int]:
+        """The numbers of blended motions by the word that says so; see `truepose.programs.core.blending`."""
+        return blended(self.language, self.sources)
 
     @property
     def folder(self) -> Path:
