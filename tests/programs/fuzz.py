@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.programs.backups import kuka
 from tests.programs.conftest import FakeMap
 from tests.programs.corpus import CORPUS, FRAMES, Example
 from tests.programs.numbers import check_numbers
@@ -90,6 +91,7 @@ def programs() -> Iterator[tuple[str, Files, FrameTable, ReadOptions]]:
     yield "realistic", {"a.src": REALISTIC_SRC, "a.dat": REALISTIC_DAT}, FRAMES, ReadOptions()
     project = Example(PROJECT, 0)
     yield "project", {"": b"", **project.data()}, FRAMES, ReadOptions()
+    yield "backup of KUKA", {"": b"", **kuka.few()}, FrameTable(), ReadOptions(derived=True)
 
 
 class Turning(FakeMap):
@@ -116,7 +118,7 @@ def injure(rng: np.random.Generator, folder: Path, files: Files, frames: FrameTa
     shutil.rmtree(folder, ignore_errors=True)
     whole_folder = "" in files
     names = [name for name in files if name]
-    hurt = set(rng.choice(names, rng.integers(1, len(names) + 1), replace=False).tolist())
+    hurt = set(rng.choice(names, rng.integers(1, min(len(names), 4) + 1), replace=False).tolist())
     original = {folder / name: mutate(rng, files[name]) if name in hurt else files[name] for name in names}
     for path, data in original.items():
         path.parent.mkdir(parents=True, exist_ok=True)

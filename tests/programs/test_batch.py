@@ -13,7 +13,6 @@ from openpyxl import load_workbook
 
 from truepose.errors import FileError, RefusedError
 from truepose.programs import FrameTable, correct_programs, read_program
-from truepose.programs.reading import read_programs
 
 HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 GOOD = HEAD + "LIN {{X {0},Y 2,Z 3,A 0,B 0,C 0}}\nLIN {{X {0},Y 9,Z 3,A 0,B 0,C 0}}\n"
@@ -66,32 +65,6 @@ def test_a_module_that_cannot_be_read_is_left_out(folders: list[Path], make_map:
     assert {path.name for path in (tmp_path / "out").rglob("*.src")} == {"a.src", "b.src"}
     with pytest.raises(FileError, match=r"broken\.src:2"):
         read_program(folders[2])
-
-
-@pytest.mark.parametrize(
-    ("statement", "word"),
-    [
-        ("b()", "B"),
-        ("help_all()", "HELP_ALL"),
-        ("LIN SHARED", "SHARED"),
-        ("BASE_DATA[1]={X 1}", "BASE_DATA"),
-        ("$ROBROOT={X 1}", r"\$ROBROOT"),
-        ("INTERRUPT DECL 3 WHEN $IN[1] DO stop()", "INTERRUPT"),
-        ("ret=RSI_ON(#RELATIVE)", "RSI_ON"),
-    ],
-)
-def test_a_broken_module_that_acts_on_others_refuses_the_project(
-    folders: list[Path], statement: str, word: str
-) -> None:
-    r1 = folders[2] / "R1"
-    (r1 / "a.dat").write_text("DEFDAT A PUBLIC\nDECL GLOBAL E6POS SHARED={X 1,Y 2,Z 3,A 0,B 0,C 0}\nENDDAT\n")
-    (r1 / "a.src").write_text((r1 / "a.src").read_text() + "GLOBAL DEF help_all()\nEND\n")
-    (r1 / "broken.src").write_text(module("broken", f"LIN {{X 1.2.3}}\n{statement}\n"))
-    found = read_programs(folders[2:], FrameTable())
-    assert not found.programs
-    assert re.search(
-        rf"broken\.src:2: .*no other module is read, because this one names {word}", str(found.unreadable[0])
-    )
 
 
 def test_a_refused_project_counts_its_modules(folders: list[Path], make_map: Any) -> None:

@@ -130,7 +130,7 @@ def read_programs(
     that each stores. Of any other folder, all KRL modules are one program, and so are its RAPID modules: one task, or
     one for each folder TASK1, TASK2 … in it. RAPID modules that are named together are one task, too. Links in a folder
     are ignored; its CSV files are read only if it holds nothing else, because most tables are no targets. A KRL module
-    that cannot be read is left out of its project if it names nothing of the other modules.
+    that cannot be read is left out of its project, and what it names is not trusted.
 
     Parameters
     ----------

@@ -459,3 +459,13 @@ def older() -> dict[str, bytes]:
     files["KRC/R1/System/$config.dat"] = config_dat(lower=True)
     files["KRC/STEU/Mada/$option.dat"] = encode("DEFDAT $OPTION PUBLIC\nBOOL $ABS_ACCUR=FALSE\nENDDAT")
     return {name.lower(): data for name, data in files.items()}
+
+
+def few() -> dict[str, bytes]:
+    """Return the backup with one program of each kind alone."""
+    kept = ("weld_01.", "pick1.", "pick3.", "pallet_0.", "glue_0.", "station0.", "camera.")
+    return {
+        name: data
+        for name, data in backup().items()
+        if "/Program/" not in name or name.rpartition("/")[2].lower().startswith(kept)
+    }

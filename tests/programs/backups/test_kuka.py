@@ -408,7 +408,7 @@ def test_what_a_called_system_module_does_counts(tmp_path: Path) -> None:
     broken = grip.replace(b"WAIT FOR $IN[21]", b'LIN XGPARK\nHALT "')
     program = read(changed(tmp_path, **{"KRC/R1/TP/GripTech/grip.src": broken}))
     (why,) = [target.reason for target in program.targets if target.name == "XGPARK"]
-    assert "named by a system module that cannot be read (grip.src, line 1)" in why
+    assert "named by GRIP, which cannot be read (grip.src, line 1)" in why
     (why,) = [target.reason for target in program.targets if target.name == "XGCLEAN"]
     assert not why
 
@@ -427,7 +427,7 @@ def test_an_encoded_module_is_named_and_may_use_every_global_point(tmp_path: Pat
     assert found.others[root / "Program/Special.src"] == "encoded"
     assert "Special.src is encoded" in found.warnings[0]
     of_global = {target.reason for target in read(folder).targets if target.name.startswith("XG")}
-    assert all("named by a system module that cannot be read" in why for why in of_global)
+    assert all("named by SPECIAL, which cannot be read" in why for why in of_global)
 
 
 def test_a_point_of_config_dat_is_never_written(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ change tools and bases, write points and move the robot. Those that no program c
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -45,7 +45,7 @@ def needed(programs: Iterable[Path], libraries: Iterable[Path]) -> list[Path]:
             texts[path] = b"GLOBAL"
     modules_of: dict[str, set[str]] = {}
     for stem, paths in files.items():
-        for name in {stem}.union(*[_names(_DEFINED, texts[path]) for path in paths]):
+        for name in {stem}.union(*[defined_in(stem, texts[path]) for path in paths]):
             modules_of.setdefault(name, set()).add(stem)
     found: set[str] = {stem for stem, paths in files.items() if any(_always(path, texts[path]) for path in paths)}
     waiting = [modules_of.get(name, set()) for path in programs for name in _calls(path)] + [found]
@@ -57,6 +57,11 @@ def needed(programs: Iterable[Path], libraries: Iterable[Path]) -> list[Path]:
                 modules_of.get(name, set()) for path in files[stem] for name in _names(_CALLED, texts[path]) - _KNOWN
             ]
     return [path for stem, paths in files.items() if stem in done for path in paths]
+
+
+def defined_in(module: str, text: bytes) -> set[str]:
+    """Return the routines of a module that others may call."""
+    return {module, *_names(_DEFINED, text)}
 
 
 def _always(path: Path, text: bytes) -> bool:
@@ -80,12 +85,3 @@ def _calls(path: Path) -> set[str]:
 
 def _names(pattern: re.Pattern[bytes], text: bytes) -> set[str]:
     return {name.decode("latin-1").upper() for name in set(pattern.findall(text))}
-
-
-def mentioned(names: Collection[str], path: Path) -> set[str]:
-    """Return those of some names, in upper case, that a file mentions; all of them if it is encoded."""
-    text = Source.read(path).data
-    if is_encoded(text):
-        return set(names)
-    words = re.findall(rb"[A-Za-z_$][\w$]*", text)
-    return {word.decode("latin-1").upper() for word in set(words)} & set(names)

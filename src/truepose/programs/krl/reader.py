@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from truepose.errors import FileError
-from truepose.programs.core import shifts
 from truepose.programs.core.derived import Goal as Positions
 from truepose.programs.core.order import Sweep
 from truepose.programs.core.points import FileLine, Point, Problem
@@ -17,16 +16,14 @@ from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.krl.derived import Followed
 from truepose.programs.krl.lexer import LEXER
-from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, mentioned, needed
-from truepose.programs.krl.module import FRAME_TABLES, KrlModule, Shared
+from truepose.programs.krl.libraries import HALF_CIRCLE, NOT_WRITTEN, needed
+from truepose.programs.krl.module import KrlModule, Shared
 from truepose.programs.krl.motions import Goal
 from truepose.programs.krl.points import KrlJudge, Numbers, PointVariable, concerning
 from truepose.programs.krl.runs import Run
+from truepose.programs.krl.unreadable import assume_all_of
 
 _HOME: Final = re.compile(r"X?HOME\d*", re.I)
-_WORD: Final = re.compile(rb"[A-Za-z_$][\w$]*")
-_FAR: Final = ("TOOL_DATA", "BASE_DATA", "$ROBROOT", "$WORLD", "INTERRUPT")
-"""Words whose statements have effects in other modules."""
 
 
 def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
@@ -53,7 +50,7 @@ def read_project(
 ) -> Program:
     """Read the .src and .dat files of a folder as one program, whose modules share GLOBAL points and routines.
 
-    A module that cannot be read is left out, if it names nothing of the others and none of the words that act on them.
+    A module that cannot be read is left out. What it may do to the others is assumed of what it names.
 
     Parameters
     ----------
@@ -70,7 +67,7 @@ def read_project(
     Raises
     ------
     FileError
-        If two modules have one name, or a module cannot be read and the others depend on it.
+        If two modules have one name, or no module can be read.
     """
     programs = list(files)
     extra = needed(programs, libraries)
@@ -87,12 +84,11 @@ def read_project(
         shared = Shared(options, project=True, libraries=shared.libraries)
         modules = _read_modules(kept, shared)
         for name, why in broken.items():
-            if shared.libraries.issuperset(found[name].values()):
-                _distrust(found[name], shared)
-                continue
-            if word := _reaches(found[name], modules, shared):
-                raise FileError(folder, f"{why}; no other module is read, because this one names {word}") from None
-            unreadable.append(why)
+            try:
+                assume_all_of(name, found[name].values(), modules, shared)
+            except FileError:
+                raise FileError(folder, f"{why}; what it does to the other modules is not known") from None
+            unreadable += [] if shared.libraries.issuperset(found[name].values()) else [why]
     return replace(_program(folder, modules, shared, frames), unreadable=tuple(unreadable))
 
 
@@ -107,17 +103,6 @@ def _by_name(folder: Path, files: Iterable[Path]) -> dict[str, dict[str, Path]]:
             raise FileError(file, f"{shown}; give the folder of one controller at a time")
         kind[ending] = file
     return found
-
-
-def _distrust(kind: Mapping[str, Path], shared: Shared) -> None:
-    """Refuse the points and frames that a library names which cannot be read."""
-    for path in kind.values():
-        place = FileLine(path.name, 1)
-        for name in mentioned([*shared.points, *FRAME_TABLES], path):
-            if name in shared.points:
-                shared.points[name].reads[None].append((place, "named by a system module that cannot be read"))
-            else:
-                shared.changed.setdefault((FRAME_TABLES[name], None), place)
 
 
 def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[KrlModule]:
@@ -148,20 +133,6 @@ def _broken(found: Mapping[str, Mapping[str, Path]], options: ReadOptions) -> di
         except FileError as error:
             errors[name] = error
     return errors
-
-
-def _reaches(kind: Mapping[str, Path], modules: Sequence[KrlModule], shared: Shared) -> str:
-    """Return the word by which a broken module may act on the modules of a project; empty if there is none."""
-    names = {module.name for module in modules} | set(shared.points) | set(shared.flow.routines)
-    for path in kind.values():
-        text = Source.read(path).data
-        for m in _WORD.finditer(text):
-            if (word := m[0].decode().upper()) in names or word in _FAR:
-                return word
-        for shift in shifts.KRL:
-            if begins := shift.begins.search(text):
-                return begins[0].decode("latin-1")
-    return ""
 
 
 def _partner(path: Path, suffix: str) -> Path | None:
