@@ -23,8 +23,8 @@ PROGRAMS = {
     ),
     "a.mod": (
         (
-            f"MODULE m\nPROC main()\nMoveL {RT},v10,z10,tool0;\nMoveJ {RT},v10,fine,tool0;\nMoveL {RT},\n v10,\n Z5,tool0"
-            "\\WObj:=wobj0;\n! MoveL p1,v10,z50,tool0;\nENDPROC\nENDMODULE\n"
+            f"MODULE m\nPROC main()\nMoveL {RT},v10,z10,tool0;\nMoveJ {RT},v10,fine,tool0;\n"
+            f"MoveL {RT},\n v10,\n Z5,tool0\\WObj:=wobj0;\n! MoveL p1,v10,z50,tool0;\nENDPROC\nENDMODULE\n"
         ),
         {"z10": 1, "z5": 1},
     ),
@@ -44,8 +44,8 @@ PROGRAMS = {
     ),
     "a.jbi": (
         (
-            "/JOB\n//NAME A\n//POS\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\nC00000=1.000,2.000,3.000,0.0000,0.0000,0.0000\n"
-            "//INST\nNOP\nMOVL C00000 V=9.0 PL=4\nMOVL C00000 V=9.0 PL=0\nMOVL C00000 V=9.0\n'MOVL C00000 PL=4\nEND\n"
+            "/JOB\n//NAME A\n//POS\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\n"
+            "C00000=1.000,2.000,3.000,0.0000,0.0000,0.0000\n//INST\nNOP\nMOVL C00000 V=9.0 PL=4\nMOVL C00000 V=9.0 PL=0\nMOVL C00000 V=9.0\n'MOVL C00000 PL=4\nEND\n"
         ),
         {"PL=4": 1},
     ),
