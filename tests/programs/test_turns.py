@@ -200,3 +200,15 @@ def test_letters_of_fanuc_count_along_paths_whatever_the_turn_numbers(tmp_path: 
     error_map.robot = FANUC
     done = correct_program(path, error_map, frames=FrameTable(), on_guard="skip")
     assert done.targets[0].reason == "its configuration would change from N U T to out of reach"
+
+
+def test_a_path_that_winds_on_is_left_and_does_not_stop_the_program(tmp_path: Path, error_map: ErrorMap) -> None:
+    start = middle_of(error_map)
+    turns = [start + np.deg2rad(100.0 * k % 360.0) * np.eye(6)[5] for k in range(24)]
+    path = write(tmp_path, f"PTP {pose(start, turn_of(start))}", *(f"LIN {pose(q, None)}" for q in turns))
+    near = joints_along_paths(ROBOT, read_program(path, KNOWN).targets, EYE)
+    assert near is not None
+    assert np.nanmax(np.abs(near)) <= 3.0 * np.pi
+    assert np.rad2deg(near[5, 5] - near[1, 5]) == pytest.approx(400.0, abs=1.0)
+    done = correct_program(path, error_map, frames=KNOWN, on_guard="skip", accept_weak_map=True)
+    assert not done.targets.corrected[-5:].any()

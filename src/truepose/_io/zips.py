@@ -92,7 +92,14 @@ def read_member(path: Path, largest: int) -> bytes | None:
 def directory(path: Path) -> Directory:
     """Return the directory of a .zip, which may lie in another one; a FileError says why it is refused."""
     outer = on_disk(path)
-    status = outer.stat()
+    try:
+        status = outer.stat()
+    except (OSError, ValueError) as error:
+        missing = isinstance(error, FileNotFoundError | NotADirectoryError)
+        reason = "no such file" if missing else f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise FileError(path, reason) from None
+    if not stat.S_ISREG(status.st_mode):
+        raise FileError(path, "is a device or a pipe, not a file; save its content as a file")
     return _directory(outer, path.relative_to(outer).as_posix(), status.st_mtime_ns, status.st_size)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zipfile
 from collections.abc import Callable
@@ -169,3 +170,10 @@ def test_a_path_below_a_plain_file_is_no_file(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("x")
     with pytest.raises(FileError, match="no such file"):
         read_bytes(tmp_path / "a.txt" / "b")
+
+
+def test_what_is_no_file_is_said_before_it_is_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.zip")
+    for name, message in (("missing.zip", "no such file"), ("a/b.zip", "no such file"), ("pipe.zip", "is a device")):
+        (error,) = read_programs([tmp_path / name]).unreadable
+        assert str(error).startswith(f"{tmp_path / name}: {message}")

@@ -8,6 +8,8 @@ the turns by itself.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from truepose._typing import BoolArray, FloatArray, IntArray
@@ -19,6 +21,9 @@ from truepose.programs.core.points import ALLOWED_JOINTS
 from truepose.robots import Robot, select, status_turn
 from truepose.robots.inverse.axes import half_turn
 from truepose.robots.inverse.branches import inverse
+
+_FARTHEST: Final = 3.0 * np.pi
+"""Where a joint is taken to be that no arm turns so far: a path that winds on is not that of this arm."""
 
 
 def joints_along_paths(robot: Robot, targets: ProgramTargets, tf_flange_tool: FloatArray) -> FloatArray | None:
@@ -59,6 +64,8 @@ def joints_along_paths(robot: Robot, targets: ProgramTargets, tf_flange_tool: Fl
     near = np.full_like(q, np.nan)
     known &= on_paths[row]
     near[row[known][::-1]] = along[known][::-1]
+    limited = np.isfinite(robot.limits).all(axis=1)
+    near[:, limited] = np.clip(near[:, limited], -_FARTHEST, _FARTHEST)
     return near
 
 
