@@ -45,7 +45,8 @@ PROGRAMS = {
     "a.jbi": (
         (
             "/JOB\n//NAME A\n//POS\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\n"
-            "C00000=1.000,2.000,3.000,0.0000,0.0000,0.0000\n//INST\nNOP\nMOVL C00000 V=9.0 PL=4\nMOVL C00000 V=9.0 PL=0\nMOVL C00000 V=9.0\n'MOVL C00000 PL=4\nEND\n"
+            "C00000=1.000,2.000,3.000,0.0000,0.0000,0.0000\n//INST\nNOP\n"
+            "MOVL C00000 V=9.0 PL=4\nMOVL C00000 V=9.0 PL=0\nMOVL C00000 V=9.0\n'MOVL C00000 PL=4\nEND\n"
         ),
         {"PL=4": 1},
     ),
