@@ -315,3 +315,43 @@ def test_pulses_are_whole_and_signed() -> None:
     np.testing.assert_allclose(form.numbers(q), [[10000, 10000, 60000, 0, -4000, 400]])
     np.testing.assert_allclose(form.joints(form.numbers(q)), q)
     assert (form.unit, form.step, form.count) == ("pulse", 1.0, 6)
+
+
+@ALL
+@pytest.mark.parametrize("count", [3, 2100], ids=["few", "many"])
+def test_joint_targets_among_others(tmp_path: Path, maker: Maker, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions and joints in one program, also where runs of motions are read in parts."""
+    monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "state"))
+    path = maker.file(tmp_path, texts(maker.some(3, 17)))
+    data = path.read_bytes()
+    if maker.name.endswith(".src"):
+        lines = "".join(f"LIN {{X {900 + k}.0,Y 0.0,Z 800.0,A 0.0,B 90.0,C 0.0}} C_DIS\r\n" for k in range(count))
+        data = data.replace(b"$TOOL", b"$BASE=$NULLFRAME\r\n$TOOL").replace(b"END\r\n", f"{lines}END\r\n".encode())
+    elif maker.name.endswith(".mod"):
+        pose = "[[{}.0,0.0,800.0],[0.0,0.0,1.0,0.0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+        lines = "".join(f"    MoveL {pose.format(900 + k)},v100,z1,tGrip;\n" for k in range(count))
+        data = data.replace(b"  ENDPROC", f"{lines}  ENDPROC".encode())
+    else:
+        axes = {"X": "{}.000  mm", "Y": "0.000  mm", "Z": "800.000  mm", "W": "180.000 deg", "P": "0.000 deg"}
+        numbers = ",\t".join(f"{key} =   {value}" for key, value in {**axes, "R": "0.000 deg"}.items())
+        head = "P[{}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',\n\t"
+        lines = "".join(f"{k + 4:4d}:L P[{k + 4}] 90mm/sec FINE    ;\n" for k in range(count))
+        positions = "".join(head.format(k + 4) + numbers.format(900 + k) + "\n};\n" for k in range(count))
+        data = data.replace(b"/POS\n", f"{lines}/POS\n".encode()).replace(b"/END", f"{positions}/END".encode())
+    path.write_bytes(data)
+    if count == 3:
+        assert after(correct(path, maker, scale=0.0)) == data
+    corrected = correct(path, maker)
+    assert corrected.coverage == (count + 3, count + 3)
+    assert corrected.summary()["joint_targets"] == 3
+    told, written = maker.read(data), maker.read(after(corrected))
+    assert ((told != written).any(axis=1)).all()
+    assert len(corrected.to_dict()["targets"]) == count + 3
+    for outcome in (t for t in corrected.targets[:: max(1, count // 50)] if t.target.xyz is not None):
+        miss = outcome.p_after + Sagging(maker.robot).error(outcome.p_after) - outcome.p_before
+        assert np.abs(miss).max() < 0.6e-3
+    corrected.write(tmp_path / "out")
+    copy = tmp_path / f"copy{path.suffix}"
+    copy.write_bytes(after(corrected).replace(b"50", b"51", 1))
+    with pytest.raises(RefusedError, match="that were corrected"):
+        correct(copy, maker)
