@@ -106,6 +106,55 @@ def test_the_option_is_named(name: str, read: Any) -> None:
     assert "--derived" in target.reason
 
 
+WHOLE = {
+    "in a subprogram": (
+        "XAP = XP1\nup( )\nLIN XAP\nLIN XP1\nEND\nDEF up( )\nXAP.Z = XAP.Z + 50",
+        [(0, 0, 50)],
+    ),
+    "moved to in a subprogram": (
+        "LIN XP1\nXAP = XP1\nXAP.Z = XAP.Z + 50\ngo( )\nXAP = XP1\nXAP.Z = XAP.Z + 100\ngo( )\nEND\nDEF go( )\nLIN XAP",
+        [(0, 0, 50), (0, 0, 100)],
+    ),
+    "from one call to the next": (
+        "LIN XP1\nXAP = XP1\nnext( )\nnext( )\nEND\nDEF next( )\nLIN XAP\nXAP = XP1\nXAP.Y = XAP.Y + 7",
+        [(0, 0, 0), (0, 7, 0)],
+    ),
+    "behind a jump": (
+        "LIN XP1\nXAP = XP1\nGOTO on\nXAP.Z = XAP.Z + 50\non:\nXAP.X = XAP.X + 5\nLIN XAP",
+        [(5, 0, 0)],
+    ),
+    "in a loop that ends early": (
+        "LIN XP1\nXAP = XP1\nFOR i = 1 TO 3\nXAP.X = XAP.X + 10\nIF $IN[1] THEN\nEXIT\nENDIF\nENDFOR\nLIN XAP",
+        [(10, 0, 0), (20, 0, 0), (30, 0, 0)],
+    ),
+    "with an array of the data list": (
+        "LIN XP1\nFOR i = 1 TO 2\nXAP = XP1\nXAP.Y = XAP.Y + PITCH[i]\nLIN XAP\nENDFOR",
+        [(0, 40, 0), (0, 90, 0)],
+    ),
+    "in an element": ("LIN XP1\nXA[2] = XP1\nXA[2].Z = XA[2].Z + 8\nLIN XA[2]", [(0, 0, 8)]),
+    "of an element": (
+        "LIN XB[1]\nFOR i = 1 TO 1\nXAP = XB[i]\nXAP.Z = XAP.Z + 8\nLIN XAP\nENDFOR",
+        [(0, 0, 8)],
+    ),
+    "with a number of the data list": ("LIN XP1\nXAP = XP1\nXAP.Z = XAP.Z + UP\nLIN XAP", [(0, 0, 33.5)]),
+}
+DATA = (
+    f"{POINTS}REAL UP=33.5\nINT i\nDECL REAL PITCH[2]\nPITCH[1]=40.0\nPITCH[2]=90\nDECL E6POS XA[2]\n"
+    f"DECL E6POS XB[2]\nXB[1]={POSE}\n"
+)
+
+
+@pytest.mark.promise("Shifts are followed through routines, jumps, loops and arrays.")
+@pytest.mark.parametrize("name", WHOLE)
+def test_the_ways_through_the_program(name: str, read: Any) -> None:
+    code, shifts = WHOLE[name]
+    program = read(f"DEF cell( )\n{HEAD}{code}\nEND\n", DATA, derived=True)
+    target = by_name(program, "XB[1]" if "XB" in code else "XP1")
+    assert (target.verdict, target.reason) == ("correct", "")
+    found = {shift for one in target.derived for shift in one.shifts}
+    assert found == {tuple(map(float, shift)) for shift in shifts}
+
+
 SPOILED = {
     "a measured shift": "XAP = XP1\nXAP.Z = XAP.Z + $ANIN[1]\nLIN XAP",
     "a shift of a caller": "XAP = XP1\nXAP.Z = XAP.Z + shift\nLIN XAP",
@@ -124,6 +173,12 @@ SPOILED = {
     "a loop over an input": "INT i\nXAP = XP1\nFOR i = 1 TO n\nXAP.Z = XAP.Z + 1\nLIN XAP\nENDFOR",
     "a loop that is too long": "INT i\nFOR i = 1 TO 5000\nXAP = XP1\nXAP.Z = XAP.Z + i*0.1\nLIN XAP\nENDFOR",
     "whole numbers alone": "INT n\nn = 2.5\nXAP = XP1\nXAP.Z = XAP.Z + n\nLIN XAP",
+    "a number of the data list that a routine may set": "my_set(UP)\nXAP = XP1\nXAP.Z = XAP.Z + UP\nLIN XAP",
+    "an array that the program sets": "PITCH[1] = $ANIN[1]\nXAP = XP1\nXAP.Z = XAP.Z + PITCH[1]\nLIN XAP",
+    "an element that is not known": "XA[n] = XP1\nLIN XA[1]",
+    "an element of any index": "XA[1] = XP1\nLIN XA[n]",
+    "a jump back": "XAP = XP1\nback:\nXAP.Z = XAP.Z + 1\nLIN XAP\nIF $IN[1] THEN\nGOTO back\nENDIF",
+    "a call within a motion": "REAL h\nh = 5\nLIN far(h)\nXAP = XP1\nXAP.Z = XAP.Z + h\nLIN XAP",
     "a trigger": "REAL h\nh = 5\nTRIGGER WHEN DISTANCE=0 DELAY=0 DO h = 7\nXAP = XP1\nXAP.Z = XAP.Z + h\nLIN XAP",
     "an interrupt program": "INTERRUPT DECL 3 WHEN $IN[1] DO stop( )\nXAP = XP1\nLIN XAP\nEND\nDEF stop( )\n"
     "XAP.Z = XAP.Z + 100\nLIN XAP",
@@ -133,7 +188,7 @@ SPOILED = {
 @pytest.mark.promise("A point whose digits reach anything but a constant shift stays refused with --derived.")
 @pytest.mark.parametrize("name", SPOILED)
 def test_what_the_data_decide(name: str, read: Any) -> None:
-    program = read(f"DEF cell( )\n{HEAD}LIN XP1\n{SPOILED[name]}\nEND\n", POINTS, derived=True, calls_keep_frames=True)
+    program = read(f"DEF cell( )\n{HEAD}LIN XP1\n{SPOILED[name]}\nEND\n", DATA, derived=True, calls_keep_frames=True)
     target = by_name(program, "XP1")
     assert target.verdict == "refuse"
     assert "both moved to" in target.reason

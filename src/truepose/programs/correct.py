@@ -176,8 +176,10 @@ def correct_program(
         asked = _ask(error_map, columns, on_guard, orientation, more)
         for k, shared in _shared(error_map, program, columns, asked, limits, orientation, more).items():
             i = int(rows[k])
-            outcomes.differences[i], outcomes.notes[i] = shared.difference, shared.note
-            if shared.refused:
+            outcomes.differences[i] = shared.difference
+            if not shared.refused:
+                outcomes.notes[i] = shared.note
+            else:
                 asked[0][k], asked[3][k], asked[4][k] = 0.0, _left(on_guard), shared.refused
         change[rows] = asked[0]
         _note(outcomes, rows, asked)

@@ -216,7 +216,10 @@ class KrlModule:
         word, line, start, rest, end = statement
         data = self._src.data
         if word in MOTIONS:
-            self._call(self._motions.read(statement))
+            calls = self._motions.read(statement)
+            if calls:
+                self._derivations.hand_over(data, rest, end)
+            self._call(calls)
         elif word in RELATIVE_MOTIONS or word in JOINT_MOTIONS:
             self._call(self._names.scan(data, rest, end, line, "used by a relative motion"))
             self._motions.other(word, line, JOINTS if word in JOINT_MOTIONS else RELATIVE)
