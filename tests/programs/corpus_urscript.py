@@ -4,6 +4,19 @@ from __future__ import annotations
 
 from tests.programs.example import FRAMES, Example
 
+from truepose.programs import ReadOptions
+
+UR_POSITION = """
+      <JointAngles angles="-1.5, -1.6, 1.9, -1.8, -1.5, 0.2"/>
+      <TCPOffset pose="0.0, 0.0, 0.15, 0.0, 0.0, 0.0"/>
+      <Kinematics status="NOT_INITIALIZED" validChecksum="false">
+       <deltaTheta value="0.0, 0.0, 0.0, 0.0, 0.0, 0.0"/>
+       <a value="0.0, -0.425, -0.3922, 0.0, 0.0, 0.0"/>
+       <d value="0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996"/>
+       <alpha value="1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0"/>
+      </Kinematics>
+"""
+
 UR = {
     "polyscope": Example(
         {
@@ -94,6 +107,58 @@ end
         3,
         1,
         1,
+    ),
+    "shared": Example(
+        {
+            "load.script": """def load():
+  set_tcp(p[0.0, 0.0, 0.17, 0.0, 0.0, 0.0])
+  global Table=p[0.65,-0.31,0.01,0.0,0.0,0.785]
+  global up=p[0,0,0.08,0,0,0]
+  global pick=p[0.3,-0.2,0.4,3.14,0,0]
+  slots=[p[0.1,0.1,0,3.14,0,0], p[0.2,0.1,0,3.14,0,0],
+    p[0.3,0.1,0,3.14,0,0]]
+  def take(target, speed):
+    movej(pose_add(target, up), a=1.2, v=1.0)
+    movel(target, a=1.2, v=speed)
+  end
+  take(pick, 0.1)
+  take(speed=0.2, target=p[0.35,-0.2,0.4,3.14,0,0])
+  i=0
+  while i < size(slots):
+    movel(pose_trans(Table, slots[i]), v=0.1)
+    i=i+1
+  end
+  above=pick
+  above[2]=above[2]+0.1
+  movel(above)
+  movel(pose_trans(pick, p[0,0,-0.05,0,0,0]))
+end
+"""
+        },
+        5,
+        4,
+        options=ReadOptions(derived=True),
+    ),
+    "editor": Example(
+        {
+            "cell.urp": f"""<URProgram name="cell" installation="default" robotSerialNumber="20195010123" crcValue="1">
+ <children><MainProgram runOnlyOnce="false"><children>
+  <Move motionType="MoveJ" useActiveTCP="true" positionType="CartesianPose">
+   <feature class="GeomFeatureReference" referencedName="Joint_0_name"/>
+   <children>
+    <Waypoint type="Fixed" name="W1"><position>{UR_POSITION}</position>
+     <BaseToFeature pose="0.0, 0.0, 0.0, 0.0, 0.0, 0.0"/></Waypoint>
+    <Waypoint type="Relative" name="W2"><position>{UR_POSITION}</position></Waypoint>
+    <Waypoint reference="../Waypoint"/>
+   </children>
+  </Move>
+  <Script type="Line">movel(p[0.1,0.2,0.3,0,3.1,0])</Script>
+ </children></MainProgram></children>
+</URProgram>
+"""
+        },
+        0,
+        3,
     ),
     "functions": Example(
         {

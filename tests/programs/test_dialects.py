@@ -134,6 +134,12 @@ DIALECTS = {
             ("  movej([<n>,-1.57,1.57,0,0,0], a=1, v=1)\n", ""),
             ("  w<i>=p[<n>,<n>,<n>,0,0,0]\n  movel(pose_trans(w<i>, p[<x>,<y>,<z>,0,0,0]))\n", ""),
             ("  w<i>=get_target()\n  movel(pose_trans(w<i>, p[<n>,0,0,0,0,0]))\n", ""),
+            ("  def go<i>(t, v):\n    movel(t, v=v)\n  end\n  go<i>(p[<x>,<y>,<z>,0,3.14,0], <n>)\n", ""),
+            ("  pts<i> = [p[<x>,<y>,<z>,0,3.14,0],\n    p[<x>,<y>,<z>,0,3.14,0]]\n  movel(pts<i>[k], a=1)\n", ""),
+            (
+                "  f<i>=p[<n>,<n>,<n>,0,0,0]\n  u<i>=pose_trans(pose_inv(f<i>), p[<x>,<y>,<z>,0,3,0])\n  movel(pose=u<i>)\n",
+                "",
+            ),
             ("  movel(p[<n>+x,<n>,<n>,0,3.14,0])\n  movel(p[{{x}},<n>,<n>,0,3.14,0])\n", ""),
             (
                 '  if x > <n>:\n    set_payload(<n>)\n  elif y:\n    sleep(0.1)\n  else:\n    textmsg("movel(p[1,2")\n  end\n',

@@ -1,5 +1,7 @@
 """URScript: poses that go through features, functions, lists and names, each by what the robot would do."""
 
+# ruff: noqa: E501
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -109,6 +111,29 @@ def test_a_feature_of_the_controller_is_found_by_its_name(tmp_path: Path) -> Non
     np.testing.assert_allclose(known.poses_base()[0], pose(F) @ pose(P), atol=1e-9)
     own = reading(tmp_path, f"Plane_1={Q}\n{code}", FrameTable(bases={"Plane_1": pose(F)}))
     np.testing.assert_allclose(own.poses_base()[0], pose(Q) @ pose(P), atol=1e-9)
+
+
+@pytest.mark.parametrize("code", ["movej({})", "q={}\nmovej(q, a=1)", "q={}\nmovej(q)\nmovej(get_inverse_kin(w, qnear=q))"])  # fmt: skip
+def test_joints_are_joint_targets(tmp_path: Path, code: str) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(
+        f"def prog():\nw={P}\nforce=[0,0,10,0,0,0]\nforce_to(force)\n{code.format('[0.1,-1.5, 1.5,-1,-1.5,0]')}\nend\n"
+    )
+    for allowed, verdict in ((False, "skip"), (True, "correct")):
+        found = [
+            t for t in read_program(path, None, ReadOptions(joint_targets=allowed)).targets if t.joints is not None
+        ]
+        assert [(t.verdict, t.joints) for t in found] == [(verdict, (0.1, -1.5, 1.5, -1.0, -1.5, 0.0))], found
+
+
+@pytest.mark.parametrize(
+    "code",
+    ["q={}\nq[5]=q[5]+0.1\nmovej(q)", "q={}\nmovej(q)\nx=q[1]", "movel(pose_trans({}, p[0,0,0,0,0,0]))", "q={}\nmovel(pose_trans(w, q))"],
+)  # fmt: skip
+def test_joints_that_the_program_computes_with_stay(tmp_path: Path, code: str) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(f"def prog():\nw={P}\n{code.format('[0.1,-1.5, 1.5,-1,-1.5,0]')}\nend\n")
+    assert read_program(path, None, ReadOptions(joint_targets=True)).counts()["correct"] == 0
 
 
 def test_lists_of_poses(tmp_path: Path) -> None:

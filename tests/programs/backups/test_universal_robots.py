@@ -71,6 +71,7 @@ TARGETS = (
     re.compile(rb"take\(" + POSE),
 )
 IN_LIST = re.compile(rb"pts = \[(?:[^\]]*\],?)*")
+HOME = re.compile(rb"(?<=movej\(\[)[^\]]*")
 FEATURE = re.compile(rb"global (\w+) = " + POSE)
 
 
@@ -149,7 +150,21 @@ def remainder(data: bytes, found: list[tuple[tuple[int, int], np.ndarray, np.nda
     for (start, end), _, _ in found:
         parts.append(data[done:start])
         done = end
-    return b"".join([*parts, data[done:]])
+    return HOME.sub(b"", b"".join([*parts, data[done:]]))
+
+
+def test_joint_targets_of_scripts_are_those_of_the_arm_of_the_map(
+    corrected: list[CorrectedProgram], folder: Path
+) -> None:
+    tool, count = as_transform(corpus.TCPS["grip"]), 0
+    for one in corrected:
+        for path, after in one.files.items():
+            before = FILES[path.relative_to(folder).as_posix()]
+            for was, now in zip(HOME.findall(before), HOME.findall(after), strict=True):
+                old, new = (1000.0 * (forward(NOMINAL, joints(text)) @ tool)[:3, 3] for text in (was, now))
+                assert np.linalg.norm(new - commanded(old)) < 1e-3
+                count += 1
+    assert count == 8
 
 
 def test_every_waypoint_is_recomputed_with_another_arm_model(corrected: list[CorrectedProgram], folder: Path) -> None:

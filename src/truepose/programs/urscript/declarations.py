@@ -11,7 +11,7 @@ import numpy as np
 from truepose.programs.core.forms import NUMBER
 from truepose.programs.core.points import Point
 from truepose.programs.core.source import Source, parse_number
-from truepose.programs.urscript.poses import Join, Name, Offset, Pose, Unknown, parse, read_literal
+from truepose.programs.urscript.poses import Join, Name, Offset, Pose, Unknown, parse, read_joints, read_literal
 from truepose.programs.urscript.routines import Routines
 from truepose.programs.urscript.syntax import ASSIGN, POSE, Statement, arguments
 from truepose.programs.urscript.variables import Variable, Variables
@@ -77,7 +77,7 @@ class Declarations:
             self._assigned.append((key, line, "component set"))
         elif points := self._literals(name, statement, start, end):
             variable = self._table.setdefault(key, Variable())
-            variable.listed = code[start : start + 1] == b"["
+            variable.listed = code[start : start + 1] == b"[" and points[0].joints is None
             variable.points += points
             if variable.parameter or (variable.listed and len(variable.points) > len(points)):
                 self._assigned.append((key, line, "assigned"))
@@ -112,6 +112,9 @@ class Declarations:
         if code[start : start + 1] != b"[" or code[end - 1 : end] != b"]":
             point = read_literal(self._source, name, statement.start + start, statement.start + end, line)
             return [] if point is None else [point]
+        joints = read_joints(self._source, name, statement.start + start, statement.start + end, line)
+        if joints is not None:
+            return [joints]
         spans = arguments(code[: end - 1] + b")", start + 1)
         if not all(POSE.match(code, a, b) for a, b in spans):
             return []

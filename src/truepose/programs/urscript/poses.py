@@ -12,12 +12,14 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.geometry import euler, make_transform
+from truepose.programs.core.joint_targets import UR, JointNumbers
 from truepose.programs.core.points import Point, Problem
-from truepose.programs.core.source import Source, is_broken, parse_number, shown, strip
+from truepose.programs.core.source import NUMBER, Source, is_broken, parse_number, shown, strip
 from truepose.programs.urscript.syntax import ARGUMENT, POSE, VARIABLE, arguments
 
 _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _ITEM: Final = re.compile(rb"([A-Za-z_]\w*)\s*\[\s*([\w+*/%. -]+?)\s*\]")
+_JOINTS: Final = re.compile(rb"\[\s*" + rb"\s*,\s*".join([b"(" + NUMBER + b")"] * 6) + rb"\s*\]")
 _JOIN: Final = re.compile(rb"(pose_trans|pose_add|pose_inv)\s*\(")
 _INVERSE: Final = re.compile(rb"get_inverse_kin\s*\(")
 _CALL: Final = re.compile(rb"(?!get_(?:actual|target)_joint_positions\b)\b[A-Za-z_]\w*\s*\(")
@@ -112,6 +114,18 @@ def read_literal(source: Source, name: str, start: int, end: int, line: int) -> 
     except DataError as error:
         raise source.error(line, f"{name}: {error}") from None
     return Point(name, source, line, tuple(values), tuple(spans))
+
+
+def read_joints(source: Source, name: str, start: int, end: int, line: int) -> Point | None:
+    """Return the joints of ``[…]`` that fills a span of a file; None if it is no list of six numbers."""
+    m = _JOINTS.fullmatch(source.data, start, end)
+    if m is None:
+        return None
+    try:
+        values = tuple([parse_number(token) for token in m.groups()])
+    except ValueError:
+        return None  # too long or too large for a joint
+    return Point(name, source, line, joints=JointNumbers(values, tuple([m.span(k) for k in range(1, 7)]), UR))
 
 
 def parse(

@@ -47,6 +47,7 @@ from truepose.programs.urscript.poses import (
     Unknown,
     has_literal,
     keys,
+    read_joints,
     transform,
 )
 from truepose.programs.urscript.routines import Routines
@@ -282,6 +283,10 @@ class _Reader(Reader):
             self._inline.append((pose.point, use, self.flow.node))
             return pose.point
         if isinstance(pose, Unknown):
+            joints = read_joints(self.source, name, statement.start + a, statement.start + b, line)
+            if joints is not None:
+                self._inline.append((joints, use, self.flow.node))
+                return joints
             return self.other(word, line, JOINTS if text.startswith(b"[") else computed(shown(text)), name)
         masked[a:b] = b" " * (b - a)
         self._goals.append(_Goal(pose, use, line, self.flow.node, name))
@@ -381,7 +386,7 @@ class _Reader(Reader):
             used = id(point) in moved
             point.reads += variable.reads if used or handed else []
             point.writes += variable.writes
-            if handed:
+            if handed and point.joints is None:
                 moved.setdefault(id(point), point)
         if variable.reads and not variable.points:
             for point in (point for pose in variable.given for point in self._variables.points(pose)):

@@ -237,7 +237,7 @@ class Variables:
                 tf = self.constant(pose.first)
                 if tf is not None:
                     frame = self._frame(pose.first, tf)
-                    return [self._under(way, tf, frame) for way in self.ways(pose.second, depth + 1)]
+                    return [self._under(way, tf, frame) for way in self._posed(pose, pose.second, depth)]
                 if isinstance(pose.first, Name) and pose.first.key not in {*self._assigned, *self.table}:
                     name = pose.first.text
                     remedy = f"give it in [frames.bases.{name}] of the cell file, or the .installation that defines it"
@@ -266,6 +266,13 @@ class Variables:
         tf = tf @ way.tf
         return way._replace(tf=tf, frame=Frame(f"{frame.text} · {way.frame.text}", None, tf.tobytes()))
 
+    def _posed(self, whole: Join, part: Pose, depth: int) -> list[Way]:
+        """Return the ways to a part of an expression, which must be poses."""
+        ways = self.ways(part, depth + 1)
+        if any(way.point.joints is not None for way in ways):
+            raise NotCorrected(*computed(whole.text))
+        return ways
+
     def _shifted(self, pose: Join, depth: int) -> list[Way]:
         """Return the ways to a point that is moved to with a constant shift."""
         by = self.constant(pose.second)
@@ -273,7 +280,7 @@ class Variables:
             raise NotCorrected(*computed(pose.text))
         found = []
         axes: Axes = "frame" if pose.adds else "tool"
-        for way in self.ways(pose.first, depth + 1):
+        for way in self._posed(pose, pose.first, depth):
             if way.shift is not None and way.axes != axes:
                 raise NotCorrected(*computed(pose.text))
             # pose_add counts along the axes of the base
