@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from tests.programs.backups import yaskawa as corpus
 from tests.programs.conftest import Answer, FakeMap
+from tests.programs.joint_arms import Sagging
 
 from truepose.programs import Program, ReadOptions, correct_program, read_programs
 from truepose.programs.backups import yaskawa
+from truepose.robots import load_robot
 
 GRADIENT = 1e-4 * np.array([[1.0, -0.5, 0.0], [0.25, 0.75, -1.0], [0.5, 0.0, 0.6]])
 
@@ -367,3 +369,20 @@ def test_without_agreement_pulses_are_left(tmp_path: Path, old: bytes, new: byte
 def test_robots_of_another_kind_have_no_constants(tmp_path: Path) -> None:
     found = pulses(tmp_path, SYSTEM_SYS=corpus.system_sys().replace(b"(GP25)", b"(MH24)"))
     assert found.no_pulses == "the limits of 1-06VXH25-A0*(MH24) in degrees are not known"
+
+
+def test_corrected_pulses_bring_the_tool_where_it_was_told(folder: Path) -> None:
+    program = read(folder, joint_targets=True)["PICK-01"]
+    robot = load_robot("yaskawa-gp25")
+    arm = Sagging(robot)
+    (data,) = correct_program(program, arm, on_guard="skip").files.values()
+    home = re.compile(rb"(?m)^C00000=(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+),(-?\d+)\r$")
+    tools = []
+    for text in (program.path.read_bytes(), data):
+        m = home.search(text)
+        assert m is not None
+        q = np.deg2rad([int(m[k]) / c for k, c in enumerate(corpus.PER_DEGREE, 1)])
+        tools.append((robot.forward(q[None])[0] @ matrix(corpus.TOOLS[2][1]))[:3, 3])
+    told, commanded = tools
+    assert np.linalg.norm(commanded - told) > 0.05
+    assert np.linalg.norm(commanded + arm.error(commanded) - told) < 0.03  # a pulse is up to 0.03 mm
