@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from tests.programs.backups import kuka as corpus
 
-from truepose.errors import FileError
+from truepose.errors import FileError, RefusedError
 from truepose.programs import Program, ReadOptions, correct_programs, read_programs
 from truepose.programs.backups import kuka
 from truepose.programs.batch import CorrectedBatch
@@ -440,3 +441,42 @@ def test_a_point_of_config_dat_is_never_written(tmp_path: Path) -> None:
     (target,) = [target for target in program.targets if target.name == "XSEEN"]
     assert (target.verdict, target.path.name) == ("skip", "$config.dat")
     assert "system file of the controller, which is never written" in target.reason
+
+
+def test_of_two_robots_the_one_that_is_named_is_corrected(tmp_path: Path) -> None:
+    folder = lay(tmp_path / "in", {name: data for name, data in corpus.two_robots().items() if "MILL" not in name})
+    with pytest.raises(RefusedError, match=r"KRC/R1.*KRC/R2"):
+        correct_programs([folder], Bowl(), on_guard="skip")
+    with pytest.warns(UserWarning, match="left as they are: KRC/R1"):
+        batch = correct_programs([folder], Bowl(), on_guard="skip", controllers=["krc/r2"])
+    batch.write(tmp_path / "out")
+    written = [path.relative_to(tmp_path / "out") for path in listing(tmp_path / "out") if path.suffix != ".csv"]
+    assert {path.parts[:2] for path in written} == {("KRC", "R2"), ("KRC", "R2.corrections.json")}
+
+
+def test_a_zip_is_corrected_like_the_folder_and_keeps_its_other_members(tmp_path: Path) -> None:
+    files = corpus.few()
+    folder, path = lay(tmp_path / "cell", files), tmp_path / "cell.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in reversed(files):
+            file.writestr(zipfile.ZipInfo(name, (2020, 5, 17, 8, 30, 2)), files[name])
+    _, expected = corrected(folder, tmp_path / "a", derived=True)
+    correct_programs([path], Bowl(), options=ReadOptions(derived=True), on_guard="skip").write(
+        tmp_path / "b", whole=True
+    )
+    (output,) = [one for one in listing(tmp_path / "b") if one.suffix == ".zip"]
+    with zipfile.ZipFile(output) as file:
+        assert file.namelist() == list(reversed(files))
+        assert {info.date_time for info in file.infolist()} == {(2020, 5, 17, 8, 30, 2)}
+        assert {name: file.read(name) for name in file.namelist()} == expected
+    assert expected != files
+
+
+def test_a_file_with_an_endless_line_blocks_nothing_else(tmp_path: Path, program: Program) -> None:
+    more = {"KRC/R1/Program/Long.src": b"DEF long()\n" + b"X" * 70_000, "KRC/R1/Program/curve.dat": b"1 " * 40_000}
+    found = read_programs([changed(tmp_path, **more)])
+    assert "at most 65536 are read" in str(found.unreadable[0])
+    assert len(found.unreadable) == 1
+    assert found.programs[0].counts() == program.counts()
+    (backup,) = found.backups
+    assert backup.controllers[0].contents.others[tmp_path / "KRC/R1/Program/curve.dat"] == "no program"

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from truepose._io.files import read_bytes
 from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.programs.backups.controller import Contents, StoredFrame, StoredFrames
-from truepose.programs.core.source import Source
 from truepose.programs.krl.controller import ConfigDat, Entry, robot_root
 from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.machine import MachineDat
@@ -108,7 +108,7 @@ def _sorted(root: Path, files: Sequence[Path]) -> tuple[list[Path], list[Path], 
         folder, ending = file.relative_to(root).parts[0].lower(), file.suffix.lower()
         if ending not in _PROGRAMS or folder == "mada":
             others[file] = _WORDS.get(folder) or _ENDINGS.get(ending, "no program")
-        elif is_encoded(Source.read(file).data):
+        elif is_encoded(_bytes(file)):
             others[file] = _ENCODED
             libraries += [] if folder in _SYSTEM else [file]
         elif ending == ".sub":
@@ -225,8 +225,18 @@ def _outside(file: Path, root: Path) -> str | None:
     return None
 
 
+def _bytes(file: Path) -> bytes:
+    """Return the bytes of a file; none where it cannot be read, of which the programs' reader gives the reason."""
+    try:
+        return read_bytes(file)
+    except FileError:
+        return b""
+
+
 def _is_data_list(file: Path) -> bool:
-    return b"DEFDAT" in Source.read(file).data[: 1 << 16].upper()
+    """Return whether a .dat is one of KRL, or cannot be read: reading it again gives the reason."""
+    data = _bytes(file)
+    return not data or b"DEFDAT" in data[: 1 << 16].upper()
 
 
 def _is_list_of_points(file: Path, files: Iterable[Path]) -> bool:
@@ -236,7 +246,7 @@ def _is_list_of_points(file: Path, files: Iterable[Path]) -> bool:
     stem = file.stem.lower()
     if any(other.parent == file.parent and other.stem.lower() == stem and other != file for other in files):
         return False
-    return _POINT.search(Source.read(file).data) is not None
+    return _POINT.search(_bytes(file)) is not None
 
 
 def _archive(root: Path, files: Sequence[Path]) -> dict[str, str]:
@@ -244,7 +254,7 @@ def _archive(root: Path, files: Sequence[Path]) -> dict[str, str]:
     homes = (root.parent, root.parent.parent)
     for file in files:
         if file.name.lower() == "am.ini" and file.parent in homes:
-            return {m[1].lower(): m[2] for m in _ARCHIVE.finditer(Source.read(file).data.decode("cp1252", "replace"))}
+            return {m[1].lower(): m[2] for m in _ARCHIVE.finditer(_bytes(file).decode("cp1252", "replace"))}
     return {}
 
 
@@ -256,5 +266,5 @@ def _accuracy(root: Path, files: Sequence[Path]) -> list[str]:
         f"{file.relative_to(root.parent)}: ${m[1].decode()}: the controller may compensate errors of the robot itself; "
         "correct its programs only with a map that was measured with the same setting"
         for file in near
-        if file.suffix.lower() == ".dat" and (m := _ACCURATE.search(Source.read(file).data))
+        if file.suffix.lower() == ".dat" and (m := _ACCURATE.search(_bytes(file)))
     ]

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
+from truepose._io.files import read_bytes
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.points import FileLine
-from truepose.programs.core.source import Source
 from truepose.programs.krl.libraries import defined_in, is_encoded
 from truepose.programs.krl.module import FRAME_TABLES, KrlModule, Shared
 from truepose.programs.krl.words import KEEPS_FRAMES
@@ -33,7 +33,7 @@ def assume_all_of(name: str, files: Iterable[Path], modules: Sequence[KrlModule]
     module may name every GLOBAL point.
     """
     for path in files:
-        text, place = Source.read(path).data, FileLine(path.name, 1)
+        text, place = read_bytes(path), FileLine(path.name, 1)
         encoded = is_encoded(text)
         words = set() if encoded else {word.decode("latin-1").upper() for word in set(_WORD.findall(text))}
         taught = {f"X{fdat[1:]}" for fdat in words & shared.fdats.keys()}
