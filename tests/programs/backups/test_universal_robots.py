@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -228,6 +229,22 @@ def test_the_backup_comes_back_as_files_to_load(tmp_path: Path, folder: Path) ->
 
 def _generated(name: str) -> bool:
     return name.endswith(".script") and name.removesuffix(".script") + ".urp" in FILES
+
+
+def test_a_zip_differs_in_corrected_programs_alone(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "backup.zip", "w", zipfile.ZIP_DEFLATED) as packed_files:
+        for name, data in FILES.items():
+            packed_files.writestr(name, data)
+    batch = correct_programs([tmp_path / "backup.zip"], MAP, options=ALL, on_guard="skip")
+    batch.write(tmp_path / "out", whole=True)
+    with zipfile.ZipFile(tmp_path / "out" / "backup.zip") as result:
+        assert result.namelist() == list(FILES)
+        same = {name for name in FILES if result.read(name) == FILES[name]}
+        assert same == {
+            name for name in FILES if _generated(name) or not name.endswith((".urp", ".script", ".urscript"))
+        }
+        text = gzip.decompress(result.read("programs/lathe.urp"))
+    assert ANGLES.sub(b"", text) == ANGLES.sub(b"", gzip.decompress(FILES["programs/lathe.urp"]))
 
 
 # incomplete and broken backups
