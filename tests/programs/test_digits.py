@@ -35,6 +35,19 @@ def test_arrays_agree_with_one_by_one(pairs: list[tuple[bytes, float]], resoluti
     assert texts == [e for e, c in zip(expected, changed, strict=True) if c]
 
 
+@pytest.mark.parametrize("token", [b"  87.3893", b"87.3893", b"+87.3893", b" .3893", b"8.73893e1"])
+@pytest.mark.parametrize("delta", [0.00050000001, -0.00050000001, 0.0005, 0.00149999, 0.0012345])
+def test_a_change_at_the_border_of_the_resolution_is_written(token: bytes, delta: float) -> None:
+    """What counts as a change is decided once: the written number is the one that was meant."""
+    data, spans = joined([token])
+    values = values_at(data, spans)
+    after = moved(data, spans, values, np.array([delta]), 1e-3)
+    if after != values:
+        (text,) = written(data, spans, values, after, 1e-3)
+        assert float(text) == pytest.approx(after[0], abs=1e-12)
+    assert (after != values) == (round(delta / 1e-3) != 0)
+
+
 @pytest.mark.parametrize(
     "token", [b"-", b".", b"1.2.3", b"1-2", b"+1", b".5", b"1e3", b" 1", b"9" * 18, b"-.5", b"1,2"]
 )

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from truepose._typing import BoolArray, FloatArray, IntArray
-from truepose.programs.core.source import decimals_of, format_number
+from truepose.programs.core.source import decimals_of, format_number, moved_token
 
 _WIDEST: Final = 17  # characters of a plain number: sign, point and 15 digits, which a double holds
 _WHOLE: Final = 10 ** np.arange(16)
@@ -107,7 +107,7 @@ def written(data: bytes, spans: IntArray, values: FloatArray, after: FloatArray,
     rows = zip(spans.tolist(), values.tolist(), (after + 0.0).tolist(), kept.tolist(), spare.tolist(), strict=True)
     for (start, end), value, new, k, more in rows:
         if more < 0:
-            texts.append(format_number(data[start:end], new - value, resolution))
+            texts.append(moved_token(data[start:end], new - value, resolution))
         elif more == 0:
             texts.append(b"%.*f" % (k, new))
         else:

@@ -215,8 +215,11 @@ def format_number(token: bytes, delta: float, resolution: float = 1e-3) -> bytes
     >>> format_number(b"300", 0.25), format_number(b"-0.0", 0.0), format_number(b"-40.250000", 0.1234567)
     (b'300.25', b'-0.0', b'-40.126543')
     """
-    if round(delta / resolution) == 0:
-        return token
+    return token if round(delta / resolution) == 0 else moved_token(token, delta, resolution)
+
+
+def moved_token(token: bytes, delta: float, resolution: float) -> bytes:
+    """Return a number token moved by `delta`, which is known to be a change; see `format_number`."""
     number = token.lstrip()
     digits, _, exponent = number.lower().partition(b"e")
     kept = 0 if exponent else len(digits.partition(b".")[2])
