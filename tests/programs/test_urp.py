@@ -150,6 +150,16 @@ def test_what_may_lead_elsewhere_is_named(tmp_path: Path, node: str, reason: str
     assert re.search(reason, text), text
 
 
+@pytest.mark.parametrize("name", ["", "../other", "a\\b", "x" * 300, ".", "none"])
+def test_installations_that_are_not_beside_the_program(tmp_path: Path, name: str) -> None:
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "other.installation").write_bytes(b"broken")
+    found = read_program(
+        lay(tmp_path / "sub", [move(points())], installation=name), None, ReadOptions(joint_targets=True)
+    )
+    assert found.counts()["correct"] == 3
+
+
 def test_motions_of_script_nodes_are_listed(tmp_path: Path) -> None:
     found = read_program(lay(tmp_path, ["<Script>movel(p[0.1,0.2,0.3,0,3,0])</Script>"]))
     assert [text.partition(":")[0] for text in reasons(found)] == ["skip"]

@@ -37,6 +37,7 @@ _BASE: Final = "Joint_0_name"
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
 _TCP: Final = re.compile(rb"(?<![\w.])set_tcp\s*\(")
 _MOTION: Final = re.compile(rb"(?<![\w.])(?:move[jlpc]|servo[jclp]|speed[jl])\s*\(")
+_FILE_NAME: Final = re.compile(r"[^/\\\0]{1,200}")
 _OWN_TCP: Final = ("TCPOffset", "tcp")
 _CODE: Final = ("Script", "Assignment", "expression")
 _NAME: Final = re.compile(rb"[A-Za-z_]\w*")
@@ -69,8 +70,10 @@ def read(
 
 def _beside(path: Path, name: str) -> Installation | None:
     """Return the installation of a program that is read alone; None where there is none."""
+    if not _FILE_NAME.fullmatch(name):
+        return None
     file = path.with_name(f"{name}.installation")
-    return read_installation(file) if name and path_exists(file) else None
+    return read_installation(file) if path_exists(file) else None
 
 
 class _Reader(Reader):
