@@ -1,7 +1,8 @@
 """Injured programs of every language: our errors or nothing, and no change outside the digits of targets.
 
 ``python -m tests.programs.fuzz --seconds 3600`` injures programs for as long as one likes; the seed is told, and
-``--seed`` repeats a run. Programs are those of the corpus, of the dialects' grammars, and a KRL project in a folder.
+``--seed`` repeats a run. Programs are those of the corpus, of the dialects' grammars, a KRL project in a folder, and
+the makers' backups with some of their programs.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import shutil
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ import numpy as np
 from tests.programs.backups import kuka
 from tests.programs.conftest import FakeMap
 from tests.programs.corpus import CORPUS, FRAMES, Example
+from tests.programs.fuzz_backups import injure_backup
 from tests.programs.numbers import check_numbers
 from tests.programs.test_dialects import DIALECTS, whole
 from tests.programs.test_folders import FILES as PROJECT
@@ -29,6 +33,8 @@ from truepose.errors import TrueposeError
 from truepose.programs import CorrectedProgram, FrameTable, ReadOptions, correct_program
 
 Files = dict[str, bytes]
+BACKUPS = 0.2
+"""Share of backups among what is injured."""
 BLANK = re.compile(rb"[0-9.+\-eE ]")
 NASTY = [
     *(bytes([c]) for c in b"{}[](\"';\\\r\n=,:.-E\x00\xff#&<>/!$%"),
@@ -146,7 +152,11 @@ def run(seconds: float, seed: int) -> tuple[int, int]:
         while time.monotonic() < end:
             name, *program = known[rng.integers(len(known))]
             try:
-                corrected += injure(rng, Path(folder) / "a", *program)
+                if rng.random() < BACKUPS:
+                    name = "backup"
+                    corrected += injure_backup(rng, Path(folder) / "a", mutate, partial(BLANK.sub, b""))
+                else:
+                    corrected += injure(rng, Path(folder) / "a", *program)
             except Exception as error:
                 error.add_note(f"{name}, seed {seed}, program {tried}")
                 raise
@@ -160,6 +170,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=int(time.time()))
     arguments = parser.parse_args()
+    warnings.simplefilter("ignore")  # robots and frames that backups name otherwise
     tried, corrected = run(arguments.seconds, arguments.seed)
     sys.stdout.write(
         f"seed {arguments.seed}: {tried} programs, {corrected} corrected, no crash, no change outside digits\n"
