@@ -114,8 +114,7 @@ ENDMODULE
 """,
         },
         0,
-        5,
-        1,
+        6,
     ),
     "inline-generated": Example(
         {

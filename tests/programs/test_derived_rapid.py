@@ -190,7 +190,7 @@ def test_a_point_of_a_smoothed_path(tmp_path: Path, make_map: Any) -> None:
 
     free = moved("")
     assert "smoothed along its path" in free["q3"][1]
-    shared = moved(f"MoveJ Offs(q3,0,0,0){END}")
+    shared = moved(f"MoveJ Offs(q3,0,0,10){END}")
     assert "smoothed" not in shared["q3"][1]
     assert np.allclose(shared["q3"][0], [0.0, 0.5, 0.0], atol=1e-3)
     assert "smoothed" in shared["q2"][1]

@@ -311,16 +311,24 @@ class _Walk:
         nodes = self._all.nodes_of([*self._names, *map(Motion, self._motions)])
         for node in sorted(nodes):
             self._events[node] = [event for event in self._all.events[node] if self._concerns(event)]
-        if not self._ways.touch(nodes):
+        if not self._names:  # the same, whichever way control comes
+            for node in self._events:
+                for event in self._events[node]:
+                    self._take(event, {})
+        elif not self._ways.touch(nodes):
             self._give_up("used in an interrupt program, a thread or an error handler")
             return
-        self._find_live()
-        if not self._follow(most):
+        elif not self._follow_all(most):
             self._give_up(_TOO_MANY)
             return
         for motion, shifts in self._goals.items():
             sets = {key: sorted(some) for key, some in sorted(shifts.items(), key=lambda item: str(item[0]))}
             self._found.goals[motion] = Goal(sets, motion not in self._open)
+
+    def _follow_all(self, most: int) -> bool:
+        """Take all ways with all values; False where there are too many."""
+        self._find_live()
+        return self._follow(most)
 
     def _concerns(self, event: Event) -> bool:
         if isinstance(event, Move):

@@ -104,13 +104,15 @@ class Ways:
         self._later, self._earlier = {}, {}
         own = {self._owner.get(node, "") for node in nodes}
         within = any(first <= node <= last for first, last in graph.parts for node in nodes)
-        if within or own & self._anytime or (graph.parts and len(own) > 1):
-            return False
         touched, waiting = set(own), list(own)
         while waiting:
             new = self._callers.get(waiting.pop(), set()) - touched
             touched |= new
             waiting += new
+        # an error leaves routines up to a caller that handles it; handlers of other routines are not entered
+        handled = any(self._owner.get(first, "") in touched for first, _ in graph.parts)
+        if within or own & self._anytime or (handled and len(own) > 1):
+            return False
         for name, before, behind in graph.calls:
             if name in touched and name in graph.routines:
                 first, _, exits = graph.routines[name]

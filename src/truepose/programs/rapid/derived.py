@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from truepose.programs.core.arithmetic import (
     Element,
@@ -19,12 +19,16 @@ from truepose.programs.core.source import parse_number
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.syntax import Token
 
+Reach = Literal["routine", "module", "task", "controller"]
+"""The code that sees a name."""
+
 
 class Robtarget(Protocol):
     """A robtarget or an array of them; see `truepose.programs.rapid.names.RobtargetVariable`."""
 
     name: str
     kind: str
+    reach: Reach
     elements: dict[tuple[int, ...], Point]
     joints: bool
 
@@ -157,6 +161,11 @@ class RapidDerivations:
         elements = self._points[array].elements
         return list(elements.values()) if place is None else [elements[place]]
 
+    def sources_of(self, name: Name) -> list[tuple[Robtarget, Point]]:
+        """Return the points of a name, each with its variable."""
+        array = name.array if isinstance(name, Element) else name
+        return [(self._points[array], point) for point in self.points_of(name)]
+
     def spoil(self, found: Found) -> None:
         """Note the points that are used otherwise as read."""
         for name, (place, how) in found.spoiled.items():
@@ -175,30 +184,39 @@ class RapidDerivations:
                     for point in self.points_of(name):
                         point.reads.append((place, f"read by arithmetic ({why})"))
 
-    def derive(self, goal: Goal, point: Point, *, allowed: bool) -> bool:
-        """Let a target follow the points of its goal; return whether it goes nowhere else.
+    def derive(self, goal: Goal, point: Point, *, allowed: bool) -> list[Point]:
+        """Let a target follow the points of its goal, if it goes nowhere else; return those without a shift.
 
-        Without `allowed`, these points are left, and say with which offset.
+        Without `allowed`, points with a shift are left, and say with which one.
         """
         derived: list[tuple[Point, Derived]] = []
+        direct: list[Point] = []
+        place = point.uses[0].line
         for (source, along), shifts in goal.shifts.items():
             (one,) = self.points_of(source)
-            place = point.uses[0].line
+            moved = [shift for shift in shifts if any(shift)]
+            direct += [one] * (len(moved) < len(shifts))
+            if not moved:
+                continue
             derived.append((one, Derived(place, words(point.name, one.name, shifts, along), tuple(shifts), along)))
             if not allowed:
-                size = max(sum(part * part for part in shift) ** 0.5 for shift in shifts)
+                size = max(sum(part * part for part in shift) ** 0.5 for shift in moved)
                 reason = f"moved to with an offset (largest {size:g} mm, {at(place)})"
                 one.problem = one.problem or Problem("skip", f"{reason}; --derived gives both one correction")
         derive(point, derived)
+        if direct:
+            point.follows = list(dict.fromkeys([*point.follows, *direct]))
+            alone = Derived(place, f"{point.name} = {direct[0].name}", ((0.0, 0.0, 0.0),))
+            point.shift = None if derived or len(direct) > 1 else alone.of_target()
         if not goal.complete:
             point.follows, point.shift = [], None
-        return bool(point.follows)
+        return direct
 
 
-def number_values(parsed: syntax.Value, *, array: bool) -> dict[tuple[int, ...], float]:
+def number_values(parsed: syntax.Value, dimensions: int) -> dict[tuple[int, ...], float]:
     """Return the values of a declared num, by element."""
     found = {}
-    for index, element in syntax.elements(parsed, 1 if array else 0):
+    for index, element in syntax.elements(parsed, dimensions):
         text = "".join(token.text for token in element if isinstance(token, Token))
         try:
             found[index] = parse_number(text.encode("latin-1"))

@@ -17,20 +17,19 @@ from truepose.programs.core.source import Source
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import NamedTargets, at_line, blank_in_name, prefix_of
 from truepose.programs.rapid.data import frame_data, jointtarget, robtarget
-from truepose.programs.rapid.derived import NumberVariable, number_values
+from truepose.programs.rapid.derived import NumberVariable, Reach, number_values
 from truepose.programs.rapid.motions import RapidMotionReader
 from truepose.programs.rapid.names import (
     Datum,
     ModuleNames,
     RapidTask,
-    Reach,
     RobtargetVariable,
     Routine,
     Scope,
     late_bound,
 )
 from truepose.programs.rapid.runs import NUMBERS, RapidRuns
-from truepose.programs.rapid.shifted import assign, counter_of
+from truepose.programs.rapid.shifted import assign, counter_of, give_points
 from truepose.programs.rapid.syntax import Argument, Token, Value, is_list
 from truepose.programs.rapid.words import (
     DATA,
@@ -231,7 +230,8 @@ class RapidModule:
         self._flow.begin_routine(routine.key, outside=outside)
         if head[0].text == "TRAP":
             self._flow.interrupt_program()
-        self._names.inner = Scope(others={parameter.name for parameter in routine.parameters})
+        points = {p.name: self._task.parameter(routine.key, p.name) for p in routine.parameters if p.is_point}
+        self._names.inner = Scope(points, others={p.name for p in routine.parameters} - points.keys())
 
     def _control(self, statement: list[Token], line: int) -> bool:
         """Follow a statement of the control flow; False if it is none."""
@@ -328,7 +328,12 @@ class RapidModule:
         self._motions.unknown(statement, positional, line)
         how = f"passed to {self._names.shown([statement[0]])}"
         named = any(len(t) == 1 and self._names.find(t[0].text) is not None for t in positional)
-        self._names.read_by(statement[1:], line, how if named else "read")
+        routine = None if late or statement[0].kind != "word" else self._names.find_routine(name)
+        if routine is None:
+            self._names.read_by(statement[1:], line, how if named else "read")
+        else:
+            for argument in give_points(routine, arguments, self._names, line):
+                self._names.read_by(argument.tokens, line, how if named else "read")
         self._names.hand_numbers(statement[1:])
         if name in LOADS:
             self._load(statement, line)
@@ -414,7 +419,8 @@ class RapidModule:
         parsed = syntax.value(statement[position + 1 :]) if position else []
         has_index = any(t.text == "{" for t in statement[: position or None])
         if type_ == "NUM":
-            values = number_values(parsed, array=has_index) if kind != "PERS" else {}
+            dimensions = sum(t.text == "," for t in statement[3:position]) + 1 if has_index else 0
+            values = number_values(parsed, dimensions) if kind != "PERS" else {}
             number = scope.numbers[name] = NumberVariable(self._names.cased(statement[2]), kind, values)
             if inner and kind == "VAR" and () in values:
                 value = Number(values[()])

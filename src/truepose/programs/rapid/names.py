@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.forms import Lines
@@ -17,11 +17,8 @@ from truepose.programs.core.program import Key, ReadOptions, frame_key
 from truepose.programs.core.source import Source, shown
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.columns import FoundGroup, NamedTargets, prefix_of
-from truepose.programs.rapid.derived import NumberVariable, RapidDerivations
+from truepose.programs.rapid.derived import NumberVariable, RapidDerivations, Reach
 from truepose.programs.rapid.syntax import Argument, RoutineParameter, Token
-
-Reach = Literal["routine", "module", "task", "controller"]
-"""The code that sees a name."""
 
 
 @dataclass(slots=True, eq=False)
@@ -197,8 +194,16 @@ class RapidTask:
 
     kinds: dict[tuple[Use, int], int] = field(default_factory=dict)
 
+    _parameters: dict[tuple[str, str], RobtargetVariable] = field(default_factory=dict)
+
     def __post_init__(self) -> None:
         self.derivations = RapidDerivations(self.flow)
+
+    def parameter(self, routine: str, name: str) -> RobtargetVariable:
+        """Return the robtarget of a routine's parameter, which is a copy of the argument."""
+        if (routine, name) not in self._parameters:
+            self._parameters[routine, name] = RobtargetVariable(name, 0, "VAR", "routine")
+        return self._parameters[routine, name]
 
     def of_name(self, name: str) -> Iterator[RobtargetVariable]:
         """Yield the robtargets of a name, whichever module or routine declares them; all where it is empty."""

@@ -25,8 +25,9 @@ from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
 from truepose.programs.rapid import sharing
 from truepose.programs.rapid.columns import at_line
+from truepose.programs.rapid.derived import Reach
 from truepose.programs.rapid.module import RapidModule
-from truepose.programs.rapid.names import RapidMotion, RapidTask, Reach, Scope
+from truepose.programs.rapid.names import RapidMotion, RapidTask, Scope
 from truepose.programs.rapid.runs import OF_NAMED, run_of
 
 _ALONE: Final = Problem(
@@ -292,8 +293,12 @@ def _follow(task: RapidTask) -> None:
         if (goal := found.goals.get(k)) is None:
             continue
         point.uses = [use._replace(problem=_hindered(task, use, node))]
-        complete = known.derive(goal, point, allowed=allowed)
-        if instead and complete and allowed:
+        direct = known.derive(goal, point, allowed=allowed)
+        task.moves += [RapidMotion(one, use, node) for one in direct]
+        for source, _ in goal.shifts:
+            for variable, one in known.sources_of(source):
+                one.shared = one.shared or _unseen(task, variable.reach)
+        if instead and point.follows and allowed:
             gone = {id(one) for one in instead}
             task.moves[:] = [move for move in task.moves if id(move.point) not in gone or move.use != use]
             task.points.append(point)

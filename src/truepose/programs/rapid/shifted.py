@@ -21,8 +21,8 @@ from truepose.programs.core.arithmetic import (
 from truepose.programs.core.graph import Counter
 from truepose.programs.rapid import syntax
 from truepose.programs.rapid.derived import NumberVariable
-from truepose.programs.rapid.names import ModuleNames
-from truepose.programs.rapid.syntax import Token
+from truepose.programs.rapid.names import ModuleNames, Routine
+from truepose.programs.rapid.syntax import Argument, Token
 from truepose.programs.rapid.words import OFFSETS
 
 UNKNOWN: Final = Opaque(())
@@ -92,6 +92,24 @@ def counter_of(items: Sequence[Token], names: ModuleNames) -> tuple[NumberVariab
         step = Number(1.0 if known[1] >= known[0] else -1.0)
     variable = NumberVariable(items[0].text, "VAR", {})
     return variable, Counter(names.task.derivations.name(variable), first, last, step)
+
+
+def give_points(routine: Routine, arguments: Sequence[Argument], names: ModuleNames, line: int) -> list[Argument]:
+    """Note the robtargets of which a routine gets copies; return the other arguments."""
+    required = [parameter for parameter in routine.parameters if not parameter.optional]
+    others = [argument for argument in arguments if argument.name]
+    known = names.task.derivations
+    for k, argument in enumerate(argument for argument in arguments if not argument.name):
+        goal = None
+        if k < len(required) and required[k].is_point:
+            goal = goal_of(argument.tokens, names)
+            copy = known.name(names.task.parameter(routine.key, required[k].name))
+            known.derivations.assign(copy, goal or UNKNOWN, names.place(line), point=True)
+        if goal is None:
+            others.append(argument)
+        else:
+            known.assigned.append((goal, names.place(line)))
+    return others
 
 
 def assign(left: list[Token], right: list[Token], braces: list[Token], names: ModuleNames, line: int) -> bool:

@@ -282,6 +282,12 @@ class RoutineParameter(NamedTuple):
     type: str
     writable: bool
     optional: bool
+    array: bool = False
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it is a copy of a robtarget."""
+        return self.type == "ROBTARGET" and not (self.writable or self.optional or self.array)
 
 
 def parameters(head: list[Token]) -> tuple[RoutineParameter, ...]:
@@ -298,5 +304,7 @@ def parameters(head: list[Token]) -> tuple[RoutineParameter, ...]:
                 words.append(token.text)
                 if k + 1 == len(piece) or piece[k + 1].text in ("|", "{", "\\"):
                     writable = not {"VAR", "PERS", "INOUT"}.isdisjoint(words[:-1])
-                    found.append(RoutineParameter(token.text, words[-2] if len(words) > 1 else "", writable, optional))
+                    array = k + 1 < len(piece) and piece[k + 1].text == "{"
+                    type_ = words[-2] if len(words) > 1 else ""
+                    found.append(RoutineParameter(token.text, type_, writable, optional, array))
     return tuple(found)
