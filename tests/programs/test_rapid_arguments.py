@@ -12,10 +12,8 @@ from truepose.programs import FrameTable, Program, ReadOptions, Target, read_pro
 
 RT = "[[600,0,800],[0.7071068,0,0.7071068,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 FRAMES = FrameTable(tools={"t": np.eye(4)}, bases={"w": np.eye(4)})
-DATA = (
-    f"CONST robtarget p1:={RT};CONST robtarget p2:={RT};VAR robtarget pA;"
+DATA = f"CONST robtarget p1:={RT};CONST robtarget p2:={RT};VAR robtarget pA;"
 DATA += "CONST num aOff{2,3}:=[[0,0,10],[80,5,20]];"
-)
 TO = "PROC rTo(robtarget p,num n)\nMoveL p,v1,z1,t;\nMoveL Offs(p,0,0,9),v1,z1,t;\nENDPROC\n"
 
 
