@@ -64,8 +64,28 @@ _CAM = {
         "LIN {{X {:.3f},Y {:.3f},Z {:.3f},A 0.000,B 90.000,C 0.000}} C_DIS\n",
         *("", "", "END\n"),
     ),
+    "INFORM": (
+        ".jbi",
+        "/JOB\n//NAME CAM\n//POS\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\n///RCONF 0,0,0,0,0,0,0,0\n",
+        "C{before:06d}={:.3f},{:.3f},{:.3f},180.0000,0.0000,-90.0000\n",
+        "//INST\n///DATE 2024/01/01 10:00\n///GROUP1 RB1\nNOP\n",
+        "MOVL C{before:06d} V=100.0 PL=1\n",
+        "END\n",
+    ),
+    "VAL3": (
+        ".dtx",
+        '<Database><Datas>\n<Data name="pPath" access="private" type="pointRx" size="1000000">\n',
+        (
+            '<Value key="{before}" x="{:.3f}" y="{:.3f}" z="{:.3f}" rx="180.000" ry="0.000" rz="90.000" '
+            'shoulder="lefty" elbow="epositive" wrist="wpositive" fatherId="world[0]" />\n'
+        ),
+        *("", "", "</Data>\n</Datas></Database>\n"),
+    ),
 }
-"""Of each language: ending, head, a motion, text between motions and positions, a position, end; or the reverse."""
+"""Of each language: ending, head, a motion, text between motions and positions, a position, end; or the reverse.
+
+The number of a target is `k`, counted from 1, and `before`, counted from 0.
+"""
 
 
 def jobs(*, quick: bool = False) -> Iterator[Job]:
@@ -130,9 +150,9 @@ def _reading(n: int) -> Iterator[Job]:
             rows = np.random.default_rng(0).uniform(-900.0, 900.0, (n, 3)) / (1000.0 if ending == ".script" else 1.0)
             with path.open("w") as file:
                 file.write(head)
-                file.writelines(line.format(*row, k=k) for k, row in enumerate(rows, 1))
+                file.writelines(line.format(*row, k=k, before=k - 1) for k, row in enumerate(rows, 1))
                 file.write(between)
-                file.writelines(position.format(*row, k=k) for k, row in enumerate(rows, 1))
+                file.writelines(position.format(*row, k=k, before=k - 1) for k, row in enumerate(rows, 1))
                 file.write(end)
             frames = FrameTable(tools={0: np.eye(4), 1: np.eye(4)})
 
