@@ -12,7 +12,7 @@ from typing import Final
 
 from truepose._io.files import check_regular, path_exists, recover
 from truepose._io.folders import files_within
-from truepose._io.zips import is_zip
+from truepose._io.zips import is_zip, on_disk
 from truepose.errors import FileError
 from truepose.programs.backups.backup import Backup, Controller, find_backup
 from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
@@ -80,6 +80,8 @@ def read_program(path: str | Path, frames: FrameTable | None = None, options: Re
     array([[1., 2., 3.]])
     """
     path = Path(path)
+    if (outer := on_disk(path)) != path and is_zip(outer):
+        raise FileError(path, f"lies in a .zip; give {outer.name} itself, in which its frames and shared data are")
     if not (is_zip(path) or (path_exists(path) and path.is_dir())):
         recover(path.parent)
         return _read_file(path, frames, options)

@@ -177,3 +177,9 @@ def test_what_is_no_file_is_said_before_it_is_opened(tmp_path: Path) -> None:
     for name, message in (("missing.zip", "no such file"), ("a/b.zip", "no such file"), ("pipe.zip", "is a device")):
         (error,) = read_programs([tmp_path / name]).unreadable
         assert str(error).startswith(f"{tmp_path / name}: {message}")
+
+
+def test_a_program_in_a_zip_is_not_read_alone(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "a.zip", small.files_of())
+    (error,) = read_programs([path / "programs/p0.src"]).unreadable
+    assert "lies in a .zip; give a.zip itself" in str(error)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.programs.backups import abb, fanuc, kuka, small, staubli, yaskawa
+from tests.programs.backups import abb, fanuc, kuka, small, staubli, universal_robots, yaskawa
 from tests.programs.backups.test_output import raw, tree
 from tests.programs.conftest import FakeMap
 
@@ -20,6 +20,7 @@ CORPORA: dict[str, Corpus] = {
     "FANUC": lambda folder: tree(fanuc.write_backup(folder)),
     "Yaskawa": lambda _: yaskawa.backup(),
     "Stäubli": lambda _: staubli.backup(),
+    "Universal Robots": lambda _: universal_robots.backup(),
 }
 
 
