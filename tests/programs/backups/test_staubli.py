@@ -220,8 +220,12 @@ ADDED = b"movel(pSeen,geo:tGripA,mSlow)"
         (b"pPart0.trsf.z=pPart0.trsf.z+1", "pPart0", "read by arithmetic"),
         (b"pVia0[nI].trsf.x=3", "pVia0[1]", "assigned"),
         (b"geo:fMachine.trsf.z=3", "pPart2", "geo:fMachine is changed by the program (load1/seen.pgx, line "),
-        (b"geo:fCell.trsf.z=3", "pPart2", "geo:fMachine is changed by the program (load1/seen.pgx, line "),
-        (b"setFrame(pA,pB,pC,geo:fCell)", "pPart2", "geo:fMachine is changed by the program (load1/seen.pgx, line "),
+        (
+            b"geo:fCell.trsf.z=3",
+            "pPart2",
+            "geo:fMachine hangs on fcell, which is changed by the program (load1/seen.pgx",
+        ),
+        (b"setFrame(pA,pB,pC,geo:fCell)", "pPart2", "geo:fMachine hangs on fcell, which is changed by the program"),
         (b"geo:tFlange.trsf.z=3", "pPath0[3]", "geo:tSpindle is changed by the program (load1/seen.pgx, line "),
     ],
 )

@@ -27,6 +27,7 @@ from truepose.programs.core.points import (
     Point,
     Problem,
     Use,
+    at,
     computed,
     derive,
 )
@@ -284,13 +285,24 @@ class _Reader(Reader):
         """Refuse the targets whose frame or tool, or one that it hangs on, a program changes."""
         written = self._project.written()
         tools = self._project.table(self._application, "tool")
-        frames = {frame.key: father for frame, father in self._fathers.values() if frame is not None}
-        named = {use.tool.key: use.tool.text for place in self._all() for use in place.point.uses if use.tool}
-        for which, table, texts in (("base", self._frames, frames), ("tool", tools, named)):
-            for key, text in texts.items():
-                change = next((written[place] for place, _ in table.chain(text) if place in written), None)
-                if change is not None and key is not None:
-                    self.changed.setdefault((which, frame_key(key)), change)
+        fathers = {frame.key: (frame, father) for frame, father in self._fathers.values() if frame is not None}
+        named = {use.tool.key: (use.tool, use.tool.text) for one in self._all() for use in one.point.uses if use.tool}
+        for which, table, known in (("base", self._frames, fathers), ("tool", tools, named)):
+            for key, (frame, text) in known.items():
+                chain = [place for place, _ in table.chain(text)]
+                changed = next((place for place in chain if place in written), None)
+                if changed is None or key is None:
+                    continue
+                self.changed.setdefault((which, frame_key(key)), written[changed])
+                if which == "base" and changed != chain[0]:  # a tolerance about its own origin says nothing here
+                    self._hangs(frame, f"{changed[1]}, which is changed by the program ({at(written[changed])})")
+
+    def _hangs(self, frame: Frame, on: str) -> None:
+        """Refuse the points in a frame that hangs on another one."""
+        for place in self._all():
+            own = self._fathers[id(place.point)][0]
+            if own is not None and own.key == frame.key and place.point.problem is None:
+                place.point.problem = Problem("refuse", f"{frame.text} hangs on {on}")
 
     def _found(self, place: _Place) -> FoundRun:
         """Return a run of points with the motion to them."""
