@@ -49,10 +49,17 @@ def test_a_change_at_the_border_of_the_resolution_is_written(token: bytes, delta
 
 
 @pytest.mark.parametrize(
-    "token", [b"-", b".", b"1.2.3", b"1-2", b"+1", b".5", b"1e3", b" 1", b"9" * 18, b"-.5", b"1,2"]
+    "token", [b"-", b".", b"-.", b"1.2.3", b"1-2", b"+1", b"1e3", b" +1", b"9" * 18, b"1 2", b"1,2", b" "]
 )
 def test_what_is_not_plain_is_known(token: bytes) -> None:
     assert not read_digits(*joined([token])).plain[0]
+
+
+def test_numbers_of_columns_are_plain() -> None:
+    digits = read_digits(*joined([b"   -.858", b" 812.500", b"\t.5", b"-0.25"]))
+    assert digits.plain.all()
+    assert digits.mantissa.tolist() == [-858, 812500, 5, -25]
+    assert digits.bare.tolist() == [True, False, True, False]
 
 
 def test_negative_zero_keeps_its_sign_until_it_moves() -> None:

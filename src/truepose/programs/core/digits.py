@@ -1,7 +1,8 @@
 """Read, move and write the numbers of a program in arrays.
 
-The plain style (``-40.25``) is handled here. Any other number (an exponent, a column's blanks, a plus, no leading zero)
-goes through `truepose.programs.core.source.format_number`, which defines the result for both.
+The plain style (``-40.25``, also with blanks in front or without the zero before the point) is handled here. Any other
+number (an exponent, a plus) goes through `truepose.programs.core.source.format_number`, which defines the result for
+both.
 """
 
 from __future__ import annotations
@@ -29,11 +30,29 @@ class Digits(NamedTuple):
         The value is mantissa / 10^decimals.
     plain : (n,) array of bool
         Whether a number is written plainly; the others have no meaning here.
+    bare : (n,) array of bool
+        Whether a plain number has no digit before its point.
+    start : (n,) array of int
+        The first byte behind the blanks in front.
     """
 
     mantissa: IntArray
     decimals: IntArray
     plain: BoolArray
+    bare: BoolArray
+    start: IntArray
+
+
+def without_blanks(data: bytes, spans: IntArray) -> IntArray:
+    """Return spans (…, 2) without the blanks in front."""
+    text, found = np.frombuffer(data, np.uint8), spans.copy()
+    start, end = found[..., 0], found[..., 1]
+    while True:
+        first = text[np.minimum(start, len(text) - 1)] if len(text) else np.zeros(start.shape, np.uint8)
+        blank = ((first == ord(" ")) | (first == ord("\t"))) & (start < end)
+        if not blank.any():
+            return found
+        start += blank
 
 
 def read_digits(data: bytes, spans: IntArray) -> Digits:
@@ -44,7 +63,7 @@ def read_digits(data: bytes, spans: IntArray) -> Digits:
     >>> read_digits(b"X -40.25", np.array([[2, 8]])).mantissa
     array([-4025])
     """
-    characters = np.frombuffer(data, np.uint8)
+    characters, spans = np.frombuffer(data, np.uint8), without_blanks(data, spans)
     start, length = spans[:, 0], spans[:, 1] - spans[:, 0]
     plain = (length > 0) & (length <= _WIDEST)
     mantissa, decimals = np.zeros(len(spans), np.int64), np.zeros(len(spans), np.int64)
@@ -58,16 +77,17 @@ def read_digits(data: bytes, spans: IntArray) -> Digits:
         mantissa = np.where(digit, mantissa * 10 + (c - ord("0")), mantissa)
         decimals += digit & behind_point
         whole |= digit & ~behind_point
-        plain &= digit | (point & whole & ~behind_point) | ~inside | ((k == 0) & negative)
+        plain &= digit | (point & ~behind_point) | ~inside | ((k == 0) & negative)
         behind_point |= point
-    return Digits(np.where(negative, -mantissa, mantissa), decimals, plain & whole & (mantissa < _EXACT))
+    plain &= (whole | (decimals > 0)) & (mantissa < _EXACT)
+    return Digits(np.where(negative, -mantissa, mantissa), decimals, plain, plain & ~whole, start)
 
 
 def values_at(data: bytes, spans: IntArray) -> FloatArray:
     """Return the values of number tokens at spans (n, 2), each as ``float`` reads it, (n,)."""
     digits = read_digits(data, spans)
     values: FloatArray = np.abs(digits.mantissa) / _POWERS[digits.decimals]  # both exact: rounded once
-    first = np.frombuffer(data, np.uint8)[spans[:, 0]] if len(spans) else np.empty(0, np.uint8)
+    first = np.frombuffer(data, np.uint8)[digits.start] if len(spans) else np.empty(0, np.uint8)
     values[first == ord("-")] *= -1.0
     for i in np.flatnonzero(~digits.plain).tolist():
         values[i] = float(data[spans[i, 0] : spans[i, 1]])
@@ -104,13 +124,19 @@ def written(data: bytes, spans: IntArray, values: FloatArray, after: FloatArray,
     plain = digits.plain & (np.abs(after) * _POWERS[np.minimum(kept, 15)] < _EXACT)
     spare = np.where(plain, kept - digits.decimals, -1)
     texts = []
-    rows = zip(spans.tolist(), values.tolist(), (after + 0.0).tolist(), kept.tolist(), spare.tolist(), strict=True)
-    for (start, end), value, new, k, more in rows:
+    blanks = np.where(digits.start > spans[:, 0], spans[:, 1] - spans[:, 0], 0)
+    rows = zip(
+        spans.tolist(), values.tolist(), (after + 0.0).tolist(), kept.tolist(), spare.tolist(), digits.bare.tolist(),
+        blanks.tolist(), strict=True,
+    )  # fmt: skip
+    for (start, end), value, new, k, more, bare, width in rows:
         if more < 0:
             texts.append(moved_token(data[start:end], new - value, resolution))
-        elif more == 0:
-            texts.append(b"%.*f" % (k, new))
-        else:
-            text = b"%.*f" % (k, new)
-            texts.append(text[:-more] + text[-more:].rstrip(b"0") if more < k else text.rstrip(b"0").rstrip(b"."))
+            continue
+        text = b"%.*f" % (k, new)
+        if more:
+            text = text[:-more] + text[-more:].rstrip(b"0") if more < k else text.rstrip(b"0").rstrip(b".")
+        if bare and -1.0 < new < 1.0:
+            text = text.replace(b"0.", b".", 1)
+        texts.append(b" " + text.rjust(width - 1) if width else text)
     return texts

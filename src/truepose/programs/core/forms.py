@@ -19,7 +19,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry import euler
 from truepose.programs.core.columns import CHUNK, TargetColumns
-from truepose.programs.core.digits import values_at
+from truepose.programs.core.digits import values_at, without_blanks
 from truepose.programs.core.order import Sweep
 from truepose.programs.core.points import Judge, Point
 from truepose.programs.core.source import Source
@@ -85,15 +85,6 @@ class Form:
         first = marks[:, self._before[:, 0]] + self._before[:, 1]
         last = marks[:, self._behind[:, 0]] - self._behind[:, 1]
         return np.stack([first, last], axis=2)
-
-
-def without_blanks(data: bytes, spans: IntArray) -> IntArray:
-    """Return spans (…, 2) without the blanks in front."""
-    text, found = np.frombuffer(data, np.uint8), spans.copy()
-    start = found[..., 0]
-    while (blank := (text[start] == ord(" ")) | (text[start] == ord("\t"))).any():
-        start += blank
-    return found
 
 
 class Lines(NamedTuple):
