@@ -16,13 +16,20 @@ from truepose.errors import TrueposeError
 from truepose.programs import FrameTable, Program, ReadOptions, Target, correct_program, read_program
 from truepose.programs.core import forms
 from truepose.programs.core.columns import TargetColumns
-from truepose.programs.core.forms import BLANKS, Form, Run, RunFinder, without_blanks
+from truepose.programs.core.digits import without_blanks
+from truepose.programs.core.forms import BLANKS, Form, Run, RunFinder
+from truepose.programs.core.program import MotionGroups
 from truepose.programs.core.source import Source
 
-FRAMES = FrameTable(tools={0: np.eye(4), 1: np.eye(4), "drill": np.eye(4)}, bases={0: np.eye(4), 1: np.eye(4)})
+FRAMES = FrameTable(
+    tools={0: np.eye(4), 1: np.eye(4), "drill": np.eye(4)},
+    bases={0: np.eye(4), 1: np.eye(4)},
+    groups=MotionGroups(1, frozenset([2])),
+)
 GOOD = st.one_of(
     st.decimals(-99999, 99999, places=3).map(str), st.sampled_from(["0", "-0.0", "+7.25", "1e-3", "12.", "8.5E-1"])
 )
+FANUC_GOOD = st.one_of(GOOD, st.sampled_from([".858", "-.020", "   .5"]))
 METRES = st.one_of(st.decimals(-3, 3, places=5).map(str), st.sampled_from(["0", "-0.0", "+1.25", "1e-3", "1."]))
 ODD = st.one_of(
     st.from_regex(r"\A[+-]?[0-9]{1,7}(\.[0-9]{0,17})?([eE][+-]?[0-9]{1,2})?\Z"),
@@ -99,7 +106,9 @@ def fanuc_parts(draw: Any) -> str:
         more = pick(
             draw,
             wild,
-            [""] * 8 + [",\tE1 = 5.0 mm", ",\n\tJ1 = 5.0 deg", "\n  GP2:\n UF : 0, UT : 1,\n J1 = 5 deg"],
+            [""] * 8
+            + [",\tE1 = 5.0 mm", ",\n\tJ1 = 5.0 deg", "\n  GP2:\n UF : 0, UT : 1,\n J1 = @ deg"]
+            + ["\n  GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=  @ deg,\tJ2 = @ mm"],
             "X = 1 mm",
         )
         units = pick(draw, wild, ["mm"] * 9, "deg", "")
@@ -109,19 +118,21 @@ def fanuc_parts(draw: Any) -> str:
         )
         count = draw(st.integers(1, 6))
         for number in numbers[first - 1 : first - 1 + count]:
-            values = [draw(ODD if wild and draw(st.integers(0, 9)) == 0 else GOOD) for _ in range(6)]
+            values = [draw(ODD if wild and draw(st.integers(0, 9)) == 0 else FANUC_GOOD) for _ in range(6)]
             values = [
                 "********" if draw(st.integers(0, 40)) == 0 else text.rjust(draw(st.sampled_from([1, 9])))
                 for text in values
             ]
             x, y, z, w, p, r = values
+            axes = more.replace("@", draw(FANUC_GOOD))
             positions.append(
                 f"P[{shape.format(number)}]{{\n   {group}:\n\t{frames},\t\tCONFIG : '{config}',\n\tX = {x}  {units},"
-                f"\tY = {y}  mm,\tZ = {z}  mm,\n\tW = {w} deg,\tP = {p} deg,\tR = {r} deg{more}\n{end}"
+                f"\tY = {y}  mm,\tZ = {z}  mm,\n\tW = {w} deg,\tP = {p} deg,\tR = {r} deg{axes}\n{end}"
             )
         first += count
     words = ["L P[{}] 100mm/sec FINE    ;", "J P[{}] 50% CNT100 ;", "L P[{}] 9mm/sec CNT 50;"]
-    words = words if draw(st.booleans()) else words[:1]
+    words += ["L P[{}] 9mm/sec CNT100 COORD    ;"]
+    words = words if draw(st.booleans()) else [draw(st.sampled_from(words))]
     others = [
         *(
             "L P[{}] 5mm/sec FINE Offset,PR[1] ;",

@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from truepose.errors import FileError
-from truepose.programs.core.forms import NUMBER, RunFinder, is_run
+from truepose.programs.core.forms import RunFinder, is_run
 from truepose.programs.core.joint_targets import FANUC, JointNumbers
 from truepose.programs.core.named import NamedRuns, code_of
 from truepose.programs.core.points import JOINTS, Frame, Point, Problem, numbers_at
@@ -28,15 +28,26 @@ _VALUE = re.compile(rb"(?<![\w'])([XYZWPR]|R[XYZ]|J\d|E\d)[ \t]*=([ \t]*[^\s,;}]
 _ARM: Final = ("J1", "J2", "J3", "J4", "J5", "J6")
 _AXES: Final = ("X", "Y", "Z", "W", "P", "R")
 _UNIT: Final = dict(zip(_AXES, (b"mm", b"mm", b"mm", b"deg", b"deg", b"deg"), strict=True))
+_NUMBER: Final = rb"[-+]?+(?:[0-9]{1,6}+(?:\.[0-9]{0,15}+)?+|\.[0-9]{1,15}+)"
+"""A number as controllers write it: without a zero in front of the point."""
 _CAM_POSITION: Final = re.compile(
     rb"P\[([1-9][0-9]{0,8}+)\][ \t]*+\{[^{}=]{0,200}?"
     + b"".join(
-        rb"\b%s[ \t]*+=[ \t]*+(" % key.encode() + NUMBER + rb")[ \t]++" + _UNIT[key] + rb"\b[,\s]*+" for key in _AXES
+        rb"\b%s[ \t]*+=[ \t]*+(" % key.encode() + _NUMBER + rb")[ \t]++" + _UNIT[key] + rb"\b[,\s]*+" for key in _AXES
     )
-    + rb"\}[ \t]*+;?[ \t]*+\r?+\n",
+    + rb"(?:GP\d:[^{}=]{0,200}?"
+    + b"".join(
+        (rb"(?:" if k > 1 else b"")
+        + rb"\bJ%d[ \t]*+=[ \t]*+(" % k
+        + _NUMBER
+        + rb")[ \t]++(?:mm|deg)\b[,\s]*+"
+        + (rb")?" if k > 1 else b"")
+        for k in (1, 2, 3)
+    )
+    + rb")?\}[ \t]*+;?[ \t]*+\r?+\n",
     re.I,
 )
-"""A position as CAM systems write it, on several lines; the general reader reads the first of many."""
+"""A position as CAM systems write it, also with axes of a positioner; the general reader reads the first of many."""
 VALUES: Final = slice(1, 7)
 """The holes of its numbers, behind that of its name."""
 NAME: Final = rb"[1-9][0-9]{0,8}+"
@@ -99,7 +110,9 @@ class Positions:
     def _read_in_runs(self, start: int, end: int) -> bool:
         """Read the positions in runs; False where the general reader must name what is broken or given twice."""
         try:
-            self._read(start, end, RunFinder(self._source, _CAM_POSITION, {1: NAME}))
+            self._read(
+                start, end, RunFinder(self._source, _CAM_POSITION, {1: NAME, **dict.fromkeys(range(2, 11), _NUMBER)})
+            )
         except FileError:
             return False
         numbers = np.array([code_of(b"%d" % number) for number in self._points], np.int64)

@@ -97,7 +97,7 @@ class _Reader(Reader):
     def __init__(self, source: Source, frames: KnownFrames, options: ReadOptions, registers: Registers) -> None:
         super().__init__(source, frames, options)
         self._registers = registers
-        self._kinds: dict[tuple[str, int], int] = {}
+        self._kinds: dict[_Motion, int] = {}
         self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
         self._indirect: list[tuple[Point, _Motion]] = []
@@ -150,7 +150,10 @@ class _Reader(Reader):
         numbered = NUMBERED.match(data, piece.start)
         motion = _MOTION.match(data, numbered.end() if numbered else piece.start)
         assert motion is not None  # of `_CAM_MOTION`
-        kind = self._kinds.setdefault((motion[1].decode(), self.flow.node), len(self._kinds))
+        coordinated = _COORD.search(data, piece.start, data.find(b"\n", piece.start)) is not None
+        like = _Motion(motion[1].decode(), 0, self.flow.node, coordinated=coordinated)
+        kind = self._kinds.setdefault(like, len(self._kinds))
+        self._coordinated = self._coordinated or coordinated
         if self._positions.named.move(piece, 1, kind):
             self.arc(None)
             self._derived.moves(piece.line)
@@ -352,8 +355,7 @@ class _Reader(Reader):
             self._positions.take_out(row)
         moves = list(self._moves)
         for row, line, kind in self._positions.named.left():
-            word, node = kinds[kind]
-            moves.append(_Move(self._positions.take_out(row), _Motion(word, line, node)))
+            moves.append(_Move(self._positions.take_out(row), kinds[kind]._replace(line=line)))
         self._moves = sorted(moves, key=_line)
 
     def _alike(self, group: Group) -> bool:
@@ -364,8 +366,8 @@ class _Reader(Reader):
         return first._replace(line=last.line) == last
 
     def _use_in(self, group: Group, line: int) -> Use:
-        word, node = list(self._kinds)[group.kind]
-        return self._use_at(self._positions.first[group.run], _Motion(word, line, node))
+        motion = list(self._kinds)[group.kind]._replace(line=line)
+        return self._use_at(self._positions.first[group.run], motion)
 
     def _attach(self) -> None:
         """Give each position the motions to it, now that the frames in force at each are known."""

@@ -25,7 +25,8 @@ REMARK: Final = re.compile(rb"\s*(?:!|//|--)")
 _MASK = re.compile(rb"^[ \t]*DEFAULT_GROUP[ \t]*=[ \t]*([^;\r\n]*)", re.I | re.M)
 _CAM_MOTION: Final = re.compile(
     rb"[ \t]*+([0-9]{1,9}+)[ \t]*+:[ \t]*+[JL][ \t]++P\[([1-9][0-9]{0,8}+)\]"
-    rb"[ \t]++([0-9]{1,9}+)(?:%|mm/sec|cm/min|deg/sec)[ \t]++(?:FINE|CNT[ \t]*+([0-9]{1,3}+))[ \t]*+;[ \t]*+\r?+\n"
+    rb"[ \t]++([0-9]{1,9}+)(?:%|mm/sec|cm/min|deg/sec)[ \t]++(?:FINE|CNT[ \t]*+([0-9]{1,3}+))"
+    rb"(?:[ \t]++COORD)?+[ \t]*+;[ \t]*+\r?+\n"
 )
 _WHOLE: Final = rb"[0-9]{1,9}+"
 
