@@ -166,8 +166,13 @@ class _Task:
                         module.source.path,
                         f"module {module.name} is in {other.source.path}, too; give the files of one task at a time",
                     )
-            for module in self._modules:
-                module.declare()
+            try:
+                for module in self._modules:
+                    module.declare()
+            except FileError:
+                if not columns:
+                    raise
+                continue  # read once more, one by one, so that the error names the first place
             if _unique([self.data.scope, *(module.own for module in self._modules)]):
                 break
 
