@@ -40,6 +40,10 @@ DERIVED = {
         f"FOR i FROM 1 TO 2 DO\nMoveL Offs(p1,aX{{i}},0,0){END}ENDFOR\n",
         {"frame": [(10, 0, 0), (20, 0, 0)]},
     ),
+    "a table of offsets": (
+        f"FOR i FROM 1 TO 2 DO\nMoveL Offs(p1,aXY{{i,1}},aXY{{i,2}},0){END}ENDFOR\n",
+        {"frame": [(0, 5, 0), (100, 6, 0)]},
+    ),
     "a pallet": (
         f"FOR i FROM 0 TO nRows-1 DO\nFOR j FROM 1 TO 0 DO\nMoveL Offs(p1,i*100,j*80,0){END}ENDFOR\nENDFOR\n",
         {"frame": [(0, 0, 0), (0, 80, 0), (100, 0, 0), (100, 80, 0)]},
@@ -55,6 +59,7 @@ DERIVED = {
     "a number": (f"n:=3;\nn:=n*2;\nMoveL Offs(p1,0,0,n){END}", {"frame": [(0, 0, 6)]}),
 }
 NUMBERS = "CONST num nUp:=120;\nCONST num nRows:=2;\nCONST num aX{2}:=[10,20];\nVAR num n;\n"
+NUMBERS += "CONST num aXY{2,3}:=[[0,5,0],[100,6,0]];\n"
 
 
 @pytest.mark.promise("Points from which RAPID derives others by constant shifts are corrected with --derived.")
@@ -79,9 +84,10 @@ def test_constant_shifts(name: str, option: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", DERIVED)
 def test_the_option_is_named(name: str, tmp_path: Path) -> None:
     target = p1(read(tmp_path, DERIVED[name][0] + HERE, DATA + NUMBERS))
-    assert target.verdict == "skip"
+    direct = ":=p1" not in DERIVED[name][0] and "=Offs" not in DERIVED[name][0]
+    assert target.verdict == ("skip" if direct else "refuse")
     assert "--derived" in target.reason
-    assert "moved to with an offset (largest " in target.reason
+    assert ("moved to with an offset (largest " if direct else "both moved to") in target.reason
 
 
 SPOILED = {

@@ -9,6 +9,7 @@ from truepose.programs.core.arithmetic import (
     Element,
     Expression,
     Name,
+    Shifted,
     names_in,
 )
 from truepose.programs.core.derived import NOT_CONSTANT, Derivations, Goal, words
@@ -68,12 +69,15 @@ class Followed(NamedTuple):
         Its node in the flow.
     instead : tuple of Point
         The declared points to which it goes if it is not followed; then `point` is no target.
+    goal : Expression
+        Its goal.
     """
 
     point: Point
     use: Use
     node: int
-    instead: tuple[Point, ...] = ()
+    instead: tuple[Point, ...]
+    goal: Expression
 
 
 class RapidDerivations:
@@ -130,7 +134,7 @@ class RapidDerivations:
 
     def move(self, point: Point, goal: Expression, use: Use, node: int, instead: tuple[Point, ...] = ()) -> None:
         """Note a motion; see `Followed`."""
-        followed = Followed(point, use, node, instead)
+        followed = Followed(point, use, node, instead, goal)
         self.followed.append(followed)
         self.derivations.move(len(self.followed) - 1, goal, use.line)
 
@@ -170,7 +174,8 @@ class RapidDerivations:
         """Note the points that are used otherwise as read."""
         for name, (place, how) in found.spoiled.items():
             for point in self.points_of(name):
-                if how == NOT_CONSTANT:
+                direct = any(one.use.line == place and self._is_offset(one) for one in self.followed)
+                if how == NOT_CONSTANT and direct:
                     reason = f"moved to with an offset that is known at run time only ({at(place)})"
                     point.problem = point.problem or Problem("skip", reason)
                 else:
@@ -184,14 +189,22 @@ class RapidDerivations:
                     for point in self.points_of(name):
                         point.reads.append((place, f"read by arithmetic ({why})"))
 
-    def derive(self, goal: Goal, point: Point, *, allowed: bool) -> list[Point]:
+    def _is_offset(self, one: Followed) -> bool:
+        """Return whether nothing else hinders a motion with an offset from a point itself, Offs or RelTool."""
+        if not isinstance(one.goal, Shifted) or any(use.problem for use in one.point.uses):
+            return False
+        return not self.derivations.assigned(names_in(one.goal.of))
+
+    def derive(self, goal: Goal, followed: Followed, *, allowed: bool) -> list[Point]:
         """Let a target follow the points of its goal, if it goes nowhere else; return those without a shift.
+
 
         Without `allowed`, points with a shift are left, and say with which one.
         """
         derived: list[tuple[Point, Derived]] = []
+        derived: list[tuple[Point, Derived]] = []
         direct: list[Point] = []
-        place = point.uses[0].line
+        point, place, offset = followed.point, followed.use.line, self._is_offset(followed)
         for (source, along), shifts in goal.shifts.items():
             (one,) = self.points_of(source)
             moved = [shift for shift in shifts if any(shift)]
@@ -199,7 +212,7 @@ class RapidDerivations:
             if not moved:
                 continue
             derived.append((one, Derived(place, words(point.name, one.name, shifts, along), tuple(shifts), along)))
-            if not allowed:
+            if offset and not allowed:
                 size = max(sum(part * part for part in shift) ** 0.5 for shift in moved)
                 reason = f"moved to with an offset (largest {size:g} mm, {at(place)})"
                 one.problem = one.problem or Problem("skip", f"{reason}; --derived gives both one correction")

@@ -418,8 +418,8 @@ class RapidModule:
         position = syntax.position_of(":=", statement)
         parsed = syntax.value(statement[position + 1 :]) if position else []
         has_index = any(t.text == "{" for t in statement[: position or None])
+        dimensions = sum(t.text == "," for t in statement[3:position]) + 1 if has_index else 0
         if type_ == "NUM":
-            dimensions = sum(t.text == "," for t in statement[3:position]) + 1 if has_index else 0
             values = number_values(parsed, dimensions) if kind != "PERS" else {}
             number = scope.numbers[name] = NumberVariable(self._names.cased(statement[2]), kind, values)
             if inner and kind == "VAR" and () in values:
@@ -447,9 +447,6 @@ class RapidModule:
         )
         scope.points[name] = variable
         self._task.variables.append(variable)
-        dimensions = (
-            sum(t.text == "," for t in statement[3:position]) + 1 if statement[3:4] and statement[3].text == "{" else 0
-        )
         for index, element in syntax.elements(parsed, dimensions):
             self._element(variable, index, element, line)
 

@@ -288,25 +288,26 @@ def _follow(task: RapidTask) -> None:
     """Let the targets that are derived from points follow these."""
     known, allowed = task.derivations, task.options.derived or task.options.offsets
     found = known.solve()
+    for point, use, node, *_ in known.followed:
+        point.uses = [use._replace(problem=_hindered(task, use, node))]
     known.spoil(found)
     if task.loads or task.sets_by_name:
         known.spoil_assigned(task.loads or "data are set by name")
     for variable, place in known.read_itself:
         for point in variable.elements.values():
             point.reads.append((place, "read by arithmetic"))
-    for k, (point, use, node, instead) in enumerate(known.followed):
+    for k, one in enumerate(known.followed):
         if (goal := found.goals.get(k)) is None:
             continue
-        point.uses = [use._replace(problem=_hindered(task, use, node))]
-        direct = known.derive(goal, point, allowed=allowed)
-        task.moves += [RapidMotion(one, use, node) for one in direct]
+        direct = known.derive(goal, one, allowed=allowed)
+        task.moves += [RapidMotion(point, one.use, one.node) for point in direct]
         for source, _ in goal.shifts:
-            for variable, one in known.sources_of(source):
-                one.shared = one.shared or _unseen(task, variable.reach)
-        if instead and point.follows and allowed:
-            gone = {id(one) for one in instead}
-            task.moves[:] = [move for move in task.moves if id(move.point) not in gone or move.use != use]
-            task.points.append(point)
+            for variable, point in known.sources_of(source):
+                point.shared = point.shared or _unseen(task, variable.reach)
+        if one.instead and one.point.follows and allowed:
+            gone = {id(point) for point in one.instead}
+            task.moves[:] = [move for move in task.moves if id(move.point) not in gone or move.use != one.use]
+            task.points.append(one.point)
 
 
 def _shifts(state: State) -> Iterator[str]:
