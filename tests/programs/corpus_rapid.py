@@ -114,7 +114,8 @@ ENDMODULE
 """,
         },
         0,
-        6,
+        5,
+        1,
     ),
     "inline-generated": Example(
         {

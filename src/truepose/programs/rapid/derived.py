@@ -198,10 +198,8 @@ class RapidDerivations:
     def derive(self, goal: Goal, followed: Followed, *, allowed: bool) -> list[Point]:
         """Let a target follow the points of its goal, if it goes nowhere else; return those without a shift.
 
-
         Without `allowed`, points with a shift are left, and say with which one.
         """
-        derived: list[tuple[Point, Derived]] = []
         derived: list[tuple[Point, Derived]] = []
         direct: list[Point] = []
         point, place, offset = followed.point, followed.use.line, self._is_offset(followed)
