@@ -328,3 +328,56 @@ def test_val3_public_points(dtx: Read, tmp_path: Path) -> None:
         assert [t.name for t in judged.targets if t.verdict == "refuse"] == refused, line
         if line.startswith("movel"):
             assert "lib:p1 (line 2 of other/start.pgx)" in judged.targets[0].reason
+
+
+@pytest.mark.parametrize(
+    ("code", "shifted"),
+    [
+        ("SWITCH I000 CASE 1\nSFTON P009\nCASE 2\nSFTOF\nENDSWITCH\n{}", True),
+        ("SWITCH I000\nCASE 1\nSFTON P009\nDEFAULT\nSFTOF\nENDSWITCH\n{}", True),
+        ("SFTON P009\nIFTHENEXP I000=0\nSFTOF\nELSE\nSFTOF\nENDIF\n{}", False),
+        ("SFTON P009\nIFTHENEXP I000=0\nSFTOF\nELSEIFEXP I000=1\nSFTOF\nENDIF\n{}", True),
+        ("SFTON P009\nWHILEEXP I000<5\nSFTOF\nENDWHILE\n{}", True),
+        ("FOR I000 = 1 TO 3\n{}\nSFTON P009\nNEXT I000\nSFTOF", True),
+        ("FOR I000 = 1 TO 3\nSFTON P009\nSFTOF\nNEXT I000\n{}", False),
+        ("SFTON P009\nIF B000>5 JUMP *A\nSFTOF\n*A\n{}", True),
+        ("SFTON P009\nRET IF IN#(1)=ON\nSFTOF\n{}", False),
+        ("SFTON P009\nJUMP JOB:B IF IN#(1)=ON\nSFTOF\n{}", False),
+    ],
+)
+def test_inform_shifts_reach_what_control_may_reach(job: Read, code: str, shifted: bool) -> None:
+    positions = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}"
+    found = job(code.format("MOVL C00001 V=1.0"), positions)
+    assert verdicts(found)["C00001"] == ("skip" if shifted else "correct")
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("IFTHENEXP I000=0", "IF of line 12 is not closed"),
+        ("NEXT I000", "NEXT without FOR"),
+        ("ELSE", "ELSE without IF"),
+    ],
+)
+def test_inform_blocks_that_are_not_closed(job: Read, code: str, message: str) -> None:
+    with pytest.raises(FileError, match=message):
+        job(code, f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}")
+
+
+def test_inform_groups_and_stations(job: Read) -> None:
+    positions = f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}\nC00002={XYZ}\nEC00001=5"
+    station = "///GROUP1 RB1\n///GROUP2 ST1\n"
+    assert verdicts(job(f"{station}MOVL C00001 V=1.0 +MOVJ EC00001 VJ=5.0", positions))["C00001"] == "correct"
+    assert verdicts(job(f"{station}MOVL C00001 EC00001 V=1.0", positions))["C00001"] == "correct"
+    assert verdicts(job(f"{station}MOVL C00001 V=1.0\n+MOVJ EC00001 VJ=5.0", positions))["C00001"] == "correct"
+    assert verdicts(job("MOVL C00001 EC00001 V=1.0", positions))["C00001"] == "refuse"  # no station is named
+    assert verdicts(job(f"{station}SMOVL C00001 V=1.0 +MOVJ EC00001 VJ=5.0", positions))["C00001"] == "refuse"
+    both = job("///GROUP1 RB1\n///GROUP2 RB2\nMOVL C00001 V=1.0 +MOVL C00002 V=1.0", positions)
+    assert verdicts(both) == {"C00001": "correct", "C00002": "skip"}
+    track = positions.replace("EC00001", "BC00001")
+    assert verdicts(job("MOVJ BC00001 VJ=5.0\nMOVL C00001 V=1.0", track))["C00001"] == "refuse"
+
+
+def test_two_inform_jobs_in_one_file_are_refused(job: Read) -> None:
+    with pytest.raises(FileError, match=r":13: a second job in the file"):
+        job("END\n/JOB\n//NAME B", f"///POSTYPE BASE\n///RECTAN\nC00001={XYZ}")

@@ -283,6 +283,8 @@ class _Reader(Reader):
             flow.leave()
         elif words.RETURNS.match(code):
             self._ends.append(flow.node)
+        elif (m := words.JUMP_INSIDE.search(code)) and m[1] in labels:
+            flow.may_go(m[1].decode("latin-1"))
 
     def _block(self, line: int, word: bytes) -> None:
         """Follow IFTHEN, WHILE, FOR and SWITCH."""
@@ -293,6 +295,8 @@ class _Reader(Reader):
             flow.branch("ELSE", last=word == b"ELSE")
         elif word in (b"WHILE", b"WHILEEXP", b"FOR", b"SWITCH"):
             flow.begin(word[:5].decode() if word != b"SWITCH" else "SWITCH", line)
+            if word == b"SWITCH":  # the first case may stand in the same line
+                flow.branch("CASE", last=False)
         elif word in (b"CASE", b"DEFAULT"):
             flow.branch("CASE", last=word == b"DEFAULT")
         else:

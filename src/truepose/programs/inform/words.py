@@ -20,6 +20,8 @@ CONVEYOR: Final = re.compile(rb"\bCV#\([^)]*\)?", re.I)
 SPEED: Final = re.compile(rb"\bV[JRE]?[ \t]*=", re.I)
 LABEL: Final = re.compile(rb"[ \t]*\*([^\s]+)")
 JUMP: Final = re.compile(rb"[ \t]*JUMP[ \t]+(\*([^\s]+)|[^\s]+)([ \t]+IF\b)?", re.I)
+JUMP_INSIDE: Final = re.compile(rb"\bJUMP[ \t]+\*([^\s]+)", re.I)
+"""A jump behind a condition, as in ``IF B000>5 JUMP *A``."""
 CALLED: Final = re.compile(rb"[ \t]*(?:CALL|JUMP|PSTART)\b[^'\"]*?\bJOB:([^\s\"']+)([^\r\n]*)", re.I)
 """A job that is called, jumped to or started beside; behind it the rest of the instruction."""
 UNKNOWN_CALL: Final = re.compile(rb"[ \t]*(?:CALL|MACRO\w*)[ \t]+(?!JOB:)", re.I)
