@@ -18,7 +18,7 @@ import truepose
 from truepose._io.delimited import unescaped
 from truepose.errors import FileError
 from truepose.programs import Coverage, ReadOptions, correct_program, read_program, read_programs
-from truepose.programs.core.remedies import FRAMES, REMEDIES, remedy_of
+from truepose.programs.core.remedies import FRAMES, GROUPS, REMEDIES, remedy_of
 from truepose.report.coverage import write_coverage
 
 POSE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
@@ -82,6 +82,16 @@ def test_every_option_that_a_reason_names_is_in_the_table() -> None:
             if option not in named or found is None or option not in found.option:
                 missing.append((module, option, text[:80]))
     assert not missing
+
+
+def test_every_reason_that_asks_for_the_cell_file_is_in_the_table() -> None:
+    messages = ("agreement.py", "frame_table.py", "robot_base.py", "fanuc.py", "kuka.py", "used_frames.py")
+    asking = [text for module, text in texts() if "[frames." in text and module not in messages and " " in text]
+    assert len(asking) > 3
+    remedies = {text: remedy_of(text) for text in asking if "give it in" in text or "add it to" in text}
+    assert len(remedies) > 3
+    assert {one.option for one in remedies.values() if one is not None} == {FRAMES, GROUPS}
+    assert all(remedies.values())
 
 
 def test_every_option_of_reading_that_allows_targets_is_in_the_table() -> None:

@@ -7,6 +7,7 @@ import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 
 import pytest
 from tests.programs.backups import small
@@ -14,6 +15,7 @@ from tests.programs.backups import small
 from truepose._io import zips
 from truepose._io.files import read_bytes
 from truepose._io.folders import files_within
+from truepose._io.zip_writer import write_changed
 from truepose.errors import FileError
 from truepose.programs import read_programs
 
@@ -183,3 +185,28 @@ def test_a_program_in_a_zip_is_not_read_alone(tmp_path: Path) -> None:
     path = zipped(tmp_path / "a.zip", small.files_of())
     (error,) = read_programs([path / "programs/p0.src"]).unreadable
     assert "lies in a .zip; give a.zip itself" in str(error)
+
+
+def test_damaged_zips_are_read_refused_or_written_but_never_crash(tmp_path: Path) -> None:
+    inner = small.packed({"a.src": b"abc" * 50, "b": b""})
+    data = small.packed({"x/a.src": b"LIN P1\n" * 60, "in.zip": inner, "c": bytes(range(256))}, comment=b"hello")
+    random, path, new = Random(7), tmp_path / "a.zip", tmp_path / "b.zip"
+    outcomes = set()
+    for _ in range(150):
+        damaged = bytearray(data)
+        at = random.randrange(len(data))
+        damaged[at : at + random.choice((0, 1, 1, 9))] = random.randbytes(random.choice((0, 1, 1, 5)))
+        path.write_bytes(damaged)
+        zips._directory.cache_clear()
+        zips._nested.cache_clear()
+        try:
+            found = files_within(path).files
+            contents = [read_bytes(file) for file in found]
+            with new.open("w+b") as out:
+                write_changed(path, {found[0].relative_to(path).as_posix(): lambda: b"new"}, out)
+            with zipfile.ZipFile(new) as archive:
+                assert archive.testzip() is None
+            outcomes.add("read" if b"LIN P1\n" * 60 in contents else "read otherwise")
+        except FileError:
+            outcomes.add("refused")
+    assert outcomes == {"read", "refused"}  # check sums show every other content

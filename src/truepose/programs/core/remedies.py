@@ -6,6 +6,7 @@ import re
 from typing import Final, NamedTuple
 
 FRAMES: Final = "[frames] of the cell file"
+GROUPS: Final = "[frames.groups] of the cell file"
 
 
 class Remedy(NamedTuple):
@@ -35,6 +36,11 @@ REMEDIES: Final = (
         FRAMES,
         "the values that you state are those of the controller when the program runs",
         r"give it in \[frames\.|stored as zeros|contradicts the backup",
+    ),
+    _remedy(
+        GROUPS,
+        "the motion groups that you name carry neither the robot nor a user frame of its targets",
+        r"\[frames\.groups\]",
     ),
     _remedy(
         "--joint-targets",
