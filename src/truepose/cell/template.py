@@ -51,6 +51,9 @@ robust = true            # outliers are found and left out of the registration
 # x_mm = 0.0
 # [frames.bases.1]
 # x_mm = 0.0
+# [frames.groups]        # motion groups of a FANUC controller: that of this robot, and those that carry
+# robot = 1              # neither it nor a user frame
+# independent = [2]
 
 # [region]               # the work region for `truepose plan`: a box, and the orientation of the tool in it
 # x_mm = 1500.0          # centre of the box

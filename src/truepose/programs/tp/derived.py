@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -67,6 +68,7 @@ class Facts:
     group: int
     alone: bool
 
+    @cached_property
     def stored(self) -> dict[int, tuple[float, ...]]:
         """Return the stored values of position registers [mm, deg]."""
         found = self.registers.positions.items()
@@ -78,7 +80,7 @@ class Facts:
             case "R", int(number) if not self.registers.writer("R", number, self.name):
                 return self.registers.values.get(number)
             case "PR", int(number), int(axis) if not self.registers.writer("PR", number, self.name):
-                values = self.stored().get(number)
+                values = self.stored.get(number)
                 return None if values is None else values[axis]
         return None
 
@@ -119,7 +121,7 @@ class RegisterFlow:
         self.is_stored = facts.is_stored
         self._numeric = sorted(n for kind, n in numbers if kind == b"R")
         self._positions = sorted(n for kind, n in numbers if kind == b"PR")
-        self._offsets = Offsets(found, facts.stored())
+        self._offsets = Offsets(found, facts.stored)
         self._arithmetic = RegisterArithmetic(self._offsets)
         follows_robot = any(b"LPOS" in code.upper() for code in cleaned)
         self._derivations = Derivations(flow)

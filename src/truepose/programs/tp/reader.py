@@ -124,7 +124,7 @@ class _Reader(Reader):
         self._attach()
         self.points = [*self._positions.ordered(), *self.points]
         for name, effects in self._registers.programs.items():
-            for line, code in effects.frames if name != self.source.path.stem.upper() else ():
+            for line, code in effects.changes if name != self.source.path.stem.upper() else ():
                 self._change(code, FileLine(f"{name}.LS", line))
         return self.program("fanuc", finest=1e-3, runs=self._runs)
 

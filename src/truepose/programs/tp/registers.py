@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from functools import cached_property
+from typing import Final, Literal, NamedTuple, TypeVar
 
 from truepose.programs.tp.sections import NUMBERED, REMARK
 
 Kind = Literal["R", "PR"]
+_Used = TypeVar("_Used")
 _TEXT = re.compile(rb"'[^']*'|\"[^\"]*\"")
 _WRITTEN = re.compile(
     rb"(?<![\w$])(P?R)[ \t]*\[[ \t]*(?:GP\d[ \t]*:[ \t]*)?"
@@ -19,7 +21,8 @@ _WRITTEN = re.compile(
 _OUTPUT = re.compile(rb"\bSearch[ \t]+Start\b|\bVISION\b|\bGET_\w+", re.I)
 """Touch sensing and cameras write the registers that they name."""
 _NAMED = re.compile(rb"(?<![\w$])(P?R)[ \t]*\[[ \t]*(?:GP\d[ \t]*:[ \t]*)?(\d{1,5})?", re.I)
-_FRAME = re.compile(rb"U(?:FRAME|TOOL)|\$MNU", re.I)
+_CHANGE = re.compile(rb"U(?:FRAME|TOOL)[ \t]*\[[^=]*=|\$MNU(?:FRAME|TOOL)[ \t]*\[|\$GROUP\b[^=]*\$U", re.I)
+_FRAME = re.compile(rb"U(?:FRAME|TOOL)|\$MNU|\$GROUP", re.I)
 CALL: Final = re.compile(rb"(?<![\w$])(?:CALL|RUN)[ \t]+(\w+)", re.I)
 _RELEVANT = re.compile(
     rb"^[^\r\n]*(?:=|PR[ \t]*\[|CALL|RUN|SEARCH|TOUCH|Skip,|VISION|THEN|ELSE|END|LBL)[^\r\n]*", re.I | re.M
@@ -62,8 +65,8 @@ class Effects(NamedTuple):
         The names of the programs that it calls or starts, in upper case.
     macro : bool
         Whether it is a macro, which other programs call by a name of its own.
-    frames : tuple of (int, bytes)
-        The instructions that name tools or user frames, each with its line.
+    frames, changes : tuple of (int, bytes)
+        The instructions that name tools or user frames, and those of them that change one, each with its line.
     moves : bool
         Whether it moves the robot.
     """
@@ -73,6 +76,7 @@ class Effects(NamedTuple):
     calls: frozenset[str] = frozenset()
     macro: bool = False
     frames: tuple[tuple[int, bytes], ...] = ()
+    changes: tuple[tuple[int, bytes], ...] = ()
     moves: bool = False
 
 
@@ -97,19 +101,31 @@ class Registers:
     values: Mapping[int, float] = field(default_factory=dict)
     programs: Mapping[str, Effects] = field(default_factory=dict)
 
+    @cached_property
+    def _writers(self) -> dict[tuple[Kind, int | None], list[str]]:
+        """The programs that write each register."""
+        return _by_use((name, one.written) for name, one in self.programs.items())
+
+    @cached_property
+    def _readers(self) -> dict[int | None, list[str]]:
+        """The programs that may read each position register."""
+        return _by_use((name, one.read) for name, one in self.programs.items())
+
+    @cached_property
+    def _unknown_call(self) -> str:
+        """The first program that is called and is not there; empty where there is none."""
+        called = frozenset[str]().union(*[one.calls for one in self.programs.values()])
+        return min(called - self.programs.keys(), default="")
+
     def writer(self, kind: Kind, number: int, besides: str = "") -> str:
         """Return the name of a program, `besides` one, that may write a register; empty where none does."""
-        for name, effects in self.programs.items():
-            if name != besides and effects.written & {(kind, number), (kind, None)}:
-                return name
-            if unknown := sorted(effects.calls - self.programs.keys()):
-                return unknown[0]
-        return ""
+        names = self._writers.get((kind, number), []) + self._writers.get((kind, None), [])
+        return next((name for name in names if name != besides), self._unknown_call)
 
     def reader(self, number: int, besides: str) -> str:
         """Return the name of a program, `besides` one, that may read a position register; empty where none does."""
-        found = (name for name, one in self.programs.items() if name != besides and one.read & {number, None})
-        return next(found, "")
+        names = self._readers.get(number, []) + self._readers.get(None, [])
+        return next((name for name in names if name != besides), "")
 
     def behind(self, names: Iterable[str]) -> Effects | None:
         """Return the effects of calls of programs, and of what they call; None where they are not known."""
@@ -133,6 +149,14 @@ class Registers:
         return self.behind(names) if self.programs else None
 
 
+def _by_use(uses: Iterable[tuple[str, frozenset[_Used]]]) -> dict[_Used, list[str]]:
+    found: dict[_Used, list[str]] = {}
+    for name, used in uses:
+        for one in used:
+            found.setdefault(one, []).append(name)
+    return found
+
+
 def effects_of(data: bytes) -> Effects:
     """Return the use that a program makes of registers, from the text of its instructions."""
     written: set[tuple[Kind, int | None]] = set()
@@ -151,8 +175,9 @@ def effects_of(data: bytes) -> Effects:
         calls |= {name.decode("latin-1").upper() for name in CALL.findall(code)}
         ways.take(code)
     moves = _MOVES.search(data, max(start, 0), end if end >= 0 else len(data)) is not None
+    changes = tuple([one for one in frames if _CHANGE.search(one[1])])
     macro = re.search(rb"/PROG[^\r\n]*\bMacro\b", data[: max(start, 0)], re.I) is not None
-    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames), moves)
+    return Effects(frozenset(written), frozenset(ways.read), frozenset(calls), macro, tuple(frames), changes, moves)
 
 
 class _Ways:
