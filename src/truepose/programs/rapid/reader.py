@@ -19,7 +19,7 @@ from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.forms import Run
 from truepose.programs.core.order import Sweep
-from truepose.programs.core.points import Judge, Problem, Use
+from truepose.programs.core.points import Judge, Place, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source
@@ -185,7 +185,7 @@ class _Task:
                 self.data.flow.solve()
             except BlockError as error:
                 raise FileError(self._sources[0].path, f"{error}; correct the file") from None
-        _settle(self.data)
+        _settle(self.data, {source.path.name: k for k, source in enumerate(self._sources)})
         _attach(self.data)
         _leave(self.data, self.files)
 
@@ -268,8 +268,11 @@ def _unique(scopes: Sequence[Scope]) -> bool:
     return True
 
 
-def _settle(task: RapidTask) -> None:
-    """Keep the runs of robtargets that motions of one kind go to, and declare the others on their own."""
+def _settle(task: RapidTask, rank: Mapping[str, int]) -> None:
+    """Keep the runs of robtargets that motions of one kind go to, and declare the others on their own.
+
+    `rank` gives the order of the files.
+    """
     for name, _ in task.read_by_name:
         list(task.of_name(name))
     kinds = list(task.kinds)
@@ -282,6 +285,12 @@ def _settle(task: RapidTask) -> None:
             use, node = kinds[kind]
             task.derivations.distrust(scope.points[name])
             task.moves.append(RapidMotion(scope.points[name].elements[()], at_line(use, line), node))
+    if kinds:  # as if they had been read one by one
+        task.moves.sort(key=lambda move: _order(move.use.line, rank))
+
+
+def _order(place: Place, rank: Mapping[str, int]) -> tuple[int, int]:
+    return (0, place) if isinstance(place, int) else (rank[place.file], place.line)
 
 
 def _follow(task: RapidTask) -> None:
