@@ -237,16 +237,14 @@ class _Reader(Reader):
                         place.point.problem = place.point.problem or _PUBLIC
             return
         for other in project.applications:
-            if other is self._application:
-                continue
-            tools = project.table(other, "tool")
+            own, tools = other is self._application, project.table(other, "tool")
             for code in map(ProgramCode, other.programs):
                 aliases = {reference.alias for reference in code.references(0, len(code.data)) if reference.alias}
                 for alias in sorted(aliases):
                     library = project.library(other, alias)
                     if library is self._application:
                         uses.take(code, tools.named, project.shown(code.path), alias)
-                    elif library is None:
+                    elif library is None and not own:
                         self._refuse_unseen(code, alias, public)
 
     def _refuse_unseen(self, code: ProgramCode, alias: str, public: set[str]) -> None:
