@@ -68,6 +68,10 @@ APPROACHES = {
         "  PR[2]=LPOS-LPOS\n  PR[2,3]=80\n  PR[1]=P[1]+PR[2]\nL PR[1] 9mm/sec FINE",
         {(0.0, 0.0, 80.0)},
     ),
+    "between words": (
+        f"  COL DETECT OFF\n{COPY}  LOCK PREG\n  PAUSE\nL PR[1] 9mm/sec FINE\n  UNLOCK PREG\n  Weld End",
+        {(0.0, 0.0, 50.0)},
+    ),
     "difference": (
         "  PR[2]=PR[3]-PR[3]\n  PR[2,1]=(-20)\n  PR[1]=P[1:above]-PR[2:shift]\nJ PR[1:x] 9% CNT100",
         {(20.0, 0.0, 0.0)},

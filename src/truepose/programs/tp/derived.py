@@ -38,8 +38,11 @@ _LOOP = re.compile(rb"\s*FOR\s+R\s*\[\s*(\d{1,5})\s*\]\s*=\s*(.*?)\s+(DOWN)?TO\s
 _NUMBERS = re.compile(rb"(?<![\w$])(P?R)\s*\[\s*(\d{1,5})", re.I)
 _BARE = re.compile(rb"\s*[A-Za-z]\w*(?:[ \t-]+\w+)*(?:\([^)]*\))?\s*;?\s*")
 _OWN_WORDS = re.compile(
-    rb"\s*(?:END|ENDIF|ENDFOR|ELSE|PAUSE|ABORT|CALL|RUN|JMP|IF|FOR|SELECT|WAIT|MONITOR)\b|.*\bEND[\s;]*$", re.I
+    rb"\s*(?:END|ENDIF|ENDFOR|ELSE|PAUSE|ABORT|CALL|RUN|JMP|IF|FOR|SELECT|WAIT|MONITOR|(?:UN)?LOCK[ \t]+[PV]REG"
+    rb"|COL[ \t]+(?:DETECT|GUARD)|DETACH|PALLETIZING|POINT_LOGIC)\b|.*\bEND[\s;]*$",
+    re.I,
 )
+"""Instructions of one word or more, which are no macros."""
 _FROM_REGISTER = re.compile(rb"=\s*PR\s*\[\s*(\d{1,5})\s*(?::[^\]]*)?\][\s;]*$", re.I)
 _SAME: Final = 1e-4  # [mm], and of direction cosines
 _OFFSET = re.compile(rb"(?<!\w)(?:Tool_)?Offset\s*,\s*PR\s*\[[^\]]*\]", re.I)
