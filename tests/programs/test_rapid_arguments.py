@@ -103,3 +103,9 @@ def test_a_module_alone(tmp_path: Path) -> None:
         target = only(read(tmp_path, code, whole_task=False), "p1")
         assert target.verdict != "correct"
         assert only(read(tmp_path, code), "p1").verdict == "correct"
+
+
+def test_a_workobject_of_the_caller_is_named(tmp_path: Path) -> None:
+    more = f"PROC rTo(\\PERS wobjdata o)\nMoveL {RT},v1,z1,t\\WObj?o;\nENDPROC"
+    program = read(tmp_path, "rTo;", more)
+    assert "workobject of the caller is known at run time only" in {target.reason for target in program.targets}

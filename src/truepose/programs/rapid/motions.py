@@ -123,7 +123,7 @@ class RapidMotionReader:
         """Return the tool or workobject that an argument names, and the reason why it cannot be used."""
         what = "tool" if kind == "tooldata" else "workobject"
         if len(items) != 1 or items[0].kind != "word" or self._names.is_inner(items[0].text):
-            shown = self._names.shown(items)
+            shown = self._names.shown(items) or "of the caller"
             return None, Problem("refuse", f"{what} {shown} is known at run time only")
         name = items[0].text
         if name in ("TOOL0", "WOBJ0"):
