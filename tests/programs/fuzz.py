@@ -65,6 +65,8 @@ NASTY = [
         b"UF : F",
         b"FOR R[1]=0 TO 3 ;\n",
     ),
+    *(b"SFTON P010 UF#(3)\r\n", b"SETE P020 (3) 5\r\n", b"CALL JOB:DIP UF#(2)\r\n", b"ENDSWITCH\r\n"),
+    *(b"appro(", b"pUp=pPart1\n", b"geo:fCell.trsf.z=3\n", b"[nI]", b"<Field name=", b"endFor\n", b"taskCreate "),
 ]
 
 

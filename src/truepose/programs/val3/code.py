@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -94,6 +95,11 @@ class ProgramCode:
     def data(self) -> bytes:
         """The blanked text."""
         return self.source.data
+
+    @cached_property
+    def aliases(self) -> list[str]:
+        """The libraries that it names."""
+        return sorted({reference.alias for reference in self.references(0, len(self.data)) if reference.alias})
 
     def statements(self) -> Iterator[Statement]:
         """Yield the statements; one goes on over lines while a bracket is open."""

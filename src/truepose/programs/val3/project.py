@@ -72,7 +72,8 @@ class Project:
             if file.suffix.lower() in (".pjx", ".dtx", ".pgx"):
                 folders.setdefault(file.parent, []).append(file)
         self.applications = [one for folder, found in folders.items() for one in _applications(folder, sorted(found))]
-        self._values = cache(_read)
+        self._values, self._code = cache(_read), cache(ProgramCode)
+        self._tables: dict[tuple[Path, tuple[Path, ...], str], Table] = {}
         self._written: dict[Place, FileLine] | None = None
 
     @classmethod
@@ -108,15 +109,22 @@ class Project:
             found = self.library(application, alias)
             return None if found is None else self.table(found, kind)
 
-        found = {v.name.lower(): (source, v) for source, v in self.values(application) if v.kind == kind}
-        return Table(kind, application.path, found, library)
+        key = (application.path, application.data, kind)
+        if key not in self._tables:
+            found = {v.name.lower(): (source, v) for source, v in self.values(application) if v.kind == kind}
+            self._tables[key] = Table(kind, application.path, found, library)
+        return self._tables[key]
+
+    def codes(self, application: Application) -> list[ProgramCode]:
+        """Return the code of an application's programs."""
+        return [self._code(path) for path in application.programs]
 
     def written(self) -> dict[Place, FileLine]:
         """Return the frames and tools that programs write, each with where, in any application."""
         if self._written is None:
             self._written = {}
             for application in self.applications:
-                for code in map(ProgramCode, application.programs):
+                for code in self.codes(application):
                     for reference, line in code.written():
                         name = reference.parts[0][0] + _index(reference.parts[0][1])
                         owner = self.library(application, reference.alias) if reference.alias else application

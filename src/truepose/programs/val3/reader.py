@@ -92,7 +92,7 @@ class _Reader(Reader):
             raise FileError(application.path, "states lengths in inches (millimeterUnit), which are not read")
         data = read_data(self.source)
         self._declared = {name.lower(): one for name, one in data.declared.items()}
-        own = [ProgramCode(path) for path in application.programs]
+        own = project.codes(application)
         self._frames = project.table(application, "frame")
         indices = self._elements(own)
         for value in data.values:
@@ -238,9 +238,8 @@ class _Reader(Reader):
             return
         for other in project.applications:
             own, tools = other is self._application, project.table(other, "tool")
-            for code in map(ProgramCode, other.programs):
-                aliases = {reference.alias for reference in code.references(0, len(code.data)) if reference.alias}
-                for alias in sorted(aliases):
+            for code in project.codes(other):
+                for alias in code.aliases:
                     library = project.library(other, alias)
                     if library is self._application:
                         uses.take(code, tools.named, project.shown(code.path), alias)
