@@ -20,8 +20,9 @@ from truepose.errors import DataError
 from truepose.geometry import euler
 from truepose.programs.core.columns import CHUNK, TargetColumns
 from truepose.programs.core.digits import values_at, without_blanks
+from truepose.programs.core.judge import Judge
 from truepose.programs.core.order import Sweep
-from truepose.programs.core.points import Judge, Point
+from truepose.programs.core.points import Point
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import Target
 

@@ -1,6 +1,6 @@
 """KRL points: their numbers, the program's uses of them, and the tool and base in force at each motion.
 
-`truepose.programs.core.points.Judge` gives the verdicts (docs/programs.md).
+`truepose.programs.core.judge.Judge` gives the verdicts (docs/programs.md).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from truepose.geometry import euler, make_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import FdatFrames, InForce, State
 from truepose.programs.core.joint_targets import KUKA, JointNumbers
+from truepose.programs.core.judge import Judge, NotCorrected
 from truepose.programs.core.points import JOINTS as JOINT_TARGET
-from truepose.programs.core.points import Frame, Judge, NotCorrected, Place, Point, Problem, Use, at
+from truepose.programs.core.points import Frame, Place, Point, Problem, Use, at
 from truepose.programs.core.program import KnownFrames, ReadOptions
 from truepose.programs.core.source import Source
 from truepose.programs.core.target import JOINT_MOTION

@@ -18,8 +18,9 @@ import numpy as np
 from truepose.errors import FileError
 from truepose.programs.core.flow import UNSET, BlockError, State
 from truepose.programs.core.forms import Run
+from truepose.programs.core.judge import Judge
 from truepose.programs.core.order import Sweep
-from truepose.programs.core.points import Judge, Place, Problem, Use
+from truepose.programs.core.points import Place, Problem, Use
 from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.shifts import problem_of as shifted_by
 from truepose.programs.core.source import PLAIN_LEXER, Source

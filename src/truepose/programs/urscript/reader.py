@@ -20,12 +20,12 @@ from truepose.geometry import invert_transform
 from truepose.programs.core import shifts
 from truepose.programs.core.flow import InForce, State
 from truepose.programs.core.forms import FoundRun, is_run
+from truepose.programs.core.judge import NotCorrected
 from truepose.programs.core.points import (
     AS_MEASURED,
     JOINTS,
     Derived,
     Frame,
-    NotCorrected,
     Point,
     Problem,
     Use,

@@ -11,7 +11,8 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.geometry import invert_transform, make_transform
 from truepose.programs.core.arithmetic import Axes
-from truepose.programs.core.points import Frame, NotCorrected, Point, Problem, Use, computed
+from truepose.programs.core.judge import NotCorrected
+from truepose.programs.core.points import Frame, Point, Problem, Use, computed
 from truepose.programs.urscript.poses import (
     Inverse,
     Item,
