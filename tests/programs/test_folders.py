@@ -178,3 +178,27 @@ def test_a_folder_of_tables_alone(tmp_path: Path) -> None:
     table = "name,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg\np,1,2,3,0,0,0\n"
     lay(tmp_path, {"t.csv": table, "t.corrections.csv": "file,line\n"})
     assert read_program(tmp_path, FrameTable()).counts()["correct"] == 1
+
+
+def test_a_circle_through_a_global_point_of_the_run_time_is_left(tmp_path: Path) -> None:
+    files = {
+        **FILES,
+        "press/Program/points.dat": FILES["press/Program/points.dat"].replace(
+            "ENDDAT", f"DECL GLOBAL E6POS XSEEN\nDECL GLOBAL E6POS XEND={POSE}\nENDDAT"
+        ),
+        "press/Program/arc.src": "DEF arc()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nXSEEN=$POS_ACT\nCIRC XSEEN, XEND\nEND\n",
+    }
+    lay(tmp_path, files)
+    assert named(tmp_path, "XSEEN").reason == "its value is known at run time only"
+    assert named(tmp_path, "XEND").reason.startswith("its circle's other point XSEEN")
+
+
+def test_a_circle_of_a_system_module_is_left(tmp_path: Path) -> None:
+    circle = f"GLOBAL DEF sweep()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nCIRC {POSE}, XG\nEND\n"
+    files = {name.replace("press", "R1"): text for name, text in FILES.items()}
+    files |= {"R1/System/tools.src": f"DEF tools()\nEND\n{circle}", "R1/Program/user.src": "DEF user()\nsweep()\nEND\n"}
+    target = named(lay(tmp_path, files), "XG")
+    assert (target.verdict, target.reason) == (
+        "skip",
+        "the other point of its circle has no numbers in the programs",
+    )
