@@ -72,6 +72,9 @@ class Project:
             if file.suffix.lower() in (".pjx", ".dtx", ".pgx"):
                 folders.setdefault(file.parent, []).append(file)
         self.applications = [one for folder, found in folders.items() for one in _applications(folder, sorted(found))]
+        self._named: dict[str, list[Application]] = {}
+        for one in self.applications:
+            self._named.setdefault(one.name.lower(), []).append(one)
         self._values, self._code = cache(_read), cache(ProgramCode)
         self._tables: dict[tuple[Path, tuple[Path, ...], str], Table] = {}
         self._written: dict[Place, FileLine] | None = None
@@ -92,7 +95,7 @@ class Project:
         if path is None:
             return None
         stem = re.split(r"[/\\]", path)[-1].lower().removesuffix(".pjx")
-        found = [one for one in self.applications if one.name.lower() == stem]
+        found = self._named.get(stem, [])
         near = [one for one in found if one.path.parent == application.path.parent]
         return near[0] if len(near) == 1 else found[0] if len(found) == 1 else None
 
