@@ -16,7 +16,8 @@ def program(tmp_path):
 def test_check_lists_every_target(run, program):
     done = run("check", program, "--json")
     assert done.code == 0
-    assert done.json["programs"] == [{"file": str(program), "correct": 1, "skip": 1, "refuse": 1}]
+    counts = {"correct": 1, "skip": 1, "refuse": 1, "following": 0}
+    assert done.json["programs"] == [{"file": str(program), **counts}]
     assert [(t["line"], t["name"], t["verdict"], t["motion"]) for t in done.json["targets"]] == [
         (4, "LIN:4", "correct", "LIN"),
         (5, "XHOME", "skip", "PTP"),
@@ -100,6 +101,38 @@ def test_check_groups_reasons_and_adds_up(run, program, tmp_path):
     assert f"{other}:4 LIN:4, {other}:5 LIN:5)" in shown
     assert f"[frames.tools.8]  # TOOL_DATA[8]: 2 targets in {other.name}\nx_mm = ?" in shown
     assert "2 programs: 1 to correct, 1 to skip, 3 refused" in shown
+
+
+@pytest.fixture
+def approach(tmp_path):
+    """A folder of two programs, in one of which a motion follows a corrected point, and another one that is left."""
+    folder = tmp_path / "approach"
+    folder.mkdir()
+    points = f"DECL E6POS XP1={POSE}\nDECL E6POS XP2={POSE[:-1]},E1 5}}\nDECL E6POS XAP\nDECL E6POS XAQ\n"
+    near, left = (f"{a}={p}\n{a}.Z={a}.Z+50\nLIN {a}\nLIN {p}\n" for a, p in (("XAP", "XP1"), ("XAQ", "XP2")))
+    (folder / "a.dat").write_text(f"DEFDAT A\n{points}ENDDAT\n")
+    (folder / "a.src").write_text(f"DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n{near}{left}LIN_REL {{X 1}}\nEND\n")
+    (folder / "b.src").write_text(f"DEF b()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {POSE}\nEND\n")
+    return folder
+
+
+def test_check_counts_what_follows_a_corrected_point_apart(run, approach):
+    shown = run("check", approach, "--derived").out
+    assert f"{approach}: 2 to correct, 1 follows a corrected point, 2 to skip, 1 refused\n" in shown
+    assert f"{approach}/a.src: 1 to correct, 1 follows a corrected point, 2 to skip, 1 refused\n" in shown
+    assert f"{approach}/b.src: 1 to correct, 0 to skip, 0 refused\n" in shown
+    assert "2 programs: 2 to correct, 1 follows a corrected point, 2 to skip, 1 refused" in shown
+    assert "gets the correction" not in shown
+    assert "derived from XP2 (line 2), which is left out: external axis E1" in shown
+    assert "follow" not in run("check", approach).out
+
+
+def test_check_tells_programs_how_many_targets_follow(run, approach):
+    done = run("check", approach, "--derived", "--json").json
+    (project,) = done["programs"]
+    assert project == {"file": str(approach), "correct": 2, "skip": 3, "refuse": 1, "following": 1}
+    assert len([one for one in done["targets"] if one["verdict"] == "skip"]) == 3
+    assert done["coverage"]["correctable"] == 3
 
 
 def test_frames_lists_what_is_not_known_first(run, program):
@@ -188,7 +221,7 @@ def test_check_takes_a_folder(run, tmp_path):
     (folder / "$config.dat").write_text("TOOL_DATA[9]={X 1,Y 2,Z 3,A 0,B 0,C 0}\n")
     (folder / "a.src").write_text(SRC)
     assert run("check", folder, "--json").json["programs"] == [
-        {"file": str(folder), "correct": 2, "skip": 1, "refuse": 0}
+        {"file": str(folder), "correct": 2, "skip": 1, "refuse": 0, "following": 0}
     ]
     (tmp_path / "empty").mkdir()
     assert "holds no robot program" in run("check", tmp_path / "empty").failed()

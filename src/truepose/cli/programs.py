@@ -207,7 +207,7 @@ def check(
             {
                 "backups": [backup.to_dict() for backup in found.backups],
                 "coverage": coverage.total.to_dict(),
-                "programs": [{"file": p.path, **p.counts()} for p in found.programs],
+                "programs": [{"file": p.path, **p.counts(), "following": p.following} for p in found.programs],
                 "targets": [target.to_dict() for program in found.programs for target in program.targets],
                 "unreadable": [str(error) for error in found.unreadable],
             }

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from truepose.cli.output import say
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from truepose._typing import IntArray
     from truepose.programs import Backup, CorrectedProgram, Coverage, Program
     from truepose.programs.core.reasons import Judged
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 _TARGETS: Final = 3  # targets of a group that are named
 _GROUPS: Final = 20
 _WARNINGS: Final = 40
+_FOLLOWS: Final = 3  # code of targets that follow corrected ones, after those of the verdicts
 _OF_ONE: Final = "max_bend_mm"
 """The limit whose default is found for each program."""
 
@@ -44,14 +48,13 @@ def show_checked(program: Program) -> None:
     import numpy as np
     from rich.markup import escape
 
-    codes = program.targets.verdicts()
-    say(f"[bold]{escape(str(program.path))}[/]: {_verdicts(program.counts())}")
+    codes = _codes(program)
+    say(f"[bold]{escape(str(program.path))}[/]: {_verdicts(codes)}")
     modules = program.modules
     for module, rows in modules.items() if len(modules) > 1 else ():
-        counts = [int(np.count_nonzero(codes[rows] == k)) for k in range(3)]
-        say(f"  {escape(str(module))}: {_verdicts(dict(zip(('correct', 'skip', 'refuse'), counts, strict=True)))}")
+        say(f"  {escape(str(module))}: {_verdicts(codes[rows])}")
     _say_blended(program)
-    _say_reasons(program.targets, np.flatnonzero(codes))
+    _say_reasons(program.targets, np.flatnonzero((codes != 0) & (codes != _FOLLOWS)))
 
 
 def show_corrected(program: CorrectedProgram) -> None:
@@ -125,14 +128,23 @@ def say_total(programs: Sequence[Program], unreadable: int) -> None:
     """Show the sum of the counts of several programs, each module of a project as one, and how many were not read."""
     count = sum(max(1, len(program.modules)) for program in programs)
     if count > 1:
-        counts = [program.counts() for program in programs]
-        sums = {verdict: sum(one[verdict] for one in counts) for verdict in ("correct", "skip", "refuse")}
         more = f"; {unreadable} more cannot be read" if unreadable else ""
-        say(f"{count} programs: {_verdicts(sums)}{more}")
+        say(f"{count} programs: {_verdicts(*map(_codes, programs))}{more}")
 
 
-def _verdicts(counts: Mapping[Any, int]) -> str:
-    return f"{counts['correct']} to correct, {counts['skip']} to skip, {counts['refuse']} refused"
+def _codes(program: Program) -> NDArray[np.int8]:
+    """Return the verdict of each target by its place in `VERDICTS`, or that it follows a corrected one, (n,)."""
+    codes = program.targets.verdicts().astype("int8")
+    codes[program.allowed() & (codes != 0)] = _FOLLOWS
+    return codes
+
+
+def _verdicts(*codes: NDArray[np.int8]) -> str:
+    import numpy as np
+
+    correct, skip, refuse, follow = sum(np.bincount(one, minlength=4) for one in codes).tolist()
+    who = "follows a corrected point" if follow == 1 else "follow a corrected point"
+    return f"{correct} to correct, {f'{follow} {who}, ' if follow else ''}{skip} to skip, {refuse} refused"
 
 
 def _say_blended(program: Program) -> None:

@@ -32,7 +32,7 @@ from truepose.programs.core.orientations import turned
 from truepose.programs.core.outcomes import DONE, CorrectedShare, Outcomes, digit_step
 from truepose.programs.core.paths import Paths
 from truepose.programs.core.program import Program, ReadOptions
-from truepose.programs.core.reasons import without_numbers
+from truepose.programs.core.reasons import kind_of
 from truepose.programs.core.segments import STEP, unsafe_segments
 from truepose.programs.core.source import printable
 from truepose.programs.core.target import Target, Verdict
@@ -467,7 +467,7 @@ def _listed(program: Program, reasons: dict[int, str]) -> str:
     """Return the first reasons, each once with its first target and the number of the others."""
     groups: dict[str, list[int]] = {}
     for i, reason in reasons.items():
-        groups.setdefault(without_numbers(reason), []).append(i)
+        groups.setdefault(kind_of(reason), []).append(i)
     shown = []
     for rows in list(groups.values())[:_SHOWN]:
         target, alike = program.targets[rows[0]], f" ({len(rows) - 1} more alike)" if len(rows) > 1 else ""

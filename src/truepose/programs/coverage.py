@@ -127,7 +127,7 @@ class Coverage:
     @classmethod
     def of_programs(cls, programs: Iterable[Program], unreadable: Iterable[object] = ()) -> Coverage:
         """Return what can be corrected of programs that were read, without a map."""
-        lines = [line for program in programs for line in _lines(program, _readable(program), {})]
+        lines = [line for program in programs for line in _lines(program, program.allowed(), {})]
         return cls(tuple(lines), False, tuple(map(str, unreadable)))
 
     @classmethod
@@ -178,14 +178,6 @@ class _Counts:
     def reasons(self) -> tuple[CoverageReason, ...]:
         """Return the reasons, the most frequent first."""
         return tuple(sorted(self._found.values(), key=lambda one: -one.count))
-
-
-def _readable(program: Program) -> BoolArray:
-    """Return whether each target of a program can be corrected, or follows others that all can be, (n,)."""
-    found: BoolArray = program.targets.verdicts() == 0
-    for i, follow in program.targets.follows.items():
-        found[i] = all(found[j] for j in follow.sources)
-    return found
 
 
 def _lines(program: Program, done: BoolArray, why: Mapping[int, str]) -> list[CoverageLine]:

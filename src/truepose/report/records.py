@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 from truepose._io import files
 from truepose._io.delimited import escaped
 from truepose.errors import FileError
-from truepose.programs.core.reasons import without_numbers
+from truepose.programs.core.reasons import kind_of
 from truepose.report.document import Attachment, Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
@@ -203,12 +203,12 @@ def _total(records: Sequence[Record], say: Locale) -> list[str]:
 
 
 def _reasons(records: Sequence[Record], say: Locale) -> list[Block]:
-    """Return the table of the reasons why targets are unchanged; reasons that differ in numbers alone are one."""
+    """Return the table of the reasons why targets are unchanged; reasons of one kind are one row."""
     found: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for record in records:
         for target in record.targets:
             if not target.touched:
-                group = found.setdefault((target.verdict, without_numbers(target.reason)), [])
+                group = found.setdefault((target.verdict, kind_of(target.reason)), [])
                 group.append((record.program, target.reason))
     if not found:
         return []

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal, NamedTuple, Protocol, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose._typing import FloatArray, IntArray
+from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError, FileError
 from truepose.programs.core.blending import blended
 from truepose.programs.core.columns import ProgramTargets, TargetColumns
@@ -242,7 +242,7 @@ class Program:
     def to_dict(self) -> dict[str, Any]:
         """Return the path, the language, the counts and the targets with their verdicts, for JSON."""
         found: dict[str, Any] = {"file": str(self.path), "language": self.language, "blended": self.blended}
-        found |= {str(verdict): n for verdict, n in self.counts().items()}
+        found |= {str(verdict): n for verdict, n in self.counts().items()} | {"following": self.following}
         return {**found, "targets": [target.to_dict() for target in self.targets]}
 
     @property
@@ -274,6 +274,18 @@ class Program:
         verdicts = self.targets.verdicts()
         correct, skip, refuse = (int(np.count_nonzero(verdicts == k)) for k in range(3))
         return {"correct": correct, "skip": skip, "refuse": refuse}
+
+    def allowed(self) -> BoolArray:
+        """Return whether each target can be corrected, or follows others that all can be, (n,)."""
+        found: BoolArray = self.targets.verdicts() == 0
+        for i, follow in self.targets.follows.items():
+            found[i] = all(found[j] for j in follow.sources)
+        return found
+
+    @property
+    def following(self) -> int:
+        """The number of targets without numbers of their own that follow corrected ones; `counts` has them as skip."""
+        return int(np.count_nonzero(self.allowed() & (self.targets.verdicts() != 0)))
 
     def correctable_columns(self) -> Iterator[tuple[IntArray, TargetColumns]]:
         """Yield the correctable targets with a pose some thousand at a time, with their indices."""

@@ -11,11 +11,19 @@ _NUMBER: Final = re.compile(r"(?<![\w.])(?<!_DATA\[)(?<!FRAME\[)(?<!TOOL\[)[-+�
 """A number, but for digits of a name and the number of a frame, which is its name."""
 
 
-_PLACE: Final = re.compile(r"\((?:[^()]*, )?line \d+\)")
+_PLACE: Final = re.compile(r"\((?:[^()]*, )?line \d+(?: of [^()]*)?\)")
+_LINE: Final = re.compile(r"(?<=in )(?:\S+, )?line \d+|(?<=: )\S+, line \d+(?=, uses it)")
 _CODE: Final = re.compile(
     r"(?<=run time: )\S.*|(?<=not known: )\S.*|(?<=not understood: )\S.*|(?<=arithmetic \(…\): )[^;]*"
-    r"|(?<=handed to )\w+\(\)|(?<=passed to )\w+"
+    r"|(?<=handed to )\w+\(\)|(?<=passed to )\w+|(?<=depends on the way through the program: )\S.*"
+    r"|(?<=derived from it, ).*?(?=: |, the correction differs)"
 )
+_POINTS: Final = re.compile(
+    r"(?<=derived from )(?!it\b)[^;:()]+?(?= \(…\)|:| by constant)|(?<=other point )\S+|\bP\d+(?= is a variable)"
+    r"|(?<=moved to under ).*(?= \(…\)(?:: |$))|(?<=between ).*(?= \(…\))|(?<= mm at ).*(?= \(…\))"
+    r"|(?<=which )\S+(?= may (?:write|read|use))|(?<=\w\[)\d+:[^\]]*(?=\])"
+)
+"""Names of points, of registers and of routines that use them, where reasons quote them."""
 
 
 class Judged(Protocol):
@@ -76,14 +84,19 @@ def without_numbers(reason: str) -> str:
 
 
 def kind_of(reason: str) -> str:
-    """Return a reason with … in place of its numbers, of files and lines, and of the code that it quotes.
+    """Return a reason with … in place of its numbers, files, lines and points, and of the code that it quotes.
+
+    Frames and tools keep their names and numbers: each of them needs a remedy of its own.
 
     Examples
     --------
     >>> kind_of("target computed at run time: Offs(p1,0,0,50)"), kind_of("read by arithmetic (a.mod, line 9)")
     ('target computed at run time: …', 'read by arithmetic (…)')
+    >>> kind_of("its circle's other point XP5 (line 12) is left out: relative")
+    "its circle's other point … (…) is left out: relative"
     """
-    return without_numbers(_CODE.sub("…", _PLACE.sub("(…)", reason)))
+    told = _LINE.sub("line …", _PLACE.sub("(…)", reason))
+    return without_numbers(_POINTS.sub("…", _CODE.sub("…", told)))
 
 
 def group_reasons(targets: Iterable[Judged]) -> list[ReasonGroup]:
