@@ -142,7 +142,7 @@ def _codes(program: Program) -> NDArray[np.int8]:
 def _verdicts(*codes: NDArray[np.int8]) -> str:
     import numpy as np
 
-    correct, skip, refuse, follow = sum(np.bincount(one, minlength=4) for one in codes).tolist()
+    correct, skip, refuse, follow = np.sum([np.bincount(one, minlength=4) for one in codes], axis=0).tolist()
     who = "follows a corrected point" if follow == 1 else "follow a corrected point"
     return f"{correct} to correct, {f'{follow} {who}, ' if follow else ''}{skip} to skip, {refuse} refused"
 
