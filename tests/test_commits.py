@@ -97,6 +97,7 @@ class Case:
             path=self.paths[0],
             folder=folder,
             place=Path(),
+            controller=None,
             names=lambda: [Path(p.name) for p in self.paths],
         )
         self.corrected: Any = SimpleNamespace(
