@@ -124,7 +124,7 @@ def test_check_counts_what_follows_a_corrected_point_apart(run, approach):
     assert "2 programs: 2 to correct, 1 follows a corrected point, 2 to skip, 1 refused" in shown
     assert "gets the correction" not in shown
     assert "derived from XP2 (line 3), which is left out: external axis E1" in shown
-    assert "follow" not in run("check", approach).out
+    assert "corrected point" not in run("check", approach).out
 
 
 def test_check_tells_programs_how_many_targets_follow(run, approach):
