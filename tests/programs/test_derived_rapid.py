@@ -90,6 +90,19 @@ def test_the_option_is_named(name: str, tmp_path: Path) -> None:
     assert ("moved to with an offset (largest " if direct else "both moved to") in target.reason
 
 
+@pytest.mark.parametrize("derived", [False, True])
+@pytest.mark.parametrize("goal", ["Offs(pSet,0,0,0)", "RelTool(pSet,0,0,-0.0)", "Offs(Offs(pSet,0,0,5),0,0,-5)"])
+@pytest.mark.parametrize("kind", ["CONST", "VAR", "TASK PERS"])
+def test_a_motion_with_a_shift_of_zero_goes_to_the_point_itself(
+    kind: str, goal: str, derived: bool, tmp_path: Path, make_map: Any
+) -> None:
+    data = f"{kind} robtarget pSet:={RT};\n"
+    corrected = correct_program(read(tmp_path, f"MoveL {goal}{END}", data, derived=derived), make_map([1, 0, 0]))
+    assert [outcome.verdict for outcome in corrected.targets] == ["correct", "skip"]
+    assert corrected.targets[1].reason == "derived from pSet: gets the correction of that point"
+    assert corrected.coverage == (2, 2)
+
+
 SPOILED = {
     "a measured offset": f"MoveL Offs(p1,0,0,nMeasured){END}",
     "a stored number": f"MoveL Offs(p1,0,0,nStored){END}",

@@ -59,7 +59,7 @@ DIALECTS = {
             ("", f"MoveL {RT},\\V:=50, v100, z1 \\Z:=5, tGrip, \\WObj:=wFix;\n"),
             (f"CONST robtarget c<i>:={RT};CONST robtarget d<i>:={RT};\n", "MoveC c<i>,d<i>,v10,fine,tGrip;\n"),
             (f"PERS robtarget v<i>:={RT_KEPT};\n", "MoveL v<i>,v100,z1,tGrip;\n"),
-            (f"TASK PERS robtarget u<i>:={RT_KEPT};\n", "MoveJ Offs(u<i>,0,0,<n>),v100,z1,tGrip;\n"),
+            (f"TASK PERS robtarget u<i>:={RT_KEPT};\n", "MoveJ Offs(u<i>,0,<n>,50),v100,z1,tGrip;\n"),
             (f"CONST robtarget o<i>:={RT_KEPT};\n", "MoveL RelTool(o<i>,0,0,-50\\Rz:=5),v100,z1,tGrip;\n"),
             (
                 "PERS tooldata t<i>:=[TRUE,[[<n>,<n>,<n>],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n",

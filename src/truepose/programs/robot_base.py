@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from truepose._io.folders import files_within
-from truepose._io.zips import on_disk
+from truepose._io.zips import is_zip, on_disk
 from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.programs.frame_table import FrameTable
@@ -24,7 +24,7 @@ from truepose.programs.rapid.controller import AbbRobot, backup_information, con
 
 _LEVELS: Final = 5
 """Number of folders above a program that may belong to its controller's backup."""
-_BESIDE: Final = {"krl": ("", "Mada"), "rapid": ("", "SYSPAR")}
+_BESIDE: Final[dict[str, tuple[tuple[str, ...], ...]]] = {"krl": ((), ("mada",)), "rapid": ((), ("syspar",))}
 _NAMES: Final = {"krl": "$machine.dat", "rapid": "moc.cfg"}
 _TASK: Final = re.compile(r"TASK\d+", re.I)
 
@@ -63,7 +63,7 @@ def _files(path: Path, language: str) -> list[Path]:
     here = path.resolve() if path.is_dir() else path.resolve().parent
     above = iter([here, *here.parents][: _LEVELS + 1])
     while not found and (folder := next(above, None)) is not None:
-        found = [file for beside in _BESIDE[language] for file in _named(folder / beside, name)]
+        found = [file for beside in _BESIDE[language] for file in _at(folder, *beside, name)]
     return found
 
 
@@ -71,10 +71,22 @@ def _within(folder: Path, wanted: str) -> list[Path]:
     return [file for file in files_within(folder, unpack=False).files if file.name.lower() == wanted]
 
 
-def _named(folder: Path, wanted: str) -> list[Path]:
+def _at(folder: Path, *names: str) -> list[Path]:
+    """Return the files of a path below a folder, which may lie in a .zip; `names` are its parts in lower case."""
+    if is_zip(outer := on_disk(folder)) and outer.is_file():
+        wanted = "/".join(names)
+        inside = files_within(folder, unpack=False).files
+        return [file for file in inside if file.relative_to(folder).as_posix().lower() == wanted]
+    places = [folder]
+    for name in names:
+        places = [entry for place in places for entry in _entries(place) if entry.name.lower() == name]
+    return [place for place in places if place.is_file()]
+
+
+def _entries(folder: Path) -> list[Path]:
     try:
         with os.scandir(folder) as entries:
-            return sorted(Path(entry) for entry in entries if entry.name.lower() == wanted and entry.is_file())
+            return sorted(Path(entry) for entry in entries)
     except OSError:
         return []
 
@@ -107,16 +119,10 @@ def own_robot(found: Sequence[AbbRobot], moc: Path, path: Path) -> AbbRobot | No
     )
     if folder is None:
         return None
-    listed = [
-        file for beside in _subfolders(folder.parent.parent, "backinfo") for file in _named(beside, "backinfo.txt")
-    ]
-    configured = _named(moc.parent, "sys.cfg")
+    listed = _at(folder.parent.parent, "backinfo", "backinfo.txt")
+    configured = _at(moc.parent, "sys.cfg")
     if len(listed) != 1 or len(configured) != 1:
         return None
     task = backup_information(listed[0]).tasks.get(folder.name.upper())
     unit = configured_tasks(configured[0]).units.get(task.name, "") if task else ""
     return next((robot for robot in found if unit.lower() in robot.units), None)
-
-
-def _subfolders(folder: Path, wanted: str) -> list[Path]:
-    return [entry for entry in sorted(folder.iterdir()) if entry.name.lower() == wanted and entry.is_dir()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ from tests.programs.backups import abb as made
 from truepose.errors import FileError
 from truepose.programs import FrameTable, Program, ReadOptions
 from truepose.programs.backups import abb
+from truepose.programs.rapid.controller import robots
+from truepose.programs.robot_base import own_robot, standing
 
 RT = "[[600,0,800],[0,0,-1,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 MOVE = f"MoveL {RT},v1,z1,tool0;"
@@ -107,6 +110,19 @@ def test_several_robots_each_with_its_place(lay: Lay) -> None:
     programs, _ = read(root, mechanical_unit="ROB_1")
     assert "is not known: backinfo.txt and SYS.cfg state it" in reasons(programs)[0]
     assert "the names of the tasks are not known" in abb.contents(root, files_of(root)).warnings[0]
+
+
+def test_the_robot_of_a_task_is_found_in_a_zip_as_in_a_folder(lay: Lay) -> None:
+    root = lay({f"cell/{name}": text for name, text in TWO_ROBOTS.items()}) / "cell"
+    packed = Path(shutil.make_archive(str(root), "zip", root))
+    found = robots(root / "SYSPAR/MOC.cfg")
+    for place in (root, packed):
+        for n in (1, 2):
+            own = own_robot(found, place / "SYSPAR/MOC.cfg", place / f"RAPID/TASK{n}")
+            assert own is not None
+            assert own.name == f"ROB_{n}"
+        table = standing(FrameTable(), place / "RAPID/TASK2/PROGMOD/a.mod", "rapid")
+        np.testing.assert_allclose(table.bases[0][:3, 3], [-500, 0, 0], atol=1e-9)
 
 
 def test_a_robot_on_a_track_is_refused(lay: Lay) -> None:

@@ -121,12 +121,12 @@ class Judge:
             joints=None if joints is None else joints.values,
             joint_form=None if joints is None else joints.form,
             derived=tuple([one.of_target() for one in point.derived]) if self._derived else (),
-            follows=tuple([one.name for one in point.follows]) if self._derived else (),
+            follows=tuple([one.name for one in point.follows]) if self._follows(point) else (),
             frame_changed=frame.changed if frame else "",
         )
 
     def _check(self, point: Point) -> None:
-        if point.follows and self._derived:
+        if self._follows(point):
             names = ", ".join(dict.fromkeys(one.name for one in point.follows))
             raise NotCorrected("skip", f"derived from {names}: it gets the correction of that point")
         if point.problem is not None and (point.uses or point.problem.verdict == "skip"):
@@ -278,8 +278,12 @@ class Judge:
         return {
             i: Follow(tuple([place[id(source)] for source in point.follows]), point.shift)
             for i, point in enumerate(points)
-            if point.follows and self._derived
+            if self._follows(point)
         }
+
+    def _follows(self, point: Point) -> bool:
+        """Return whether a target gets the correction of others; without shifts it goes to these themselves."""
+        return bool(point.follows) and (self._derived or not any(one.derived for one in point.follows))
 
 
 def _uses(point: Point) -> list[Use]:
