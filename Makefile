@@ -29,7 +29,7 @@ demo: $(RUNTIME)
 	$(BIN)/truepose demo build/demo --force
 
 test: setup
-	$(BIN)/pytest -n auto --dist worksteal
+	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
 
 lint: setup
 	$(BIN)/ruff check .

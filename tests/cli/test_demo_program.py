@@ -83,7 +83,7 @@ def test_correct_writes_records_as_workbooks(run, program, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("TOOL_NO 3", "TOOL_NO 9", r"panel\.(dat|src):\d+.*[Tt]ool.* 9"),
+        ("TOOL_NO 3", "TOOL_NO 9", r"panel\.(dat|src):\d+.*tool TOOL_DATA\[9\] is not known"),
         ("X 41.720", "X 41.7.20", r"panel\.dat:\d+"),
         ("X 41.720", "X 4172.0", r"panel\.dat:3: XP1: outside the sampled region"),
         ("A 180.000,B 20.000", "A 180.000,B 80.000", r"panel\.dat:3: XP1: orientation is 60\.0°"),

@@ -58,6 +58,7 @@ def commands(folder: Path, out: Path) -> dict[str, tuple[tuple[object, ...], str
         "predict": ((error_map, held_out, "--out", out / "predicted.csv"), "Predicting 100 poses"),
         "update": ((error_map, held_out), "Testing the map with the new samples"),
         "check": ((program, "--cell", cell), "Reading the programs"),
+        "frames": ((program, "--cell", cell), "Reading the programs"),
         "correct": ((error_map, program, "--out", out / "corrected"), "Correcting panel.src"),
         "watch": ((error_map, folder / "program", out / "watched", "--once"), "Correcting"),
         "verify": ((error_map, corrected, readings), "Comparing readings with targets"),
