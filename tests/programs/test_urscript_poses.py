@@ -260,6 +260,33 @@ def test_what_is_no_constant_shift_stays_refused(tmp_path: Path, code: str) -> N
     assert found["w"].verdict == "refuse", list(found.values())
 
 
+@pytest.mark.parametrize(
+    "code",
+    [
+        f"{{0}}q=get_inverse_kin({P})\n{{1}}movej(q)",
+        f"w={P}\n{{0}}q=get_inverse_kin(w)\nr=q\n{{1}}movej(r)",
+        f"def go(q):\n{{1}}movej(q)\nend\nw={P}\n{{0}}go(get_inverse_kin(w))",
+        f"w={P}\n{{0}}if x:\nset_tcp(p[0,0,0.3,0,0,0])\nend\nq=get_inverse_kin(w)\n{{1}}set_tcp(p[0,0,0.2,0,0,0])\nmovej(q)",
+    ],
+)
+def test_joints_are_those_of_the_tcp_in_force_where_they_are_computed(tmp_path: Path, code: str) -> None:
+    one, other = "set_tcp(p[0,0,0.1,0,0,0])\n", "set_tcp(p[0,0,0.2,0,0,0])\n"
+    target = reading(tmp_path, code.format(one, other)).targets[0]
+    assert target.verdict == "refuse"
+    assert "the TCP depends on the way through the program" in target.reason
+    if "0.3" not in code:
+        assert reading(tmp_path, code.format(one, "")).targets[0].verdict == "correct"
+
+
+@pytest.mark.parametrize("depth", ["1", "n"])
+def test_the_positions_of_a_function_that_calls_itself_are_not_all_known(tmp_path: Path, depth: str) -> None:
+    again = "go(pose_add(t, p[0,0,0.1,0,0,0]), n - 1)"
+    path = tmp_path / "a.script"
+    path.write_text(f"def go(t, n):\nif n > 0:\n{again}\nend\nmovel(t)\nend\nw={P}\nmovel(w)\ngo(w, {depth})\n")
+    program = read_program(path, None, ReadOptions(derived=True))
+    assert verdicts(program)["w"] == "refuse", list(program.targets)
+
+
 def test_options_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def a():\nw={P}\nmovel(w)\nx=w[2]\nend\n")

@@ -21,7 +21,8 @@ _KEYS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _ITEM: Final = re.compile(rb"([A-Za-z_]\w*)\s*\[\s*([\w+*/%. -]+?)\s*\]")
 _JOINTS: Final = re.compile(rb"\[\s*" + rb"\s*,\s*".join([b"(" + NUMBER + b")"] * 6) + rb"\s*\]")
 _JOIN: Final = re.compile(rb"(pose_trans|pose_add|pose_inv)\s*\(")
-_INVERSE: Final = re.compile(rb"get_inverse_kin\s*\(")
+INVERSE: Final = re.compile(rb"get_inverse_kin\s*\(")
+"""The function that gives the joints of a pose, with the TCP in force."""
 _CALL: Final = re.compile(rb"(?!get_(?:actual|target)_joint_positions\b)\b[A-Za-z_]\w*\s*\(")
 _OTHER_TCP: Final = re.compile(rb",\s*tcp\s*=")
 _NO_ROTATION: Final = 1e-9
@@ -150,7 +151,7 @@ def parse(
         return Unknown(shown(text)) if point is None else Literal(point)
     if VARIABLE.fullmatch(text):
         return Name(key(text.decode()), text.decode())
-    if m := _INVERSE.match(code, start, end):  # its other arguments choose the branch only
+    if m := INVERSE.match(code, start, end):  # its other arguments choose the branch only
         spans = arguments(code, m.end())
         named = ARGUMENT.match(code, *spans[0])
         whole = code[spans[-1][1] : end].strip() == b")" and (named is None or named[1] == b"x")

@@ -7,7 +7,7 @@ program sets none, it is the one that the user names, or that of the measurement
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -40,6 +40,7 @@ from truepose.programs.core.reader import Reader
 from truepose.programs.core.source import Source, Span, shown
 from truepose.programs.urscript.declarations import Declarations
 from truepose.programs.urscript.poses import (
+    INVERSE,
     Inverse,
     Join,
     Literal,
@@ -174,6 +175,9 @@ class _Reader(Reader):
         if assigned is not None and self._routines.key(assigned[2].decode()) in table:
             end = len(code) if statement.start in self._declared.aliases else assigned.end()
             masked[:end] = b" " * end
+        alias = self._declared.aliases.get(statement.start)
+        if alias is not None and INVERSE.search(code):
+            table[alias.key].solved.append(flow.node)
         if TCP.search(code):
             self._tcp(statement, masked)
         for m in MOTION.finditer(code):
@@ -237,6 +241,8 @@ class _Reader(Reader):
                     self._passed.append(_Passed(key, pose, use, line, function, name))
                     self._variables.table[key].given.append(pose)
                     self._variables.table[key].callers.append(use)
+                    if INVERSE.search(code, a, b):
+                        self._variables.table[key].solved.append(self.flow.node)
                 if not isinstance(pose, Unknown | Literal):
                     masked[a:b] = b" " * (b - a)
 
@@ -296,7 +302,7 @@ class _Reader(Reader):
         """Give the points their uses, when all of the program is known."""
         in_runs = {id(run.point) for run in self._runs}
         for point, use, node in self._inline:
-            point.uses.append(self._with_tool(use, node, ambient))
+            point.uses.append(self._with_tool(use, [node], ambient))
             if id(point) not in in_runs:
                 self.points.append(point)
         self._variables.settle([*(goal.pose for goal in self._goals)])
@@ -355,7 +361,7 @@ class _Reader(Reader):
             self.points += goal.points
             self._read(goal.pose, line, READ)
             return []
-        use = self._with_tool(goal.use, goal.node, ambient)
+        use = self._with_tool(goal.use, [goal.node, *self._variables.solved_at(goal.pose)], ambient)
         for k, way in enumerate(ways):
             place = way.caller or use
             frame = way.frame or use.frame
@@ -402,10 +408,12 @@ class _Reader(Reader):
         rotvec = Rotation.from_matrix(tf[:3, :3]).as_rotvec()
         return InForce("literal", value.text, None, (*(tf[:3, 3] / 1000.0).tolist(), *rotvec.tolist()))
 
-    def _with_tool(self, use: Use, node: int, ambient: State) -> Use:
-        if problem := shifts.problem_of(self.flow.states[node].shifts | ambient.shifts):
+    def _with_tool(self, use: Use, nodes: Sequence[int], ambient: State) -> Use:
+        """Return a motion with its TCP, which must be the same at all nodes; the first is that of the motion."""
+        if problem := shifts.problem_of(self.flow.states[nodes[0]].shifts | ambient.shifts):
             return use._replace(problem=problem)
-        values = {self._resolved(value) for value in self.flow.states[node].tool | ambient.tool}
+        states = [ambient, *(self.flow.states[node] for node in nodes)]
+        values = {self._resolved(value) for state in states for value in state.tool}
         if len(values) > 1:
             shown = " or ".join(sorted(value.text for value in values)[:2])
             return use._replace(problem=Problem("refuse", f"the TCP depends on the way through the program: {shown}"))

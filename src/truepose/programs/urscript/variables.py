@@ -24,6 +24,7 @@ from truepose.programs.urscript.poses import (
     Unknown,
     added,
     is_shift,
+    keys,
     text_of,
     transform,
 )
@@ -54,6 +55,8 @@ class Variable:
         The places that use it other than by a motion, and that change it at run time.
     parameter : bool
         Whether it is a parameter.
+    solved : list of int
+        The nodes of the flow at which ``get_inverse_kin`` gives it joints, with the TCP in force there.
     """
 
     points: list[Point] = field(default_factory=list)
@@ -63,6 +66,7 @@ class Variable:
     reads: list[tuple[int, str]] = field(default_factory=list)
     writes: list[tuple[int, str]] = field(default_factory=list)
     parameter: bool = False
+    solved: list[int] = field(default_factory=list)
 
     @property
     def meaning(self) -> Pose | None:
@@ -218,6 +222,7 @@ class Variables:
             self._steps = 0
         self._steps += 1
         if depth > DEEPEST or self._steps > MOST_STEPS:
+            self._steps = MOST_STEPS + 1  # such as a function that calls itself: no other way counts then
             raise NotCorrected(*computed(text_of(pose)))
         if depth == 0 and isinstance(pose, Name | Item):
             try:
@@ -252,6 +257,17 @@ class Variables:
             return [way.point for way in self.ways(pose)]
         except NotCorrected:
             return []
+
+    def solved_at(self, pose: Pose) -> set[int]:
+        """Return the nodes at which the joints of a pose are computed, where that is not in the motion itself."""
+        found, waiting, seen = set[int](), [pose], set[str]()
+        while waiting:
+            for key in set(keys(waiting.pop())) - seen:
+                seen.add(key)
+                if (variable := self.table.get(key)) is not None:
+                    found.update(variable.solved)
+                    waiting += variable.given
+        return found
 
     def _frame(self, pose: Pose, tf: FloatArray) -> Frame:
         """Return the frame of a feature; one that the controller stores counts by its name."""
