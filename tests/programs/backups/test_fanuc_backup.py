@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from tests.programs.backups import fanuc as corpus
+from tests.programs.backups.compare import Gradient, listing, transform, zero_changes_no_byte
 
 from truepose.programs import FrameTable, Program, ReadOptions, correct_program, read_programs
 from truepose.programs.backups import fanuc
@@ -22,7 +23,6 @@ from truepose.programs.tp.reader import read
 POSITION = re.compile(r"(?s)P\[(\d+)[^\]]*\]\{(.*?)\};")
 GROUP1 = re.compile(r"(?s)GP1:\s*UF : (\w+), UT : (\w+),(.*?)(?=GP2:|$)")
 NUMBER = {key: re.compile(rf"(?<!\w){key}\s*=\s*(-?[\d.]+)") for key in "XYZWPR"}
-GRADIENT = np.array([[2.0, -1.0, 0.5], [0.3, 1.7, -0.8], [-0.6, 0.4, 1.1]]) * 2e-4
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +30,9 @@ def backup(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return corpus.write_backup(tmp_path_factory.mktemp("fanuc") / "all")
 
 
-def files(folder: Path) -> list[Path]:
-    return sorted(file for file in folder.rglob("*") if file.is_file())
-
-
 def programs(root: Path, groups: MotionGroups | None = None, **options: Any) -> dict[str, Program]:
     """All programs of a controller, as the reading of backups asks for them."""
-    own, stored = files(root), fanuc.stored_frames(root, files(root))
+    own, stored = listing(root), fanuc.stored_frames(root, listing(root))
     tables = [{key: frame.tf for key, frame in table.items()} for table in (stored.tools, stored.bases)]
     frames = FrameTable(*tables, groups=groups or MotionGroups(1, frozenset([2])))
     more = fanuc.for_reader(root, own)
@@ -66,11 +62,7 @@ def poses(text: str) -> Iterator[Pose]:
 
 
 def rotation(wpr: tuple[float, ...]) -> np.ndarray:
-    w, p, r = np.deg2rad(wpr)
-    about_x = np.array([[1, 0, 0], [0, np.cos(w), -np.sin(w)], [0, np.sin(w), np.cos(w)]])
-    about_y = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
-    about_z = np.array([[np.cos(r), -np.sin(r), 0], [np.sin(r), np.cos(r), 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
+    return transform((0.0, 0.0, 0.0, *reversed(wpr)), "zyx")[:3, :3]
 
 
 def user_frames(root: Path) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -84,7 +76,7 @@ def user_frames(root: Path) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 
 
 def test_the_controller_is_recognised(backup: Path) -> None:
-    own = files(backup)
+    own = listing(backup)
     assert fanuc.roots(own) == [backup]
     found = fanuc.contents(backup, own)
     assert len(found.programs) == len(corpus.PROGRAMS) >= 30
@@ -98,7 +90,7 @@ def test_the_controller_is_recognised(backup: Path) -> None:
 
 
 def test_frames_are_those_of_sysframe_with_the_names_of_framevar(backup: Path) -> None:
-    stored = fanuc.stored_frames(backup, files(backup))
+    stored = fanuc.stored_frames(backup, listing(backup))
     for number, (turn, origin) in user_frames(backup).items():
         frame = stored.bases[number]
         np.testing.assert_allclose(frame.tf[:3, :3], turn, atol=1e-12)
@@ -111,26 +103,10 @@ def test_frames_are_those_of_sysframe_with_the_names_of_framevar(backup: Path) -
 
 
 @pytest.mark.promise("FANUC: a zero correction leaves every program of a backup as it was, byte for byte")
-def test_a_zero_correction_changes_no_byte(backup: Path, make_map: Any, record_property: Callable[..., None]) -> None:
-    found = programs(backup)
-    for program in found.values():
-        if program.counts()["correct"]:
-            patched = correct_program(program, make_map(), on_guard="skip").files
-            assert all(data == path.read_bytes() for path, data in patched.items())
-    record_property("cases", len(found))
-
-
-class Gradient:
-    """A map whose correction depends on the place: each target gets another one."""
-
-    hash = "1" * 64
-
-    def correct(self, poses: np.ndarray, **more: Any) -> Any:
-        from tests.programs.conftest import Answer
-
-        p, n = poses[:, :3, 3], len(poses)
-        shift = p @ GRADIENT.T
-        return Answer(p, p + shift, -shift, np.full((n, 3), 2.0), np.full(n, "correct", "<U7"), [""] * n)
+def test_a_zero_correction_changes_no_byte(backup: Path, record_property: Callable[..., None]) -> None:
+    cases = zero_changes_no_byte(programs(backup).values())
+    assert cases >= 25
+    record_property("cases", cases)
 
 
 def expected(value: float, change: float) -> str:
@@ -156,7 +132,7 @@ def test_corrected_digits_agree_with_a_computation_of_their_own(backup: Path) ->
                 continue
             turn, origin = frames[int(old.uf) if old.uf != "F" else 1]
             p_base = turn @ np.array(old.xyz) + origin
-            change = turn.T @ (GRADIENT @ p_base)
+            change = turn.T @ Gradient().shift(p_base)
             for before_mm, mm, after_mm in zip(old.xyz, change, new.xyz, strict=True):
                 steps = (before_mm + mm) * 1000.0
                 if abs(steps - np.floor(steps) - 0.5) > 1e-6:  # not between two digits
@@ -203,7 +179,7 @@ def test_without_a_statement_about_the_positioner_coordinated_programs_are_refus
 def test_a_zip_with_the_texts_in_a_zip_of_its_own(backup: Path, tmp_path: Path) -> None:
     inner, outer = tmp_path / "ENGLISH.ZIP", tmp_path / "all.zip"
     with zipfile.ZipFile(inner, "w") as texts, zipfile.ZipFile(outer, "w") as whole:
-        for file in files(backup):
+        for file in listing(backup):
             (texts if file.stem in corpus.PROGRAMS and file.suffix == ".LS" else whole).write(file, file.name)
     with zipfile.ZipFile(outer, "a") as whole:
         whole.write(inner, inner.name)

@@ -7,32 +7,18 @@ import zipfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from tests.programs.backups import kuka as corpus
+from tests.programs.backups.compare import Gradient, listing, transform
+from tests.programs.backups.small import lay
 
 from truepose.errors import FileError, RefusedError
 from truepose.programs import Program, ReadOptions, correct_programs, read_programs
 from truepose.programs.backups import kuka
 from truepose.programs.batch import CorrectedBatch
-
-SHIFT = np.array([0.41, -0.33, 0.27])
-GRADIENT = 1e-4 * np.array([[1.0, -0.5, 0.0], [0.25, 0.75, -1.0], [0.5, 0.0, 0.6]])
-
-
-def lay(folder: Path, files: dict[str, bytes]) -> Path:
-    for name, data in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    return folder
-
-
-def listing(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def read(folder: Path, name: str = "", **options: Any) -> Program:
@@ -66,13 +52,7 @@ BASE = re.compile(rb"(?i)\$BASE=BASE_DATA\[(\d+)\]|BAS\(#BASE,(\d+)\)")
 
 
 def matrix(values: tuple[float, ...]) -> np.ndarray:
-    a, b, c = np.deg2rad(values[3:])
-    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    x = np.array([[1, 0, 0], [0, np.cos(c), -np.sin(c)], [0, np.sin(c), np.cos(c)]])
-    tf = np.eye(4)
-    tf[:3, :3], tf[:3, 3] = z @ y @ x, values[:3]
-    return tf
+    return transform(values, "zyx")
 
 
 def taught(files: dict[str, bytes]) -> Iterator[Taught]:
@@ -182,28 +162,9 @@ def test_system_modules_and_their_points_are_no_targets(program: Program) -> Non
 # the whole backup, corrected
 
 
-class Bowl:
-    """A map whose correction [mm, base frame] changes with the position."""
-
-    hash = "0" * 64
-
-    def __init__(self, scale: float = 1.0) -> None:
-        self.scale = scale
-
-    def shift(self, p: np.ndarray) -> np.ndarray:
-        return self.scale * (SHIFT + p @ GRADIENT.T)
-
-    def correct(self, poses: np.ndarray, **_: Any) -> SimpleNamespace:
-        p, n = poses[:, :3, 3], len(poses)
-        e = -self.shift(p)
-        return SimpleNamespace(
-            p_target=p, p_command=p - e, e=e, std=np.full((n, 3), 2.0), verdict=np.full(n, "correct"), reason=[""] * n
-        )
-
-
 def corrected(folder: Path, out: Path, scale: float = 1.0, **options: Any) -> tuple[CorrectedBatch, dict[str, bytes]]:
     """Correct a backup; return the result, and all files of the whole corrected backup by their names."""
-    batch = correct_programs([folder], Bowl(scale), options=ReadOptions(**options), on_guard="skip")
+    batch = correct_programs([folder], Gradient(scale), options=ReadOptions(**options), on_guard="skip")
     batch.write(out, whole=True)
     whole = out / folder.name
     return batch, {path.relative_to(whole).as_posix(): path.read_bytes() for path in listing(whole)}
@@ -233,7 +194,7 @@ def test_corrected_targets_agree_with_an_independent_reader_to_the_digit(folder:
         n += 1
         tf = root @ matrix(corpus.BASES[old.base][2])
         wanted = (tf @ matrix(old.numbers))[:3, 3]
-        wanted = wanted + Bowl().shift(wanted)
+        wanted = wanted + Gradient().shift(wanted)
         decimals = [len(after[new.file][a:b].partition(b".")[2]) for a, b in new.spans]
         there = np.linalg.inv(tf) @ np.append(wanted, 1.0)
         for axis in range(3):
@@ -446,9 +407,9 @@ def test_a_point_of_config_dat_is_never_written(tmp_path: Path) -> None:
 def test_of_two_robots_the_one_that_is_named_is_corrected(tmp_path: Path) -> None:
     folder = lay(tmp_path / "in", {name: data for name, data in corpus.two_robots().items() if "MILL" not in name})
     with pytest.raises(RefusedError, match=r"KRC/R1.*KRC/R2"):
-        correct_programs([folder], Bowl(), on_guard="skip")
+        correct_programs([folder], Gradient(), on_guard="skip")
     with pytest.warns(UserWarning, match="left as they are: KRC/R1"):
-        batch = correct_programs([folder], Bowl(), on_guard="skip", controllers=["krc/r2"])
+        batch = correct_programs([folder], Gradient(), on_guard="skip", controllers=["krc/r2"])
     batch.write(tmp_path / "out")
     written = [path.relative_to(tmp_path / "out") for path in listing(tmp_path / "out") if path.suffix != ".csv"]
     assert {path.parts[:2] for path in written} == {("KRC", "R2"), ("KRC", "R2.corrections.json")}
@@ -461,7 +422,7 @@ def test_a_zip_is_corrected_like_the_folder_and_keeps_its_other_members(tmp_path
         for name in reversed(files):
             file.writestr(zipfile.ZipInfo(name, (2020, 5, 17, 8, 30, 2)), files[name])
     _, expected = corrected(folder, tmp_path / "a", derived=True)
-    correct_programs([path], Bowl(), options=ReadOptions(derived=True), on_guard="skip").write(
+    correct_programs([path], Gradient(), options=ReadOptions(derived=True), on_guard="skip").write(
         tmp_path / "b", whole=True
     )
     (output,) = [one for one in listing(tmp_path / "b") if one.suffix == ".zip"]

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.programs.backups import universal_robots as corpus
+from tests.programs.backups.compare import listing
+from tests.programs.backups.small import lay
 from tests.programs.joint_arms import Sagging
 from tests.programs.urp_files import (
     ANGLES,
@@ -36,18 +38,6 @@ from truepose.robots import load_robot
 MAP = Sagging(load_robot("universal-robots-ur10e"))
 ALL = ReadOptions(derived=True, joint_targets=True, controller_kinematics=True)
 FILES = corpus.backup()
-
-
-def lay(folder: Path, files: dict[str, bytes]) -> Path:
-    for name, data in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    return folder
-
-
-def listing(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.fixture(scope="module")

@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from tests.programs.backups import yaskawa as corpus
-from tests.programs.conftest import Answer, FakeMap
+from tests.programs.backups.compare import (
+    Own,
+    digits_agree,
+    listing,
+    places_agree,
+    transform,
+    zero_changes_no_byte,
+)
+from tests.programs.backups.small import lay
 from tests.programs.joint_arms import Sagging
 
-from truepose.programs import Program, ReadOptions, correct_program, read_programs
+from truepose.programs import Program, ReadOptions, Target, correct_program, read_programs
 from truepose.programs.backups import yaskawa
 from truepose.robots import load_robot
-
-GRADIENT = 1e-4 * np.array([[1.0, -0.5, 0.0], [0.25, 0.75, -1.0], [0.5, 0.0, 0.6]])
-
-
-def lay(folder: Path, files: dict[str, bytes]) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, data in files.items():
-        (folder / name).write_bytes(data)
-    return folder
-
-
-def listing(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def read(folder: Path, **options: Any) -> dict[str, Program]:
@@ -72,13 +67,7 @@ def taught(data: bytes) -> Iterator[tuple[str, Taught]]:
 
 
 def matrix(values: tuple[float, ...]) -> np.ndarray:
-    a, b, c = np.deg2rad(values[3:])
-    x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-    y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
-    tf = np.eye(4)
-    tf[:3, :3], tf[:3, 3] = z @ y @ x, values[:3]
-    return tf
+    return transform((*values[:3], *reversed(values[3:])), "zyx")
 
 
 def base_of(frame: int) -> np.ndarray:
@@ -133,65 +122,30 @@ def test_names_in_lower_case_give_the_same_targets(tmp_path: Path, programs: dic
     assert {name: one.counts() for name, one in lower.items()} == counts
 
 
+def own(program: Program) -> Callable[[Target], Own]:
+    """Return what finds the targets of a job in its text."""
+    known = dict(taught(program.path.read_bytes()))
+
+    def find(target: Target) -> Own:
+        one = known[target.name]
+        return Own(base_of(one.frame), matrix(one.numbers), one.spans)
+
+    return find
+
+
 def test_every_target_that_is_corrected_stands_in_the_base_of_an_independent_reader(
     programs: dict[str, Program],
 ) -> None:
-    seen = 0
-    for program in programs.values():
-        known = dict(taught(program.path.read_bytes()))
-        for i, p in zip(program.correctable(), program.positions_base(), strict=True):
-            target = program.targets[int(i)]
-            own = known[target.name]
-            assert target.spans == own.spans
-            np.testing.assert_allclose(p, (base_of(own.frame) @ matrix(own.numbers))[:3, 3], atol=1e-9)
-            seen += 1
-    assert seen > 1000
+    assert sum(places_agree(program, own(program)) for program in programs.values()) > 1000
 
 
 def test_a_zero_correction_changes_no_byte(programs: dict[str, Program]) -> None:
-    for program in programs.values():
-        if program.counts()["correct"]:
-            for path, data in correct_program(program, FakeMap(), on_guard="skip").files.items():
-                assert data == path.read_bytes()
-
-
-class Gradient:
-    """A map whose correction depends on the place."""
-
-    hash = "1" * 64
-
-    def correct(self, poses: np.ndarray, **more: Any) -> Any:
-        p, n = poses[:, :3, 3], len(poses)
-        shift = p @ GRADIENT.T
-        return Answer(p, p + shift, -shift, np.full((n, 3), 2.0), np.full(n, "correct", "<U7"), [""] * n)
+    assert zero_changes_no_byte(programs.values()) >= 25
 
 
 def test_corrected_digits_agree_with_a_computation_of_their_own(programs: dict[str, Program]) -> None:
     """Every target that may be corrected, to the digit; nothing else in the file changes."""
-    seen = 0
-    for program in programs.values():
-        if not program.counts()["correct"]:
-            continue
-        original = program.path.read_bytes()
-        corrected = correct_program(program, Gradient(), on_guard="skip")
-        known, wanted, done = dict(taught(original)), bytearray(original), 0
-        texts = []
-        for outcome in corrected.targets:
-            if outcome.verdict != "correct":
-                continue
-            own = known[outcome.name]
-            tf = base_of(own.frame)
-            p = (tf @ matrix(own.numbers))[:3, 3]
-            after = np.array(own.numbers[:3]) + tf[:3, :3].T @ (GRADIENT @ p)
-            texts += [(span, f"{value:.3f}".encode()) for span, value in zip(own.spans[:3], after, strict=True)]
-            seen += 1
-        pieces = []
-        for (start, end), text in sorted(texts):
-            pieces += [bytes(wanted[done:start]), text]
-            done = end
-        pieces.append(bytes(wanted[done:]))
-        assert corrected.files.get(program.path, original) == b"".join(pieces)
-    assert seen > 1000
+    assert sum(digits_agree(program, own(program)) for program in programs.values()) > 1000
 
 
 def test_most_targets_are_corrected_and_the_others_have_a_reason(programs: dict[str, Program]) -> None:
