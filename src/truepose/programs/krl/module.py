@@ -24,7 +24,7 @@ from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_v
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
 from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.motions import KrlMotionReader, Settings
-from truepose.programs.krl.names import Names, element
+from truepose.programs.krl.names import Names, calls_in, element
 from truepose.programs.krl.points import Numbers, PointVariable
 from truepose.programs.krl.runs import find_run
 from truepose.programs.krl.statements import KrlStatements, element_of
@@ -53,6 +53,7 @@ _ROUTINE = re.compile(
 )
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 """Routines that other modules do not see, and the first one."""
+_DEFINED = re.compile(rb"^" + _ROUTINE.pattern, re.I | re.M)
 _FDAT_SET = re.compile(
     rb"^[ \t]*+([A-Za-z]\w*+)[ \t]*+(?:\.[ \t]*+(?:TOOL_NO|BASE_NO|IPO_FRAME)[ \t]*+)?+=(?!=)", re.I | re.M
 )
@@ -93,6 +94,8 @@ class Shared:
         The values that the program gives to numbered frames, as far as they are constants.
     libraries : frozenset of Path
         The files that are read for their effects only; see `truepose.programs.krl.libraries`.
+    routines : set of str
+        The names, in upper case, of the routines that the modules define.
     """
 
     options: ReadOptions
@@ -105,6 +108,7 @@ class Shared:
     moved: list[str] = field(default_factory=list)
     libraries: frozenset[Path] = frozenset()
     set_to: dict[tuple[str, int | None], list[InForce]] = field(default_factory=dict)
+    routines: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.derivations = KrlDerivations(self.flow)
@@ -145,6 +149,8 @@ class KrlModule:
         self._routine: tuple[str, int] | None = None
         self._routines = 0
         self._own: dict[str, str] = {}
+        self._conditions: list[Statement] = []
+        """The open WHILE loops, whose conditions are evaluated again behind each turn."""
         if src is not None:
             self._src = src
             self.motions = self._motions = KrlMotionReader(
@@ -154,7 +160,8 @@ class KrlModule:
         self._derivations = KrlStatements(shared.derivations, self.names)
 
     def look_ahead(self) -> None:
-        """Find the constants of the module, and forget the FDATs that the .src assigns to."""
+        """Find the routines and constants of the module, and forget the FDATs that the .src assigns to."""
+        self._shared.routines |= {m[1].decode().upper() for m in _DEFINED.finditer(self._src.data)}
         if not self._names.public:
             self._names.constants = find_constants(self.dat, self._src)
         for m in _FDAT_SET.finditer(self._src.data):
@@ -216,10 +223,10 @@ class KrlModule:
         word, line, start, rest, end = statement
         data = self._src.data
         if word in MOTIONS:
-            calls = self._motions.read(statement)
-            if calls:
+            if calls := calls_in(data, rest, end):  # these run before the motion
                 self._derivations.hand_over(data, rest, end)
-            self._call(calls)
+                self._call(calls)
+            self._motions.read(statement)
         elif word in RELATIVE_MOTIONS or word in JOINT_MOTIONS:
             self._call(self._names.scan(data, rest, end, line, "used by a relative motion"))
             self._motions.other(word, line, JOINTS if word in JOINT_MOTIONS else RELATIVE)
@@ -248,12 +255,14 @@ class KrlModule:
             if word != "FOR" or not self._derivations.begin_for(self._src, statement, self._motions.place(line)):
                 self._scan(statement)
                 flow.begin(word, line)
+            if word == "WHILE":
+                self._conditions.append(statement)
         elif word in ("ELSE", "CASE", "DEFAULT"):
             flow.branch(word, last=word != "CASE")
         elif word in ("ENDIF", "ENDSWITCH"):
             flow.end(word, word[3:])
         elif word in _LOOPS:
-            self._scan(statement)
+            self._scan(self._conditions.pop() if word == "ENDWHILE" and self._conditions else statement)
             self._derivations.end_loop(word, _LOOPS[word], self._motions.place(line))
         elif word == "EXIT":
             flow.exit()
@@ -307,8 +316,8 @@ class KrlModule:
         else:
             self._scan(statement)
 
-    def _scan(self, statement: Statement) -> None:
-        """Take any other statement: its reads and calls, and a motion inside it."""
+    def _scan(self, statement: Statement, later: str = "") -> None:
+        """Take any other statement: its reads and calls, and a motion inside it; `later`: a routine not called yet."""
         _, line, start, _, end = statement
         data = self._src.data
         self._stray(statement)
@@ -320,7 +329,7 @@ class KrlModule:
         calls = self._names.scan(data, start, end, line)
         if calls:
             self._derivations.hand_over(data, start, end)
-        self._call(calls)
+        self._call([name for name in calls if name != later])
 
     def _stray(self, statement: Statement) -> None:
         _, line, start, _, end = statement
@@ -380,10 +389,13 @@ class KrlModule:
     def _trigger(self, statement: Statement) -> None:
         """Take TRIGGER … DO subprogram( ), which runs while the motions after it do."""
         _, _, start, _, end = statement
+        name = ""
         if m := _HANDLER.search(self._src.data[start:end]):
             name = m[1].decode().upper()
             self._flow.start(self._own.get(name, name))
-        self._scan(statement)
+        if name in self._shared.routines:
+            self._flow.handlers.append(self._own.get(name, name))
+        self._scan(statement, later=name if name in self._shared.routines else "")
 
     def _call(self, names: list[str]) -> None:
         where = "project" if self._shared.project else "file"

@@ -95,19 +95,19 @@ class KrlMotionReader:
     def _motion(self, word: str, line: int, settings: Settings) -> KrlMotion:
         return KrlMotion(word, self.place(line), self._flow.node, *settings, self._flow.section)
 
-    def read(self, statement: Statement) -> list[str]:
-        """Take one motion; return the subprograms that its expressions call."""
+    def read(self, statement: Statement) -> None:
+        """Take one motion."""
         word, line, _, start, end = statement
         data = self._source.data
         if word not in CIRCLES and (m := _SIMPLE.fullmatch(data, start, end)):
             motion = self._motion(word, line, self.block)
             if m[1]:
                 self._literal(*m.span(1), f"{word}:{line}", motion)
-                return []
+                return
             if not APPROACH.fullmatch(b" " + m[2]):
                 self._point(m[2], m[3], motion)
-                return []
-        return self._general(statement)
+                return
+        self._general(statement)
 
     def first_of(self, lines: Lines) -> Numbers:
         """Return the first point of a run of motions of one form."""
@@ -139,7 +139,7 @@ class KrlMotionReader:
                 found = found._replace(ipo=ipo_value(self._source.data[m.end() : b], self._names.fdats))
         return found
 
-    def _general(self, statement: Statement) -> list[str]:
+    def _general(self, statement: Statement) -> None:
         word, line, _, start, end = statement
         data, settings = self._source.data, self.block
         if found := _WITH.search(data, start, end):
@@ -156,16 +156,14 @@ class KrlMotionReader:
         expected = 2 if word in CIRCLES else 1
         if len(spans) != expected or any(a == b for a, b in spans):
             self.other(word, line, not_understood(f"{word} {shown(data, start, end)}".rstrip()))
-            return []
+            return
         motion = self._motion(word, line, settings)
         names = [f"{word}:{line}"] if expected == 1 else [f"{word}:{line} auxiliary", f"{word}:{line} end"]
-        calls: list[str] = []
-        goals = [self._goal(a, b, name, motion, calls) for (a, b), name in zip(spans, names, strict=True)]
+        goals = [self._goal(a, b, name, motion) for (a, b), name in zip(spans, names, strict=True)]
         if expected == 2:
             self.circles.append(goals)
-        return calls
 
-    def _goal(self, start: int, end: int, name: str, motion: KrlMotion, calls: list[str]) -> Goal:
+    def _goal(self, start: int, end: int, name: str, motion: KrlMotion) -> Goal:
         data = self._source.data
         if data[start : start + 1] == b"{" and closing_brace(self._source, start, end, motion.line) == end:
             return self._literal(start, end, name, motion)
@@ -178,7 +176,7 @@ class KrlMotionReader:
             point = self.other(motion.word, motion.line, computed(shown(data, start, end)), name)
             self.computed[followed] = point
             return point
-        calls += self._names.scan(data, start, end, motion.line)
+        self._names.scan(data, start, end, motion.line)
         code = _OPERATOR_WORD.sub(b"+", _BRACES.sub(b"{}", data[start:end]))
         if _ADJACENT.search(code) or not re.search(rb"[A-Za-z_$]", code):
             problem = not_understood(f"{motion.word} {shown(data, start, end)}")

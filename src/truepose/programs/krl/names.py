@@ -186,6 +186,14 @@ class Names:
         return calls
 
 
+def calls_in(data: bytes, start: int, end: int) -> list[str]:
+    """Return the subprograms that code calls."""
+    if data.find(b"(", start, end) < 0:
+        return []
+    names = [m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] == b"("]
+    return [name for name in names if name not in KEEPS_FRAMES]
+
+
 def element(variable: PointVariable, brackets: bytes | None) -> Index:
     """Return the element that ``[3]`` names; None if only the run time knows it, or if the whole array is meant."""
     if brackets is not None and brackets.startswith(b"["):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from truepose.programs.core.arithmetic import Name, Opaque, Variable, names_in
 from truepose.programs.core.points import Place
-from truepose.programs.core.source import Source
+from truepose.programs.core.source import Source, strip
 from truepose.programs.krl.derived import (
     AXES,
     FOR,
@@ -17,7 +17,7 @@ from truepose.programs.krl.derived import (
     Resolver,
     expression,
 )
-from truepose.programs.krl.lexer import Statement
+from truepose.programs.krl.lexer import BLANK, CARTESIAN, Statement, closing_brace, parse_aggregate
 from truepose.programs.krl.names import Names, element
 from truepose.programs.krl.points import Index, PointVariable
 from truepose.programs.krl.words import IDENTIFIER
@@ -82,7 +82,8 @@ class KrlStatements:
         name = known.name(variable, index)
         path = m[2].decode("latin-1").strip(". \t").upper() if m[2] else ""
         if not path:
-            known.derivations.assign(name, right or UNKNOWN, place, point=True)
+            kept = Opaque((Variable(name),)) if is_partial(source, m.end(), end, line) else UNKNOWN
+            known.derivations.assign(name, right or kept, place, point=True)
         elif right is not None and path in AXES:
             known.derivations.assign(name, right, place, AXES[path])
         else:
@@ -102,6 +103,15 @@ class KrlStatements:
         right = expression(source, m.end(), end, line, self._resolver, self._known)
         self._known.assign_number(number, right, place)
         return right is not None
+
+
+def is_partial(source: Source, start: int, end: int, line: int) -> bool:
+    """Return whether a right side is an aggregate that leaves some of X to C as before."""
+    start, end = strip(source.data, start, end, BLANK)
+    if source.data[start : start + 1] != b"{" or closing_brace(source, start, end, line) != end:
+        return False
+    aggregate = parse_aggregate(source, start, end, line)
+    return not {*aggregate.values, *aggregate.loose}.issuperset(CARTESIAN)
 
 
 def element_of(brackets: bytes | None) -> tuple[int, ...] | None:
