@@ -138,3 +138,10 @@ def test_other_languages_in_positions_and_header(tmp_path: Path) -> None:
         "   1:  !AUFRUF TEIL1 ;\n   2:  LBL[1:AUFRUF] ;\n   3:  CALL A('BENUTZER_NUM') ;\n   4:J P[1] 9% FINE ;\n"
     )
     assert verdicts(read(tmp_path, harmless, lp(1))) == {"P[1]": "correct"}
+
+
+def test_a_component_of_a_position_is_the_position(tmp_path: Path) -> None:
+    motions = "   2:L P[1] 9mm/sec FINE ;\n   3:L P[2] 9mm/sec FINE ;\n"
+    for code, verdict in (("P[1,3]=50", "skip"), ("R[1]=P[1,3]", "refuse"), ("P[1,R[2]]=50", "skip")):
+        program = read(tmp_path, f"   1:  {code} ;\n{motions}", lp(1) + lp(2))
+        assert verdicts(program)["P[1]"] == verdict, code

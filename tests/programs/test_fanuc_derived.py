@@ -126,15 +126,26 @@ def test_where_it_stands_while_it_moves_is_not_followed(tmp_path: Path) -> None:
 
 
 def test_where_it_stands_after_a_call(tmp_path: Path) -> None:
-    code = "L P[1] 9mm/sec FINE\n  CALL X\n  UFRAME_NUM=1\n  UTOOL_NUM=1\n  PR[1]=LPOS\nL PR[1] 9mm/sec FINE"
+    code = "L P[1] 9mm/sec FINE\n  CALL X\n  PR[1]=LPOS\nL PR[1] 9mm/sec FINE"
     for other, found in (
         ("  RO[1]=ON", ["P[1]"]),
         ("  !L P[9] 9% FINE", ["P[1]"]),
         ("J P[2] 9% FINE", []),
+        ("  UFRAME_NUM=2", []),
         ("  CALL Y", []),
     ):
         known = with_programs({"X": other}, code)
         assert follows(judged(tmp_path, code, registers=known), "PR[1]") == found, other
+
+
+@pytest.mark.parametrize("other", ["UFRAME_NUM=2", "UTOOL_NUM=2", "$MNUFRAMENUM[1]=2", "UFRAME_NUM=R[1]"])
+def test_where_it_stands_in_another_frame_is_not_followed(other: str, tmp_path: Path) -> None:
+    back = f"{IN_FORCE}  PR[1,3]=PR[1,3]+50\nL PR[1] 9mm/sec FINE"
+    code = f"L P[1] 9mm/sec FINE\n  {other}\n  PR[1]=LPOS\n{back}"
+    program = judged(tmp_path, code)
+    assert (target(program, "P[1]").verdict, target(program, "PR[1]").verdict) == ("correct", "skip")
+    assert follows(program, "PR[1]") == []
+    assert follows(judged(tmp_path, code.replace(f"  {other}\n", "")), "PR[1]") == ["P[1]"]
 
 
 def test_reading_the_position_of_the_robot_is_no_use_of_a_taught_one(tmp_path: Path) -> None:

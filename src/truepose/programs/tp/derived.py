@@ -194,7 +194,7 @@ class RegisterFlow:
         read = [n for n in self._positions if effects.read & {n, None}]
         self._escape([register(n) for n in read if n not in self._offsets], line, f"in a register that {who} may use")
         self._spoil(set(effects.written), line)
-        if effects.moves:
+        if effects.moves or effects.frames:
             self.moves(line)
 
     def end(self, line: int) -> None:
@@ -250,7 +250,7 @@ class RegisterFlow:
             self._with_robot.assign(HERE, goal if stands and goal is not None else _NOTHING, line, point=True)
 
     def moves(self, line: int) -> None:
-        """Take motions after which the place of the robot is not known."""
+        """Take motions, or other frames, after which the numbers of the place of the robot are not known."""
         if self._with_robot is not None:
             self._with_robot.assign(HERE, _NOTHING, line, point=True)
 

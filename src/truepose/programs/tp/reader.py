@@ -32,7 +32,7 @@ from truepose.programs.tp.words import check_language
 _LABELS = re.compile(rb"\[[^\]\[]*\]")
 _MESSAGE = re.compile(rb"\b(MESSAGE|PROMPT_BOX_?\w*|STATUS|UALM)\s*\[[^\]]*\]", re.I)
 _TEXT = re.compile(rb"'[^']*'|\"[^\"]*\"")
-_P = rb"(?<![\w$])P[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|([^\]\[]*\[[^\]]*\][^\]]*|[^\]\d][^\]]*))\]"
+_P = rb"(?<![\w$])P[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?:[:,][^\]]*)?|([^\]\[]*\[[^\]]*\][^\]]*|[^\]\d][^\]]*))\]"
 _POINT = re.compile(_P, re.I)
 _GOAL = re.compile(
     rb"(?<![\w$])P(R?)[ \t]*\[[ \t]*(?:(\d{1,9})[ \t]*(?::[^\]]*)?|[^\]\[]*(?:\[[^\]]*\][^\]\[]*)*)\]", re.I
@@ -201,6 +201,7 @@ class _Reader(Reader):
                 shifts.follow(flow, shifts.FANUC, code, line)
         for which, value in tp_frames.chosen(code, self._group):
             flow.change(**{which: value})
+            self._derived.moves(line)  # the robot stands where it did, but in other numbers
         self._change(code, line)
         self._calls(line, code)
         self._control(line, code.strip(b" \t;").upper())
