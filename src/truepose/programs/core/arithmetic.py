@@ -25,6 +25,11 @@ class Element(NamedTuple):
     array: Name
     place: tuple[int, ...] | None
 
+    @classmethod
+    def of(cls, name: Name) -> Element:
+        """Return a name as array and place; a variable that is no element has the place ()."""
+        return name if isinstance(name, cls) else cls(name, ())
+
 
 class At(NamedTuple):
     """The position of a point with shifts [mm] along the axes of its frame, and along those of its tool."""

@@ -141,7 +141,7 @@ class KrlDerivations:
 
     def shown(self, name: Name) -> str:
         """Return a name as the program has it."""
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         variable = self._points[array]
         return variable.name + ("" if not place else "[" + ",".join(map(str, place)) + "]")
 
@@ -177,7 +177,7 @@ class KrlDerivations:
         return self.derivations.solve(self._is_point, self._number)
 
     def _is_point(self, name: Name) -> bool:
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         variable = self._points.get(array)
         if variable is None or variable.type in JOINTS:
             return False
@@ -188,7 +188,7 @@ class KrlDerivations:
     def _number(self, name: Name) -> float | None:
         if name in self._components:
             return self._coordinate(*self._components[name])
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         variable = self._numbers.get(array)
         if variable is None or variable.handed or place is None:
             return None
@@ -197,7 +197,7 @@ class KrlDerivations:
     def spoil(self, found: Found) -> None:
         """Note the points that are used otherwise as read."""
         for name, (place, how) in found.spoiled.items():
-            array, index = (name.array, name.place) if isinstance(name, Element) else (name, ())
+            array, index = Element.of(name)
             line = place if isinstance(place, int) else place.line
             self._points[array].reads[index].append((line, how))
 

@@ -143,7 +143,7 @@ class RapidDerivations:
         return self.derivations.solve(self._is_point, self._number)
 
     def _is_point(self, name: Name) -> bool:
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         variable = self._points.get(array)
         if variable is None or variable.joints:
             return False
@@ -153,7 +153,7 @@ class RapidDerivations:
         return point is not None and bool(point.values) and not point.writes
 
     def _number(self, name: Name) -> float | None:
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         variable = self._numbers.get(array)
         if variable is None or variable.handed or place is None:
             return None
@@ -161,14 +161,13 @@ class RapidDerivations:
 
     def points_of(self, name: Name) -> list[Point]:
         """Return the points of a name: one, or all elements of an array."""
-        array, place = (name.array, name.place) if isinstance(name, Element) else (name, ())
+        array, place = Element.of(name)
         elements = self._points[array].elements
         return list(elements.values()) if place is None else [elements[place]]
 
     def sources_of(self, name: Name) -> list[tuple[Robtarget, Point]]:
         """Return the points of a name, each with its variable."""
-        array = name.array if isinstance(name, Element) else name
-        return [(self._points[array], point) for point in self.points_of(name)]
+        return [(self._points[Element.of(name).array], point) for point in self.points_of(name)]
 
     def spoil(self, found: Found) -> None:
         """Note the points that are used otherwise as read."""
