@@ -7,12 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from truepose.programs.core.points import Problem
+from truepose.programs.core.points import FileLine, Problem
+from truepose.programs.core.program import Key
 
 _MOST: Final = 64
 """Number of values that a variable may have."""
 ELSEWHERE: Final = ""
 """The name of a job that is known at run time only."""
+ANY: Final = -1
+"""The number of a variable that is known at run time only, or of several."""
 
 
 class Pose(NamedTuple):
@@ -43,7 +46,7 @@ class Mention(NamedTuple):
     Attributes
     ----------
     number : int
-        The number of the variable.
+        The number of the variable, or `ANY`.
     job : str
         The name of the job's file.
     line : int
@@ -82,6 +85,33 @@ class Displacement(NamedTuple):
     along: str
 
 
+class Survey(NamedTuple):
+    """What a job tells about others.
+
+    Attributes
+    ----------
+    name : str
+        The name of the job, in upper case.
+    mentions : list of Mention
+        The P variables that it names.
+    calls : list of (str, frozenset of Displacement, bool)
+        The jobs that it calls, with the shifts that may be active there, and whether those of its own callers may be.
+    left : frozenset of Displacement
+        The shifts that may be active at its end, without those of its callers.
+    reframed : dict of str to str
+        The jobs that it calls with another user frame, with the instruction.
+    changed : dict of ("tool" or "base", int or None) to FileLine
+        The tools and user frames that it changes; None: some of them.
+    """
+
+    name: str
+    mentions: list[Mention]
+    calls: list[tuple[str, frozenset[Displacement], bool]]
+    left: frozenset[Displacement]
+    reframed: dict[str, str]
+    changed: dict[tuple[str, Key | None], FileLine]
+
+
 @dataclass(frozen=True, eq=False)
 class Controller:
     """The knowledge that concerns all jobs.
@@ -106,6 +136,8 @@ class Controller:
         The reason why they are not known.
     unread : tuple of str
         The jobs that cannot be read: they may write any P variable.
+    changed : mapping of ("tool" or "base", int or None) to FileLine
+        The tools and user frames that some job changes; None: some of them.
     """
 
     variables: Mapping[int, StoredPosition] = field(default_factory=dict)
@@ -117,6 +149,7 @@ class Controller:
     pulses: tuple[float, ...] = ()
     no_pulses: str = "the pulses of a degree are in a backup only"
     unread: tuple[str, ...] = ()
+    changed: Mapping[tuple[str, Key | None], FileLine] = field(default_factory=dict)
 
     def problem_of(self, number: int, job: str) -> Problem | None:
         """Return the reason why the copy of a P variable in a job's file is not corrected; None without one."""
@@ -126,10 +159,14 @@ class Controller:
             return Problem("skip", f"{reason}; that file has a checksum and is only read: teach a C position instead")
         if self.unread:
             return Problem("refuse", f"{name} is a variable of all jobs, and {self.unread[0]} cannot be read")
-        other = next((m for m in self.mentions.get(number, ()) if m.job != job), None)
+        other = next((m for m in self._of(number) if m.job != job or m.number == ANY), None)
         if other is not None:
             return Problem("refuse", f"{name} is a variable of all jobs: {other.job}, line {other.line}, uses it, too")
         return None
+
+    def _of(self, number: int) -> list[Mention]:
+        """Return the mentions that may be of a variable."""
+        return [*self.mentions.get(number, ()), *self.mentions.get(ANY, ())]
 
     def values(self, number: int) -> list[Pose] | None:
         """Return all values that a P variable may have: as it is stored and given, and as constants set its elements.
@@ -137,7 +174,7 @@ class Controller:
         None where it is written in another way, is stored in pulses, has no value, or may have too many; and where a
         job cannot be read.
         """
-        mentions = self.mentions.get(number, ())
+        mentions = self._of(number)
         if self.unread or any(m.how == "other" for m in mentions):
             return None
         poses = [m.pose for m in mentions if m.how == "given"]

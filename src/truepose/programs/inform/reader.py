@@ -14,12 +14,12 @@ from truepose.programs.core import shifts
 from truepose.programs.core.flow import Shift
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
-from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, Point, Problem, Use, unknown_motion
-from truepose.programs.core.program import KnownFrames, Program, ReadOptions
+from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine, Point, Problem, Use, unknown_motion
+from truepose.programs.core.program import Key, KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, Span, shown
 from truepose.programs.inform import words
-from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention
+from truepose.programs.inform.controller import ANY, ELSEWHERE, Controller, Displacement, Mention, Survey
 from truepose.programs.inform.positions import NAME, VALUES, Positions
 from truepose.programs.inform.shifted import derived_by
 
@@ -46,30 +46,6 @@ class _Move(NamedTuple):
     problem: Problem | None
 
 
-class Survey(NamedTuple):
-    """What a job tells about others.
-
-    Attributes
-    ----------
-    name : str
-        The name of the job, in upper case.
-    mentions : list of Mention
-        The P variables that it names.
-    calls : list of (str, frozenset of Displacement, bool)
-        The jobs that it calls, with the shifts that may be active there, and whether those of its own callers may be.
-    left : frozenset of Displacement
-        The shifts that may be active at its end, without those of its callers.
-    reframed : dict of str to str
-        The jobs that it calls with another user frame, with the instruction.
-    """
-
-    name: str
-    mentions: list[Mention]
-    calls: list[tuple[str, frozenset[Displacement], bool]]
-    left: frozenset[Displacement]
-    reframed: dict[str, str]
-
-
 def read(path: Path, frames: KnownFrames, options: ReadOptions, *, controller: Controller | None = None) -> Program:
     """Read a .jbi file; a FileError names the line if it is broken.
 
@@ -92,7 +68,6 @@ class _Reader(Reader):
         self._kinds: dict[tuple[str, int], int] = {}
         self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
-        self._indirect = False
         self._labels: set[bytes] = set()
         self._displacements: dict[str, Displacement] = {}
         self._mentions: list[Mention] = []
@@ -106,6 +81,7 @@ class _Reader(Reader):
 
     def read(self) -> Program:
         self._follow()
+        self.changed = {**self._known().changed, **self.changed}
         self._settle()
         self._attach()
         self.points = [*self._positions.ordered(), *self.points]
@@ -119,7 +95,12 @@ class _Reader(Reader):
             (name, self._displaced(states[node].ipo), _UNSHIFTED in states[node].ipo) for name, node in self._calls
         ]
         left = frozenset[Displacement]().union(*(self._displaced(states[node].ipo) for node in self._ends))
-        return Survey(self._name(), self._all_mentions(), calls, left, self._reframed)
+        return Survey(self._name(), self._all_mentions(), calls, left, self._reframed, self._own_changes())
+
+    def _own_changes(self) -> dict[tuple[str, Key | None], FileLine]:
+        """Return the tools and user frames that this job changes."""
+        name = self.source.path.name
+        return {key: FileLine(name, place) for key, place in self.changed.items() if isinstance(place, int)}
 
     def _all_mentions(self) -> list[Mention]:
         """Return the mentions of P variables, those under //POS included."""
@@ -255,10 +236,8 @@ class _Reader(Reader):
         if words.OPERAND.search(code):
             self.arc(None)
         self._control(line, code)
-        if m := words.FRAME_CHANGE.match(code):
-            self.changed.setdefault(("base", int(m[1]) if m[1] else None), line)
-        elif m := words.TOOL_CHANGE.match(code):
-            self.changed.setdefault(("tool", int(m[1]) if m[1] else None), line)
+        for which, number in words.changed_frames(code):
+            self.changed.setdefault((which, number), line)
         self._operands(line, code)
 
     def _control(self, line: int, code: bytes) -> None:
@@ -351,7 +330,7 @@ class _Reader(Reader):
         if found and found[1] == b"P":
             self._mention(int(found[2]), line, "moved to")
         elif not found and operand[:1].upper() in (b"P", b"C"):
-            self._indirect = True
+            self._mention(ANY, line, "moved to")
         point = self._positions.get(found[1].decode(), int(found[2])) if found else None
         if point is None:
             self.other(word, line, problem or self._elsewhere(found), operand.decode("latin-1"))
@@ -361,6 +340,8 @@ class _Reader(Reader):
             problem = _COORDINATED
         if problem is None and conveyor:
             problem = shifts.problem_of([Shift("conveyor", f"{shown(conveyor[0])} (line {line})")])
+        if problem is None and (own := words.OWN_FRAME.search(m.string, m.end())):
+            problem = Problem("skip", f"moved to with {shown(own[0])}, not with the tool and frame it was taught with")
         external = [axis for axis in axes if axis in self._positions.axes_in_use and not self._station(axis[0])]
         if external and not self.options.external_axes:
             name = words.AXES.search(m[5])
@@ -386,6 +367,8 @@ class _Reader(Reader):
         word = (code.split() or [b"?"])[0].decode("latin-1")
         element = words.ELEMENT.match(code)
         shift = words.SHIFT.match(code)
+        if words.ANY_VARIABLE.search(code):
+            self._mention(ANY, line, "other")
         for m in words.OPERAND.finditer(code):
             point = self._positions.get(m[1].decode(), int(m[2]))
             if m[1] == b"P" and element:
@@ -439,8 +422,7 @@ class _Reader(Reader):
     def _attach(self) -> None:
         """Give each position the motions to it, now that the shifts in force at each are known."""
         for number, point, _ in self._positions.variables():
-            if self._controller is not None:
-                point.shared = self._controller.problem_of(number, self.source.path.name)
+            point.shared = self._settled().problem_of(number, self.source.path.name)
         for move in self._moves:
             use, derived = self._uses_at(move)
             move.point.uses += [use] if use else []
@@ -478,7 +460,7 @@ class _Reader(Reader):
             own: dict[int, list[Mention]] = {}
             for mention in self._all_mentions() if self.options.whole_task else ():
                 own.setdefault(mention.number, []).append(mention)
-            self._own = Controller(mentions=own)
+            self._own = Controller(mentions=own, changed=self._own_changes())
         return self._controller or self._own or Controller()
 
 

@@ -44,7 +44,7 @@ def derived_by(
     if shift.along == "TF":
         axes = "tool"
     else:
-        turn = _turn(shift.along, values[0].frame, frame, frames)
+        turn = _turn(shift.along, values[0].frame, frame, frames, controller)
         if turn is None:
             return Problem("skip", f"{shift.text} shifts it along axes that are not known")
         steps = (steps @ turn.T).round(9)
@@ -52,7 +52,7 @@ def derived_by(
     return Derived(place, f"shifted by {shift.text}", shifts, axes)
 
 
-def _turn(along: str, of_variable: str, frame: Frame, frames: KnownFrames) -> FloatArray | None:
+def _turn(along: str, of_variable: str, frame: Frame, frames: KnownFrames, controller: Controller) -> FloatArray | None:
     """Return the rotation from the axes of a shift to those of a frame, (3, 3); None where one is not known."""
     if along in ("BF", "RF") or (not along and of_variable in ("BASE", "ROBOT")):
         own: int | None = 0
@@ -63,6 +63,8 @@ def _turn(along: str, of_variable: str, frame: Frame, frames: KnownFrames) -> Fl
         return None
     if own == frame.key:
         return np.eye(3)
+    if own != 0 and {("base", own), ("base", None)} & controller.changed.keys():
+        return None
     if own not in frames.bases or frame.key not in frames.bases:
         return None
     turn: FloatArray = frames.bases[frame.key][:3, :3].T @ frames.bases[own][:3, :3]

@@ -7,9 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from truepose.errors import FileError
-from truepose.programs.core.program import KnownFrames
-from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention
-from truepose.programs.inform.reader import Survey, survey
+from truepose.programs.core.points import FileLine
+from truepose.programs.core.program import Key, KnownFrames
+from truepose.programs.core.source import Source
+from truepose.programs.inform.controller import ELSEWHERE, Controller, Displacement, Mention, Survey
+from truepose.programs.inform.reader import survey
+from truepose.programs.inform.words import changed_frames
 
 _NONE: frozenset[Displacement] = frozenset()
 
@@ -40,13 +43,30 @@ def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controlle
         again = [path for path, one in found.items() if changed & {name for name, _, _ in one.calls}]
     mentions: dict[int, list[Mention]] = {}
     reframed: dict[str, str] = {}
+    reset: dict[tuple[str, Key | None], FileLine] = {}
     for one in found.values():
         for mention in one.mentions:
             mentions.setdefault(mention.number, []).append(mention)
         reframed = {**one.reframed, **reframed}
+        reset = {**one.changed, **reset}
+    for path in set(jobs) - set(found):
+        reset = {**_changed_unread(path), **reset}
     unread = tuple([path.name for path in jobs if path not in found])
     entered = _entered(list(found.values()))
-    return replace(controller, mentions=mentions, reframed=reframed, entered=entered, unread=unread)
+    return replace(controller, mentions=mentions, reframed=reframed, entered=entered, unread=unread, changed=reset)
+
+
+def _changed_unread(path: Path) -> dict[tuple[str, Key | None], FileLine]:
+    """Return the tools and user frames that the lines of a job change which cannot be read; all if nothing can."""
+    found: dict[tuple[str, Key | None], FileLine] = {}
+    try:
+        source = Source.read(path)
+    except FileError:
+        return {("tool", None): FileLine(path.name, 1), ("base", None): FileLine(path.name, 1)}
+    for line, start, end in source.lines():
+        for key in changed_frames(source.data[start:end]):
+            found.setdefault(key, FileLine(path.name, line))
+    return found
 
 
 def _left(jobs: Sequence[Survey]) -> dict[str, frozenset[Displacement]]:

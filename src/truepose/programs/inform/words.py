@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final
 
 MOTION: Final = re.compile(
@@ -36,13 +37,26 @@ SHIFT: Final = re.compile(
 UNSHIFT: Final = re.compile(rb"[ \t]*SFTOF\b", re.I)
 ELEMENT: Final = re.compile(rb"[ \t]*SETE[ \t]+P(\d{3,6})[ \t]*\([ \t]*([1-6])[ \t]*\)[ \t]+(-?\d{1,9})[ \t]*$", re.I)
 """An element of a P variable that is set to a constant, in micrometres or 1e-4 degrees."""
-FRAME_CHANGE: Final = re.compile(rb"[ \t]*(?:MFRAME|SETUF|GETUF)\b[^#]*UF#\([ \t]*(\d{1,9})?", re.I)
-TOOL_CHANGE: Final = re.compile(rb"[ \t]*(?:SETTOOL|MTOOL)\b[^#]*TL#\([ \t]*(\d{1,9})?", re.I)
+OWN_FRAME: Final = re.compile(rb"(?<!\w)(UF|TL)#\([ \t]*(\d{1,9}(?=[ \t]*\)))?[^)]*\)?", re.I)
+"""A user frame or a tool by its number."""
+_READS_FRAMES: Final = re.compile(
+    rb"[ \t]*(?:SFTON(?:3D)?|MSHIFT|CNVRT|CALL|JUMP|PSTART|MACRO\w*|[SE]?IMOV\w*|GETPOS\w*|GETTOOL)(?!\w)", re.I
+)
+"""Instructions that name user frames and tools, and leave them as they are."""
+ANY_VARIABLE: Final = re.compile(rb"(?<![\w#$])PX?[ \t]*\[|^[ \t]*CLEAR[ \t]+PX?\d", re.I)
+"""A P variable whose number only the run time knows, or several."""
 BLOCK: Final = re.compile(
     rb"[ \t]*(IFTHEN|IFTHENEXP|ELSEIF|ELSEIFEXP|ELSE|ENDIF|WHILE|WHILEEXP|ENDWHILE|FOR|NEXT|"
     rb"SWITCH|CASE|DEFAULT|ENDSWITCH)(?![\w:])",
     re.I,
 )
+
+
+def changed_frames(code: bytes) -> Iterator[tuple[str, int | None]]:
+    """Yield the tools and user frames that an instruction may change; None: some of them."""
+    if not _READS_FRAMES.match(code) and not MOTION.match(code):
+        for m in OWN_FRAME.finditer(code):
+            yield "base" if m[1].upper() == b"UF" else "tool", int(m[2]) if m[2] else None
 
 
 def without_comment(code: bytes) -> bytes:
