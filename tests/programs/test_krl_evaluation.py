@@ -67,3 +67,22 @@ def test_an_aggregate_with_some_components_keeps_the_others(part: str, derived: 
     assert verdict_of(read(body, POINTS, derived=derived), "XP1")[0] == "refuse"
     whole = body.replace(part, POSE)
     assert verdict_of(read(whole, POINTS, derived=True), "XP1")[0] == "correct"
+
+
+@pytest.mark.parametrize("part", ["{Z 500}", "{X 1,Y 2,Z 3}", "{X h}", "{A 0,B 0,C 0}"])
+def test_numbers_of_which_the_program_sets_some_are_left(part: str, read: Any) -> None:
+    full = f"XAP={POSE}\nLIN XAP\n"
+    body = (
+        f"DEF cell( )\nREAL h\n{HEAD}XP1={part}\nLIN XP1\nXA[2]={part}\n{full}XAP={part}\nLIN XA[1]\nLIN XA[2]\nEND\n"
+    )
+    targets = read(body, POINTS, derived=True).targets
+    assert {one.name for one in targets if one.verdict == "correct"} == {"XA[1]"}
+
+
+def test_a_point_of_the_data_list_may_get_numbers_twice(read: Any) -> None:
+    one, two = POSE.replace("812.5", "500.0"), POSE.replace("812.5", "510.0")
+    program = program_of(read, f"XAP={one}\nLIN XAP\nXAP={two}\nLIN XAP\nLIN XP1")
+    found = [(target.xyz[0], target.verdict) for target in program.targets if target.name == "XAP"]
+    assert found == [(500.0, "correct"), (510.0, "correct")]
+    other = program_of(read, f"XAP={one}\nLIN XAP\nXAP={two}\n$BASE=BASE_DATA[2]\nLIN XAP\nLIN XP1")
+    assert {target.verdict for target in other.targets if target.name == "XAP"} == {"refuse"}

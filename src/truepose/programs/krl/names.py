@@ -11,7 +11,15 @@ from truepose.programs.core.flow import FdatFrames, InForce
 from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.constants import NO_CONSTANTS
 from truepose.programs.krl.derived import NumberVariable, numbers_of
-from truepose.programs.krl.lexer import BLANK, Aggregate, closing_brace, parse_aggregate, parse_point, split_commas
+from truepose.programs.krl.lexer import (
+    BLANK,
+    CARTESIAN,
+    Aggregate,
+    closing_brace,
+    parse_aggregate,
+    parse_point,
+    split_commas,
+)
 from truepose.programs.krl.points import JOINTS, POSES, Index, Numbers, PointVariable
 from truepose.programs.krl.words import IDENTIFIER, KEEPS_FRAMES
 
@@ -162,8 +170,11 @@ class Names:
             variable.writes[index].append((line, "assigned by an expression"))
             return
         aggregate = parse_point(source, start, end, line)
-        if variable.origin == "dat" and (old := variable.literals.get(index)) and old[0].source is source:
+        in_program = source.path.suffix.lower() != ".dat"
+        if not in_program and (old := variable.literals.get(index)) and old[0].source is source:
             raise source.error(line, f"{variable.name} already has a value in line {old[0].line}; keep one")
+        if in_program and is_partial(aggregate):
+            variable.writes[index].append((line, "some of its components are set"))
         suffix = "" if index == () else "[" + (",".join(map(str, index)) if index else "…") + "]"
         numbers = Numbers(variable.name + suffix, source, line, aggregate, variable, index)
         variable.literals[index].append(numbers)
@@ -192,6 +203,11 @@ def calls_in(data: bytes, start: int, end: int) -> list[str]:
         return []
     names = [m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] == b"("]
     return [name for name in names if name not in KEEPS_FRAMES]
+
+
+def is_partial(aggregate: Aggregate) -> bool:
+    """Return whether an aggregate leaves some of X to C as before."""
+    return not {*aggregate.values, *aggregate.loose}.issuperset(CARTESIAN)
 
 
 def element(variable: PointVariable, brackets: bytes | None) -> Index:

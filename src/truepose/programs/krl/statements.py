@@ -17,8 +17,8 @@ from truepose.programs.krl.derived import (
     Resolver,
     expression,
 )
-from truepose.programs.krl.lexer import BLANK, CARTESIAN, Statement, closing_brace, parse_aggregate
-from truepose.programs.krl.names import Names, element
+from truepose.programs.krl.lexer import BLANK, Statement, closing_brace, parse_aggregate
+from truepose.programs.krl.names import Names, element, is_partial
 from truepose.programs.krl.points import Index, PointVariable
 from truepose.programs.krl.words import IDENTIFIER
 
@@ -82,7 +82,7 @@ class KrlStatements:
         name = known.name(variable, index)
         path = m[2].decode("latin-1").strip(". \t").upper() if m[2] else ""
         if not path:
-            kept = Opaque((Variable(name),)) if is_partial(source, m.end(), end, line) else UNKNOWN
+            kept = Opaque((Variable(name),)) if keeps_components(source, m.end(), end, line) else UNKNOWN
             known.derivations.assign(name, right or kept, place, point=True)
         elif right is not None and path in AXES:
             known.derivations.assign(name, right, place, AXES[path])
@@ -105,13 +105,12 @@ class KrlStatements:
         return right is not None
 
 
-def is_partial(source: Source, start: int, end: int, line: int) -> bool:
+def keeps_components(source: Source, start: int, end: int, line: int) -> bool:
     """Return whether a right side is an aggregate that leaves some of X to C as before."""
     start, end = strip(source.data, start, end, BLANK)
     if source.data[start : start + 1] != b"{" or closing_brace(source, start, end, line) != end:
         return False
-    aggregate = parse_aggregate(source, start, end, line)
-    return not {*aggregate.values, *aggregate.loose}.issuperset(CARTESIAN)
+    return is_partial(parse_aggregate(source, start, end, line))
 
 
 def element_of(brackets: bytes | None) -> tuple[int, ...] | None:
