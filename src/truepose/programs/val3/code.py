@@ -13,7 +13,8 @@ from truepose.programs.core.source import Source, parse_number
 
 _HIDING: Final = re.compile(rb"<(?:Local|Parameter)\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
 """Parameters and local variables of a program hide the data of the application that have their names."""
-_PARAMETER: Final = re.compile(rb"<Parameter\b[^>]*?\bname\s*=\s*[\"'](\w+)", re.I)
+_PARAMETER: Final = re.compile(rb"<Parameter\b(?=[^>]*?\bname\s*=\s*[\"'](\w+))([^>]*)", re.I)
+_BY_VALUE: Final = re.compile(rb"\buse\s*=\s*[\"']value", re.I)
 _TASK: Final = re.compile(rb"\btaskCreate", re.I)
 _WORD: Final = re.compile(rb"(?<![\w.:])[A-Za-z_]\w*")
 _CODE: Final = re.compile(rb"<Code>\s*(?:<!\[CDATA\[)?|(?:\]\]>)?\s*</Code>")
@@ -23,6 +24,9 @@ REFERENCE: Final = re.compile(rb"(?<![\w.:])(?:(\w+):)?(" + _STEP + rb"(?:\." + 
 """A reference to data, such as ``lib:tray[1].pPick``; a name with a bracket behind it is a function."""
 ASSIGNMENT: Final = re.compile(rb"^\s*([^=<>!\r\n()]+?)[ \t]*=(?!=)[ \t]*", re.M)
 _SET_FRAME: Final = re.compile(rb"\bsetFrame\s*\(", re.I)
+_LINK: Final = re.compile(rb"\blink\s*\(", re.I)
+_CALLED: Final = re.compile(rb"(?<![\w.])(?:call\b|taskCreate\w*\b[^\r\n]*?,)\s*(?:(\w+):)?(\w+)\s*\(", re.I)
+_CHANGES: Final = re.compile(rb"\b(?:call|link|setFrame|taskCreate\w*)\b", re.I)
 _PART: Final = re.compile(rb"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?")
 _BORDER: Final = re.compile(
     rb"\s*(?:begin|end|if|elseif|else|endif|while|endwhile|for|endfor|do|until|switch|case|default|endswitch|return|"
@@ -52,9 +56,27 @@ class Reference(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The reference as a key: equal for equal references."""
-        steps = [name if index == "" else f"{name}[{index}]" for name, index in self.parts]
+        """The reference as the program has it, in lower case."""
+        return self._said("")
+
+    @property
+    def key(self) -> str:
+        """The reference as a key: equal for equal references, as no index is that of the first element."""
+        return self._said("0")
+
+    def _said(self, first: str) -> str:
+        steps = [name if index in ("", first) else f"{name}[{index}]" for name, index in self.parts]
         return (self.alias + ":" if self.alias else "") + ".".join(steps)
+
+
+class Handed(NamedTuple):
+    """Data that a call hands to a program: the library of that program, its name, and the place of the argument."""
+
+    reference: Reference
+    line: int
+    alias: str
+    program: str
+    place: int
 
 
 class Statement(NamedTuple):
@@ -87,7 +109,8 @@ class ProgramCode:
         text = files.read_bytes(path)
         self.path = path
         self.hidden = {m[1].decode("latin-1").lower() for m in _HIDING.finditer(text)}
-        self.parameters = {m[1].decode("latin-1").lower() for m in _PARAMETER.finditer(text)}
+        self._given = [(m[1].lower(), _BY_VALUE.search(m[2]) is not None) for m in _PARAMETER.finditer(text)]
+        self.parameters = {name.decode("latin-1") for name, _ in self._given}
         self.starts_tasks = _TASK.search(text) is not None
         self.source = Source(path, _TEXT.sub(lambda m: b" " * len(m[0]), text))
 
@@ -95,6 +118,11 @@ class ProgramCode:
     def data(self) -> bytes:
         """The blanked text."""
         return self.source.data
+
+    @property
+    def name(self) -> str:
+        """The name of the program in lower case."""
+        return self.path.stem.lower()
 
     @cached_property
     def aliases(self) -> list[str]:
@@ -142,14 +170,35 @@ class ProgramCode:
         return text if text in self.hidden else ""
 
     def written(self) -> Iterator[tuple[Reference, int]]:
-        """Yield the references that assignments and `setFrame` write, each with its line."""
+        """Yield the references that assignments, `setFrame` and `link` write, each with its line."""
         for m in ASSIGNMENT.finditer(self.data):
             if (found := self.reference(*m.span(1))) is not None:
                 yield found, self.source.line(m.start(1))
-        for m in _SET_FRAME.finditer(self.data):
-            for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[3:]:
+        for pattern, some in ((_SET_FRAME, slice(3, None)), (_LINK, slice(1))):
+            for m in pattern.finditer(self.data):
+                for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[some]:
+                    if (found := self.reference(start, end)) is not None:
+                        yield found, self.source.line(start)
+
+    def handed(self) -> Iterator[Handed]:
+        """Yield the data that calls hand to programs."""
+        for m in _CALLED.finditer(self.data):
+            alias, name = (m[1] or b"").decode("latin-1").lower(), m[2].decode("latin-1").lower()
+            for k, (start, end) in enumerate(self.arguments(m.end(), min(m.end() + 1000, len(self.data)))):
                 if (found := self.reference(start, end)) is not None:
-                    yield found, self.source.line(start)
+                    yield Handed(found, self.source.line(start), alias, name, k)
+
+    def may_change(self, place: int) -> bool:
+        """Return whether the program may change the argument of a parameter, by its place."""
+        if place >= len(self._given):
+            return True
+        name, by_value = self._given[place]
+        word = re.compile(rb"(?<![\w.:])" + name + rb"(?!\w)", re.I)
+        return not by_value and any(
+            _CHANGES.search(self.data, one.start, one.end) or ASSIGNMENT.match(self.data, one.start, one.end)
+            for one in self.statements()
+            if word.search(self.data, one.start, one.end)
+        )
 
     def _reference(self, m: re.Match[bytes]) -> Reference | None:
         parts = []

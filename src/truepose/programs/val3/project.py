@@ -12,7 +12,7 @@ from typing import Final
 from truepose.errors import FileError
 from truepose.programs.core.points import FileLine
 from truepose.programs.core.source import Source
-from truepose.programs.val3.code import ProgramCode
+from truepose.programs.val3.code import ProgramCode, Reference
 from truepose.programs.val3.frames import Place, Table
 from truepose.programs.val3.values import Value, read_data
 
@@ -128,12 +128,27 @@ class Project:
             self._written = {}
             for application in self.applications:
                 for code in self.codes(application):
-                    for reference, line in code.written():
-                        name = reference.parts[0][0] + _index(reference.parts[0][1])
+                    for reference, line in (*code.written(), *self._changed_by_calls(application, code)):
                         owner = self.library(application, reference.alias) if reference.alias else application
+                        place = FileLine(self.shown(code.path), line)
                         for one in self.applications if owner is None else (owner,):
-                            self._written.setdefault((one.path, name), FileLine(self.shown(code.path), line))
+                            for name in self._names(one, *reference.parts[0]):
+                                self._written.setdefault((one.path, name), place)
         return self._written
+
+    def _names(self, application: Application, name: str, index: str | None) -> Iterator[str]:
+        """Yield the data that a name with an index may mean."""
+        yield name + _index(index)
+        if index is None:
+            yield from (v.name.lower() for _, v in self.values(application) if v.name.lower().startswith(f"{name}["))
+
+    def _changed_by_calls(self, application: Application, code: ProgramCode) -> Iterator[tuple[Reference, int]]:
+        """Yield the data that a program hands to others which may change them, each with its line."""
+        for handed in code.handed():
+            owner = self.library(application, handed.alias) if handed.alias else application
+            programs = [] if owner is None else [one for one in self.codes(owner) if one.name == handed.program]
+            if not programs or any(one.may_change(handed.place) for one in programs):
+                yield handed.reference, handed.line
 
     @staticmethod
     def shown(path: Path) -> str:

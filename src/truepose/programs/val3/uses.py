@@ -208,6 +208,8 @@ class _Program:
             variable = ""
         if value is None:
             return False
+        if not variable:
+            self._uses.variables.loose |= self._not_known(*goal)
         if value.axes:
             said = shown(self._code.data, *goal) if variable else ""
             self._uses.moved.append(ShiftedMotion(value, said, place, use))
@@ -215,6 +217,11 @@ class _Program:
             for point in value.points:
                 point.uses.append(use(point))
         return True
+
+    def _not_known(self, start: int, end: int) -> set[str]:
+        """Return the names in a piece of code whose values are not known here, if a program assigns them."""
+        found = [one for one in self._code.references(start, end) if one.alias == self._alias]
+        return {one.parts[0][0] for one in found if one.key not in self._values}
 
     def _computed(self, word: str, goal: tuple[int, int]) -> None:
         """Note a motion to what the program computes."""
@@ -231,7 +238,7 @@ class _Program:
         reference = self._code.reference(start, end)
         if reference is None or any(index is None for _, index in reference.parts):
             return ""
-        return reference.text
+        return reference.key
 
     def _value(self, start: int, end: int) -> Shifted | None:
         """Return the value of an expression of points; None where it is not known."""
@@ -266,6 +273,7 @@ class _Program:
             taken.append(left)
             self._write(reference, place)
         if not name:
+            self._forget(reference)
             return
         taken.append(left)
         if not parts:
@@ -278,6 +286,13 @@ class _Program:
             self._values[name] = value
         else:
             self._values[name] = self._component(name, parts, statement, m.end(), taken)
+
+    def _forget(self, written: Reference | None) -> None:
+        """Forget the values of an array of which the run time knows the element that is written."""
+        if written is not None and any(index is None for _, index in written.parts):
+            start = written.key.partition("[")[0]
+            for name in [name for name in self._values if name.partition("[")[0] == start]:
+                self._values[name] = None
 
     def _target(self, start: int, end: int) -> tuple[str, list[str]]:
         """Return the variable that an assignment writes, and the names behind it, such as ``trsf``, ``z``."""
