@@ -292,3 +292,27 @@ def test_frames_that_another_program_sets(tmp_path: Path) -> None:
     assert target(loose, "P[1]").verdict == "correct"
     known = with_programs({"SETUP": "  PR[40]=LPOS\n  UFRAME[1]=PR[40]"}, code, PR40=(0.0,) * 6)
     assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == "refuse"
+
+
+def test_a_register_that_goes_elsewhere_on_some_way_shares_what_is_known(tmp_path: Path) -> None:
+    end = "L PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"
+    on_one_way = f"  IF (DI[1]) THEN\n{COPY}  ENDIF\n{end}"
+    at_the_next_start = f"L PR[1] 9mm/sec FINE\n{COPY}L P[1] 9mm/sec FINE"
+    for code in (on_one_way, at_the_next_start):
+        program = judged(tmp_path, code)
+        assert shifts(program) == {(0.0, 0.0, 50.0)}, code
+        assert follows(program, "PR[1]") == []
+        assert (target(program, "P[1]").verdict, target(program, "PR[1]").verdict) == ("correct", "skip")
+        assert target(judged(tmp_path, code, derived=False), "P[1]").verdict == "refuse"
+    other = judged(tmp_path, on_one_way.replace(end, f"  UFRAME_NUM=2\n{end}"))
+    assert target(other, "P[1]").verdict == "refuse"
+
+
+@pytest.mark.parametrize("shift", ["Offset,PR[9]", "Tool_Offset,PR[9]", "Offset", "INC", "VOFFSET,VR[1]"])
+@pytest.mark.parametrize("derived", [False, True])
+def test_a_shift_counts_for_every_position_that_may_be_meant(shift: str, derived: bool, tmp_path: Path) -> None:
+    code = f"L P[R[5]] 9mm/sec FINE {shift}\nL P[1] 9mm/sec FINE"
+    program = judged(tmp_path, code, derived=derived)
+    assert [target(program, f"P[{k}]").verdict for k in (1, 2, 3)] == ["refuse", "skip", "skip"]
+    plain = judged(tmp_path, code.replace(f" {shift}", ""), derived=derived)
+    assert [target(plain, f"P[{k}]").verdict for k in (1, 2, 3)] == ["correct"] * 3

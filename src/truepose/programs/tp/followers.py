@@ -45,6 +45,11 @@ class Follower(NamedTuple):
     how: str
     use: Callable[[Point], Use]
 
+    @property
+    def of_register(self) -> bool:
+        """Whether it goes to a register, and not to a position of the program itself."""
+        return self.own is None and not self.indirect
+
 
 class Followers:
     """The followers of one program.
@@ -72,17 +77,18 @@ class Followers:
     def settle(self, found: Found, states: list[State]) -> None:
         """Connect the motions with the positions that they are derived from."""
         for one in self._all:
-            goal = found.goals.get(one.target)
-            if goal is None or not goal.complete or not goal.shifts:
+            goal, problem = found.goals.get(one.target), one.target.problem
+            if goal is None or not goal.shifts or not (goal.complete or one.of_register):
                 continue
             sources = [(self._source(name), axes, shifts) for (name, axes), shifts in goal.shifts.items()]
-            if not (one.own or one.indirect) and not all(
-                self._in_frame(point, states[one.node]) for point, _, _ in sources
-            ):
+            if one.of_register and not all(self._in_frame(point, states[one.node]) for point, _, _ in sources):
                 for point, _, _ in sources:
                     point.reads.append((one.line, _OTHER_FRAME))
                 continue
             self._follow(one, sources)
+            if not goal.complete:  # on some way it goes elsewhere
+                one.target.follows, one.target.shift, one.target.problem = [], None, problem
+                self.resolved.discard(id(one.target))
         for name, (place, how) in found.spoiled.items():
             if isinstance(name, Element) and name.array == "P" and not self._is_own(name, place):
                 self._source(name).reads.append((place, how))

@@ -376,7 +376,7 @@ class _Reader(Reader):
         for target, motion in self._indirect:
             if not (allowed and id(target) in resolved):
                 some = (p for p in self._positions.all() if p.values or p.joints)
-                self._moves += [_Move(p, motion._replace(problem=None)) for p in some]
+                self._moves += [_Move(p, motion) for p in some]
         for point, motion, shifted in self._moves:
             if shifted is not None and id(shifted) in resolved:
                 if allowed:
