@@ -316,3 +316,24 @@ def test_a_shift_counts_for_every_position_that_may_be_meant(shift: str, derived
     assert [target(program, f"P[{k}]").verdict for k in (1, 2, 3)] == ["refuse", "skip", "skip"]
     plain = judged(tmp_path, code.replace(f" {shift}", ""), derived=derived)
     assert [target(plain, f"P[{k}]").verdict for k in (1, 2, 3)] == ["correct"] * 3
+
+
+OF_ANY = "  R[1]=DI[1]\n"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "L P[AR[1]] 9mm/sec FINE Offset,PR[9]",
+        "L P[R[1]] 9mm/sec FINE RTCP",
+        "  PR[3]=P[R[1]]\n  PR[3,3]=PR[3,3]+R[7]\nL PR[3] 9mm/sec FINE",
+        "L P[R[1]] 9mm/sec FINE\n  PR[3]=P[R[1]]\n  PR[3,3]=PR[3,3]+R[7]\nL PR[3] 9mm/sec FINE",
+        "  PR[R[1]]=P[2]\nL PR[3] 9mm/sec FINE",
+    ],
+)
+@pytest.mark.parametrize("derived", [False, True])
+def test_a_position_whose_number_the_run_time_knows_may_be_any(tmp_path: Path, code: str, derived: bool) -> None:
+    found = target(judged(tmp_path, f"{OF_ANY}{code}\nL P[2] 9mm/sec FINE", derived=derived), "P[2]")
+    assert found.verdict == "refuse"
+    plain = f"{OF_ANY}L P[R[1]] 9mm/sec FINE\nL P[2] 9mm/sec FINE"
+    assert target(judged(tmp_path, plain, derived=derived), "P[2]").verdict == "correct"

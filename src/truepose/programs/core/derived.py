@@ -52,11 +52,19 @@ class Assign(NamedTuple):
 
 
 class Move(NamedTuple):
-    """A motion to an expression; `motion` is the reader's own object for it."""
+    """A motion to an expression; `motion` is the reader's own object for it.
+
+    `itself`: whether an element of an array that is not known is left to the reader.
+    """
 
     motion: Hashable
     expression: Expression
     place: Place
+    itself: bool = False
+
+    def left(self, sources: Iterable[Name]) -> list[Name]:
+        """Return the points whose use is not left to the reader."""
+        return [one for one in sources if not (self.itself and isinstance(one, Element) and one.place is None)]
 
 
 class Escape(NamedTuple):
@@ -140,9 +148,9 @@ class Derivations:
             self._elements[name.array].add(name)
         self._note(Assign(name, expression, axis, place))
 
-    def move(self, motion: Hashable, expression: Expression, place: Place) -> None:
-        """Note a motion; `motion` is any object by which its positions are found again."""
-        self._note(Move(motion, expression, place))
+    def move(self, motion: Hashable, expression: Expression, place: Place, *, itself: bool = False) -> None:
+        """Note a motion; `motion` is any object by which its positions are found again; for `itself` see `Move`."""
+        self._note(Move(motion, expression, place, itself))
 
     def escape(self, names: Sequence[Name], place: Place, how: str) -> None:
         """Note any other use of variables."""
@@ -340,7 +348,8 @@ class _Walk:
         for events in self._events.values():
             for event in events:
                 names = event.names if isinstance(event, Escape) else names_in(event.expression)
-                self._spoil([name for name in names if self._is_point(name)], event.place, how)
+                points = [name for name in names if self._is_point(name)]
+                self._spoil(event.left(points) if isinstance(event, Move) else points, event.place, how)
 
     def _spoil(self, sources: Iterable[Name], place: Place, how: str) -> None:
         spoiled = self._found.spoiled
@@ -461,7 +470,7 @@ class _Walk:
             self._most = max(self._most, sum(map(len, goals.values())))
         else:
             self._open.add(event.motion)
-            self._spoil(sources_of(value), event.place, NOT_CONSTANT)
+            self._spoil(event.left(sources_of(value)), event.place, NOT_CONSTANT)
 
 
 def _along(value: At) -> tuple[Along, tuple[float, ...]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
-from truepose.programs.core.arithmetic import Expression, Name, Number, Opaque, Operation, Shifted, Variable
+from truepose.programs.core.arithmetic import Element, Expression, Name, Number, Opaque, Operation, Shifted, Variable
 from truepose.programs.core.derived import Derivations, Derived
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.graph import Counter
@@ -138,13 +138,14 @@ class RegisterFlow:
         return self._uses_registers
 
     def assign(self, code: bytes, line: int) -> bool:
-        """Take an assignment to a register; return whether the instruction is one."""
+        """Take an assignment to a register; return whether the instruction is one whose register is known."""
         code = without_comments(code, self._facts.group)
         if not self._uses_registers or (one := assignment_in(code)) is None:
             return False
         if one.number is None:
             self._any_written(one, line)
-        elif one.kind == "R":
+            return False
+        if one.kind == "R":
             self._assign(("R", one.number), self._arithmetic.number(one.value), line)
         elif one.number in self._offsets:
             self._shift_set(one, one.number, line)
@@ -238,8 +239,12 @@ class RegisterFlow:
     def move(self, motion: Hashable | None, goal: Expression | None, code: bytes, line: int) -> None:
         """Take a motion; without an object of its own it goes to a position of the program itself."""
         if motion is not None and goal is not None:
+            inner: Expression = goal
+            while isinstance(inner, Shifted):
+                inner = inner.of
+            itself = isinstance(inner, Variable) and inner.name == "P"
             for one in self._both():
-                one.move(motion, goal, line)
+                one.move(motion, goal, line, itself=itself)
         code = without_comments(code, self._facts.group)
         names = self._arithmetic.names_in(code if goal is None else _OFFSET.sub(b"", code))
         how = "moved to with a shift that is known at run time only" if goal is None else "used by another instruction"
@@ -261,6 +266,8 @@ class RegisterFlow:
             match name:
                 case "P", (int(number),):
                     return name == point(number) and is_point(number)
+                case Element("P", None):  # one of them
+                    return True
             return False
 
         found = self._derivations.solve(known, self._facts.number)

@@ -90,7 +90,12 @@ class Followers:
                 one.target.follows, one.target.shift, one.target.problem = [], None, problem
                 self.resolved.discard(id(one.target))
         for name, (place, how) in found.spoiled.items():
-            if isinstance(name, Element) and name.array == "P" and not self._is_own(name, place):
+            if not isinstance(name, Element) or name.array != "P":
+                continue
+            if name.place is None:
+                for point in self._positions.all():
+                    point.reads.append((place, how))
+            elif not self._is_own(name, place):
                 self._source(name).reads.append((place, how))
 
     def _follow(self, one: Follower, sources: list[tuple[Point, Along, list[tuple[float, ...]]]]) -> None:
