@@ -337,3 +337,18 @@ def test_a_position_whose_number_the_run_time_knows_may_be_any(tmp_path: Path, c
     assert found.verdict == "refuse"
     plain = f"{OF_ANY}L P[R[1]] 9mm/sec FINE\nL P[2] 9mm/sec FINE"
     assert target(judged(tmp_path, plain, derived=derived), "P[2]").verdict == "correct"
+
+
+@pytest.mark.parametrize("joints", ["JPOS-JPOS", "JPOS - JPOS"])
+def test_a_register_of_joint_angles_is_no_shift_in_space(joints: str, tmp_path: Path) -> None:
+    code = f"  PR[2]={joints}\n  PR[2,3]=20\nL P[1] 9mm/sec FINE Offset,PR[2]\nL P[1] 9mm/sec FINE"
+    assert target(judged(tmp_path, code), "P[1]").verdict == "refuse"
+    assert shifts(judged(tmp_path, code.replace(joints, "LPOS-LPOS"))) == {(0.0, 0.0, 20.0)}
+
+
+def test_an_instruction_may_be_a_macro_of_which_the_backup_has_no_text(tmp_path: Path) -> None:
+    code = f"{COPY}  OPEN GRIPPER\nL PR[1] 9mm/sec FINE\nL P[1] 9mm/sec FINE"
+    known = with_programs({"X": "  R[1]=1"}, code)
+    assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == "refuse"
+    without = code.replace("  OPEN GRIPPER\n", "")
+    assert target(judged(tmp_path, without, registers=known), "P[1]").verdict == "correct"

@@ -104,9 +104,14 @@ def terms_in(value: bytes) -> list[Term]:
 
 
 def is_zero(value: bytes) -> bool:
-    """Return whether a value is a position minus itself, which programs write to clear a register."""
+    """Return whether a value is a position minus itself, which programs write to clear a register.
+
+    ``JPOS-JPOS`` makes it one of joint angles.
+    """
     terms = terms_in(value)
-    return len(terms) == 2 and terms[0].sign == "+" and terms[1] == terms[0]._replace(sign="-")
+    return (
+        len(terms) == 2 and terms[0].kind != "JPOS" and terms[0].sign == "+" and terms[1] == terms[0]._replace(sign="-")
+    )
 
 
 class Offsets:

@@ -144,9 +144,9 @@ class Registers:
         return found
 
     def macros(self) -> Effects | None:
-        """Return the effects of any macro; None without a backup."""
+        """Return the effects of any macro; None where none is known, so that an instruction may be any."""
         names = [name for name, effects in self.programs.items() if effects.macro]
-        return self.behind(names) if self.programs else None
+        return self.behind(names) if names else None
 
 
 def _by_use(uses: Iterable[tuple[str, frozenset[_Used]]]) -> dict[_Used, list[str]]:
