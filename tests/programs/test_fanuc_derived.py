@@ -352,3 +352,9 @@ def test_an_instruction_may_be_a_macro_of_which_the_backup_has_no_text(tmp_path:
     assert target(judged(tmp_path, code, registers=known), "P[1]").verdict == "refuse"
     without = code.replace("  OPEN GRIPPER\n", "")
     assert target(judged(tmp_path, without, registers=known), "P[1]").verdict == "correct"
+
+
+@pytest.mark.parametrize("shift", ["Offset,PR[2],UFRAME[2]", "Tool_Offset,PR[2],UTOOL[2]", "Offset, PR[2] , UFRAME[1]"])
+def test_a_shift_along_axes_that_the_motion_names_is_not_followed(shift: str, tmp_path: Path) -> None:
+    code = f"  PR[2]=LPOS-LPOS\n  PR[2,3]=20\nL P[1] 9mm/sec FINE {shift}\nL P[1] 9mm/sec FINE"
+    assert target(judged(tmp_path, code), "P[1]").verdict == "refuse"

@@ -46,6 +46,8 @@ _OWN_WORDS = re.compile(
 _FROM_REGISTER = re.compile(rb"=\s*PR\s*\[\s*(\d{1,5})\s*(?::[^\]]*)?\][\s;]*$", re.I)
 _SAME: Final = 1e-4  # [mm], and of direction cosines
 _OFFSET = re.compile(rb"(?<!\w)(?:Tool_)?Offset\s*,\s*PR\s*\[[^\]]*\]", re.I)
+_OWN_AXES = re.compile(rb"Offset\s*,\s*PR\s*\[[^\]]*\]\s*,\s*U(?:FRAME|TOOL)\b", re.I)
+"""A shift along the axes of another frame or tool than those in force."""
 _ENDS_EARLY = re.compile(rb"\b(?:Skip|Search)\b", re.I)
 _EXACT = re.compile(rb"\bFINE\b", re.I)
 
@@ -227,7 +229,7 @@ class RegisterFlow:
 
         None where this is not followed.
         """
-        if kind == "PR" and number is not None and number in self._offsets:
+        if _OWN_AXES.search(shifts) or (kind == "PR" and number is not None and number in self._offsets):
             return None
         found = self._arithmetic.of(Term("+", kind, number, given_by))
         for m in re.finditer(rb"(?<!\w)(Tool_)?Offset\b\s*(?:,\s*PR\s*\[\s*(\d{1,5})\s*[\]:])?", shifts, re.I):
