@@ -109,6 +109,7 @@ SPOILED = {
     "a number that changes": f"Incr n;\nMoveL Offs(p1,0,0,n){END}",
     "a number of a routine": f"n:=5;\nmeasure n;\nMoveL Offs(p1,0,0,n){END}",
     "a turn": f"MoveL RelTool(p1,0,0,5\\Rz:=25){END}",
+    "a variable that is set by its name": f'pApp:=Offs(p1,0,0,50);\nSetDataVal "pApp",p2;\nMoveL pApp{END}',
     "a height that is set": f"pApp:=p1;\npApp.trans.z:=500;\nMoveL pApp{END}",
     "an orientation that is set": f"pApp:=p1;\npApp.rot:=orient;\nMoveL pApp{END}",
     "a condition": "IF p1.trans.z>500 Stop;\n",

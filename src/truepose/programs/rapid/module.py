@@ -384,6 +384,7 @@ class RapidModule:
         elif exact:
             self._names.change(start, line)
             for variable in self._task.of_name(start):
+                self._task.derivations.escape(variable, self._names.place(line), f"set by {name}")
                 for point in variable.elements.values():
                     point.writes.append((self._names.place(line), f"set by {name}"))
         else:
