@@ -214,3 +214,16 @@ def test_a_point_of_a_smoothed_path(tmp_path: Path, make_map: Any) -> None:
     assert "smoothed" not in shared["q3"][1]
     assert np.allclose(shared["q3"][0], [0.0, 0.5, 0.0], atol=1e-3)
     assert "smoothed" in shared["q2"][1]
+
+
+@pytest.mark.parametrize("opener", ["WHILE up(1) DO", "WHILE n<3 AND up(2) DO"])
+def test_the_condition_of_while_is_evaluated_again_behind_each_turn(opener: str, tmp_path: Path) -> None:
+    target = f"[[600,0,500],[1,0,0,0],[0,0,0,0],[{','.join(['9E9'] * 6)}]]"
+    path = tmp_path / "m.mod"
+    body = f"pa:=p1;\n{opener}\nMoveL pa,v100,fine,tool0;\nENDWHILE\nMoveL p1,v100,fine,tool0;\n"
+    up = "FUNC bool up(num k)\npa.trans.z:=pa.trans.z+50;\nRETURN TRUE;\nENDFUNC\n"
+    data = f"CONST robtarget p1:={target};\nLOCAL VAR robtarget pa;\nVAR num n;\n"
+    for code, verdict in ((body, "refuse"), (body.replace("WHILE", "IF").replace(" DO", " THEN"), "correct")):
+        path.write_text(f"MODULE m\n{data}PROC main()\n{code}ENDPROC\nLOCAL {up}ENDMODULE\n")
+        program = read_program(path, None, ReadOptions(derived=True, whole_task=True))
+        assert p1(program).verdict == verdict

@@ -70,6 +70,7 @@ class RapidModule:
             raise FileError(source.path, "has no MODULE: it is no RAPID module")
         self._names = ModuleNames(source, task)
         self._open: list[tuple[str, int]] = []
+        self._conditions: list[list[Token]] = []
         self._key = ""
         self._initial: list[tuple[list[Token], int]] = []
         self._motions = RapidMotionReader(self._names)
@@ -247,6 +248,7 @@ class RapidModule:
         elif word in ("IF", "TEST", "FOR", "WHILE"):
             self._names.read_by(rest, line)
             self._begin_block(word, rest, line)
+            self._conditions += [rest] * (word == "WHILE")
         elif word in ("ELSEIF", "ELSE"):
             self._names.read_by(rest, line)
             flow.branch("ELSE", last=word == "ELSE")
@@ -257,6 +259,8 @@ class RapidModule:
         elif word in LOOPS:
             if word == "ENDFOR" and self._names.counters:
                 self._names.counters.pop()
+            if word == "ENDWHILE" and self._conditions:  # it is evaluated again
+                self._names.read_by(self._conditions.pop(), line)
             self._task.derivations.derivations.end_loop(word, LOOPS[word], self._names.place(line))
         elif word in HANDLERS and (len(statement) == 1 or statement[1].text == "(") and self._routine():
             flow.part()
