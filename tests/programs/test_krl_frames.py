@@ -254,3 +254,22 @@ def test_a_literal_base_is_refused_where_the_world_moves_with_the_robot(read: An
         (target,) = read(f"BAS(#TOOL,1)\n{base}\nLIN {POSE}", table=table).targets
         assert target.verdict == "refuse"
         assert "cannot be used: an axis carries the robot" in target.reason
+
+
+@pytest.mark.parametrize(
+    ("call", "verdict"),
+    [
+        ("set(TOOL_DATA[1])", "refuse"),
+        ("set( BASE_DATA[ 1 ] )", "refuse"),
+        ("i=set(BASE_DATA[i])", "refuse"),
+        ("gone(3,BASE_DATA[1])", "refuse"),
+        ("set(BASE_DATA[2])", "correct"),
+        ("take(BASE_DATA[1],TOOL_DATA[1])", "correct"),
+        ("f=INV_POS(BASE_DATA[1])", "correct"),
+    ],
+)
+def test_a_tool_or_base_that_a_routine_gets_may_be_changed_there(read: Read, call: str, verdict: str) -> None:
+    others = "DEF set(F:OUT)\nFRAME F\nF.Z=5\nEND\nDEF take(F:IN,G :IN)\nFRAME F,G\nEND\n"
+    program = read(f"DEF cell( )\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nLIN {POSE}\n{call}\nEND\n{others}")
+    assert program.targets[0].verdict == verdict, program.targets[0].reason
+    assert verdict == "correct" or "_DATA[1] is changed by the program (line 5)" in program.targets[0].reason

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
@@ -11,10 +11,13 @@ from truepose.programs.core.source import Source, shown, strip
 from truepose.programs.krl.constants import NO_CONSTANTS, Constants, key_of
 from truepose.programs.krl.lexer import BLANK, CARTESIAN, closing_brace, parse_aggregate
 from truepose.programs.krl.names import read_fdat
+from truepose.programs.krl.words import KEEPS_FRAMES
 
 Which = Literal["tool", "base"]
 SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
 _DATA: Final = {"tool": "TOOL_DATA", "base": "BASE_DATA"}
+_CALL: Final = re.compile(rb"(?<![\w$])(\w+)[ \t]*\(([^()]*)\)")
+_TABLE: Final = re.compile(rb"(TOOL|BASE)_DATA[ \t]*(?:\[[ \t]*([^\]]*?)[ \t]*\])?", re.I)
 _CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*([A-Za-z]?\w{1,40})\s*\]", re.I)
 _WITH_FUNCTION = re.compile(
     rb"(STOOL2?|SBASE|SIPO_MODE)\s*\(\s*(\w+)\s*(?:\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)\s*)?\)", re.I
@@ -103,3 +106,19 @@ def bas(flow: Flow, source: Source, start: int, end: int, line: int, constants: 
 
 def _numbered(which: Which, number: int) -> InForce:
     return InForce("number", f"{_DATA[which]}[{number}]", number)
+
+
+def handed(data: bytes, start: int, end: int) -> Iterator[tuple[Which, int | None]]:
+    """Yield the tools and bases that a statement hands to a routine which may change them; None: any of them."""
+    for call in _CALL.finditer(data, start, end):
+        name = call[1]
+        if name.decode("latin-1").upper() in KEEPS_FRAMES:
+            continue
+        head = re.search(rb"\bDEF(?:FCT[ \t]+\w+)?[ \t]+" + re.escape(name) + rb"[ \t]*\(([^()\r\n]*)\)", data, re.I)
+        given = head[1].split(b",") if head else []
+        for k, argument in enumerate(call[2].split(b",")):
+            m = _TABLE.fullmatch(argument.strip())
+            if m is None or (k < len(given) and given[k].strip().upper().endswith(b":IN")):
+                continue
+            which: Which = "tool" if m[1].upper() == b"TOOL" else "base"
+            yield which, int(m[2]) if (m[2] or b"").isdigit() and len(m[2]) < 5 else None

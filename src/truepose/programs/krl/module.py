@@ -20,7 +20,7 @@ from truepose.programs.krl import runs as krl_runs
 from truepose.programs.krl.constants import find_constants
 from truepose.programs.krl.controller import is_null
 from truepose.programs.krl.derived import KrlDerivations
-from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_value, ipo_value
+from truepose.programs.krl.frames import SYSTEM, Which, bas, fdat_value, frame_value, handed, ipo_value
 from truepose.programs.krl.lexer import Lines, Statement, pieces, statements
 from truepose.programs.krl.libraries import is_encoded
 from truepose.programs.krl.motions import KrlMotionReader, Settings
@@ -326,6 +326,7 @@ class KrlModule:
         if FRAME_CHANGE.search(data, start, end):
             unknown = InForce("unknown", f"{shown(data, start, end)} (line {line})")
             self._flow.change(tool=unknown, base=unknown)
+        self._hand_frames(statement)
         calls = self._names.scan(data, start, end, line)
         if calls:
             self._derivations.hand_over(data, start, end)
@@ -341,6 +342,7 @@ class KrlModule:
     def _assign(self, statement: Statement, m: re.Match[bytes]) -> None:
         word, line, start, rest, end = statement
         data, flow, fdats = self._src.data, self._flow, self._names.fdats
+        self._hand_frames(statement)
         followed = self._derivations.assign(self._src, statement, m, self._motions.place(line), whole=self._whole)
         if not followed and b"(" in data[m.end() : end]:
             self._derivations.hand_over(data, m.end(), end)
@@ -373,6 +375,12 @@ class KrlModule:
                 variable.writes[index].append((line, f"component {m[2].decode('latin-1').strip()} set"))
             else:
                 self._names.assign(self._src, variable, index, m.end(), end, line)
+
+    def _hand_frames(self, statement: Statement) -> None:
+        """Note the tools and bases that a routine gets and may change."""
+        if b"_DATA" in self._src.data[statement[2] : statement[4]].upper():
+            for key in handed(self._src.data, statement[2], statement[4]):
+                self._changed.setdefault(key, self._motions.place(statement[1]))
 
     def _interrupt(self, statement: Statement) -> bool:
         """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""
