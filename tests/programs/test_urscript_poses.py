@@ -291,3 +291,12 @@ def test_options_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.script"
     path.write_text(f"def a():\nw={P}\nmovel(w)\nx=w[2]\nend\n")
     assert read_program(path, None, ReadOptions(ambiguous="skip")).targets[0].verdict == "skip"
+
+
+@pytest.mark.parametrize(
+    "call", ["get_inverse_kin()", "pose_trans()", "pose_add( )", "pose_inv()", "get_inverse_kin", "f()"]
+)
+def test_calls_without_arguments_are_known_at_run_time_only(tmp_path: Path, call: str) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(f"def a():\n  x={call}\n  movel({call})\n  movej(x)\n  movel()\n  movec()\n  set_tcp()\nend\n")
+    assert read_program(path).counts()["correct"] == 0

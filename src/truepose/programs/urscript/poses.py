@@ -151,8 +151,8 @@ def parse(
         return Unknown(shown(text)) if point is None else Literal(point)
     if VARIABLE.fullmatch(text):
         return Name(key(text.decode()), text.decode())
-    if m := INVERSE.match(code, start, end):  # its other arguments choose the branch only
-        spans = arguments(code, m.end())
+    # other arguments of get_inverse_kin choose the branch only
+    if (m := INVERSE.match(code, start, end)) and (spans := arguments(code, m.end())):
         named = ARGUMENT.match(code, *spans[0])
         whole = code[spans[-1][1] : end].strip() == b")" and (named is None or named[1] == b"x")
         others = code[spans[0][1] : end]
