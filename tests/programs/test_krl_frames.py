@@ -263,6 +263,8 @@ def test_a_literal_base_is_refused_where_the_world_moves_with_the_robot(read: An
         ("set( BASE_DATA[ 1 ] )", "refuse"),
         ("i=set(BASE_DATA[i])", "refuse"),
         ("gone(3,BASE_DATA[1])", "refuse"),
+        ("gone(f(1,(2)),BASE_DATA[1])", "refuse"),
+        ("i=gone(set(BASE_DATA[1]),1)", "refuse"),
         ("set(BASE_DATA[2])", "correct"),
         ("take(BASE_DATA[1],TOOL_DATA[1])", "correct"),
         ("f=INV_POS(BASE_DATA[1])", "correct"),

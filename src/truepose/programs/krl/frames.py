@@ -16,7 +16,7 @@ from truepose.programs.krl.words import KEEPS_FRAMES
 Which = Literal["tool", "base"]
 SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
 _DATA: Final = {"tool": "TOOL_DATA", "base": "BASE_DATA"}
-_CALL: Final = re.compile(rb"(?<![\w$])(\w+)[ \t]*\(([^()]*)\)")
+_CALL: Final = re.compile(rb"(?<![\w$])(\w+)[ \t]*\((?=([^()]*(?:\([^()]*\)[^()]*)*)\))")
 _TABLE: Final = re.compile(rb"(TOOL|BASE)_DATA[ \t]*(?:\[[ \t]*([^\]]*?)[ \t]*\])?", re.I)
 _CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*([A-Za-z]?\w{1,40})\s*\]", re.I)
 _WITH_FUNCTION = re.compile(
@@ -115,7 +115,7 @@ def handed(data: bytes, start: int, end: int) -> Iterator[tuple[Which, int | Non
         if name.decode("latin-1").upper() in KEEPS_FRAMES:
             continue
         head = re.search(rb"\bDEF(?:FCT[ \t]+\w+)?[ \t]+" + re.escape(name) + rb"[ \t]*\(([^()\r\n]*)\)", data, re.I)
-        given = head[1].split(b",") if head else []
+        given = head[1].split(b",") if head and b"(" not in call[2] else []
         for k, argument in enumerate(call[2].split(b",")):
             m = _TABLE.fullmatch(argument.strip())
             if m is None or (k < len(given) and given[k].strip().upper().endswith(b":IN")):
