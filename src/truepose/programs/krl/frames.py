@@ -16,7 +16,10 @@ from truepose.programs.krl.words import KEEPS_FRAMES
 Which = Literal["tool", "base"]
 SYSTEM: Final[dict[str, Which]] = {"$TOOL": "tool", "$BASE": "base"}
 _DATA: Final = {"tool": "TOOL_DATA", "base": "BASE_DATA"}
-_CALL: Final = re.compile(rb"(?<![\w$])(\w+)[ \t]*\((?=([^()]*(?:\([^()]*\)[^()]*)*)\))")
+_PLAIN: Final = rb"[^()]*+"
+_ONE: Final = _PLAIN + rb"(?:\(" + _PLAIN + rb"\)" + _PLAIN + rb")*+"
+_TWO: Final = _PLAIN + rb"(?:\(" + _ONE + rb"\)" + _PLAIN + rb")*+"  # arguments with two levels of brackets in them
+_CALL: Final = re.compile(rb"(?<![\w$])(\w+)[ \t]*\((?=(" + _TWO + rb")\))")
 _TABLE: Final = re.compile(rb"(TOOL|BASE)_DATA[ \t]*(?:\[[ \t]*([^\]]*?)[ \t]*\])?", re.I)
 _CONSTANT = re.compile(rb"(TOOL_DATA|BASE_DATA)\s*\[\s*([A-Za-z]?\w{1,40})\s*\]", re.I)
 _WITH_FUNCTION = re.compile(
