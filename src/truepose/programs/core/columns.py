@@ -366,7 +366,7 @@ def _kind(target: Target, alike: list[Target], known: dict[object, int]) -> int:
     if key not in known:
         known[key] = len(alike)
         own = {"xyz": None, "angles": None, "status": None, "turn": None, "spans": (), "joints": None}
-        alike.append(replace(target, name="", line=0, derived=(), follows=(), **own))  # type: ignore[arg-type]
+        alike.append(replace(target, name="", line=0, derived=(), follows=(), **own))  # type: ignore[arg-type]  # of many types
     return known[key]
 
 

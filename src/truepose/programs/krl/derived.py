@@ -320,8 +320,8 @@ def _shift(
         return None
     parts = []
     for key in ("X", "Y", "Z"):
-        part = Number(aggregate.values[key]) if key in aggregate.values else None
-        part = part or arithmetic(aggregate.loose[key], names, known)  # type: ignore[assignment]
+        value = aggregate.values.get(key)
+        part = arithmetic(aggregate.loose[key], names, known) if value is None else Number(value)
         if part is None:
             return None
         parts.append(part)

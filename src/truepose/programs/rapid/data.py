@@ -62,7 +62,7 @@ def jointtarget(source: Source, options: ReadOptions, name: str, parsed: Value, 
     if [len(group) for group in groups] != [6, 6] or any(not isinstance(t, Token) for leaf in leaves for t in leaf):
         point.problem = Problem("skip", "joint target: an expression, known at run time only")
         return point
-    tokens: list[list[Token]] = leaves  # type: ignore[assignment]
+    tokens: list[list[Token]] = leaves  # type: ignore[assignment]  # the lines above leave tokens only
     texts = [source.data[leaf[0].start : leaf[-1].end] if leaf else b"" for leaf in tokens]
     simple = [len(leaf) == 1 and leaf[0].kind == "number" for leaf in tokens]
     if not all(simple[:6]):

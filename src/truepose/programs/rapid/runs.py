@@ -69,7 +69,7 @@ class RapidRuns:
         """Return the run that starts at a line's start."""
         for kind, finder in (("inline", self._inline), ("declared", self._declared), ("named", self._named)):
             if finder is not None and (lines := finder.find(position)) is not None:
-                self._kinds[lines.form] = kind  # type: ignore[assignment]
+                self._kinds[lines.form] = kind  # type: ignore[assignment]  # one of the three words above
                 return lines
         return None
 
