@@ -16,6 +16,7 @@ from typing import Final, TextIO
 import typer
 
 from truepose.cli import (
+    browser,
     demo,
     explain,
     fit,
@@ -72,6 +73,7 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
         "verify": verify.verify,
     },
     "Report": {"report": report.report},
+    "Browser": {"app": browser.app},
 }
 for _panel, _commands in _COMMANDS.items():
     for _name, _command in _commands.items():

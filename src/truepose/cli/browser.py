@@ -1,0 +1,39 @@
+"""``truepose app``: the application in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truepose.cli.output import say
+from truepose.errors import DataError
+
+
+def app(
+    workspace: Annotated[
+        Path, typer.Argument(metavar="WORKSPACE", help="Folder of the cells; created if needed.")
+    ] = Path(),
+    port: Annotated[int, typer.Option("--port", help="Port of the server; 0: a free one.", min=0, max=65535)] = 8765,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    demo: Annotated[bool, typer.Option("--demo", help="Add a virtual cell if the workspace holds no cell.")] = False,
+) -> None:
+    """Show the cells of a folder in the browser: measure, fit, correct and report; only this machine can reach it."""
+    try:
+        from truepose.web.server import serve
+    except ModuleNotFoundError as error:
+        raise DataError(f"the application needs {error.name}; install it with: pip install 'truepose[app]'") from None
+    from truepose.web.workspace import Workspace
+
+    if demo and not Workspace(workspace).cells():
+        from truepose.cli.output import working
+        from truepose.studies.demo import run_demo
+
+        with working("Making a virtual cell", quiet=False) as progress:
+            run_demo(workspace / "virtual-cell", progress=progress)
+
+    def announce(url: str) -> None:
+        say(f"Open {url}", "Stop with Ctrl-C.")
+
+    serve(workspace, port=port, browser=browser, announce=announce)

@@ -1,0 +1,52 @@
+"""The application: routes, security and the pages that Vite built."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+
+from truepose import __version__
+from truepose.web import cells, maps, measure, pages, problems, programs, reports, session, verifications
+from truepose.web.security import Guard
+from truepose.web.workspace import Workspace
+
+API = "/api/v1"
+
+
+def create_app(workspace: Workspace, guard: Guard) -> FastAPI:
+    """Return the application of a workspace.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        The folder of cells that the pages show and write.
+    guard : Guard
+        The start-up token, and the addresses that the server answers.
+    """
+
+    @asynccontextmanager
+    async def running(_app: FastAPI) -> AsyncIterator[dict[str, Any]]:
+        yield {}
+
+    app = FastAPI(
+        title="truepose",
+        version=__version__,
+        lifespan=running,
+        docs_url=None,  # these pages load scripts from elsewhere
+        redoc_url=None,
+        openapi_url=f"{API}/openapi.json",
+        generate_unique_id_function=lambda route: route.name,
+    )
+    app.state.workspace, app.state.guard = workspace, guard
+    problems.install(app)
+    api = APIRouter(prefix=API)
+    for routes in (session, cells, measure, maps, programs, verifications, reports):
+        api.include_router(routes.router)
+    app.include_router(api)
+    app.include_router(session.health)
+    pages.install(app)
+    app.add_middleware(guard.middleware)
+    return app

@@ -1,0 +1,24 @@
+"""Print the contract of the server: ``python -m truepose.web.openapi > frontend/openapi.json``."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+from truepose.web.app import create_app
+from truepose.web.security import Guard
+from truepose.web.workspace import Workspace
+
+
+def contract() -> str:
+    """Return the OpenAPI document as text; without the version, which changes with each release."""
+    with tempfile.TemporaryDirectory() as folder:
+        document = create_app(Workspace(Path(folder)), Guard(port=0)).openapi()
+    document["info"]["version"] = "1"
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(contract())

@@ -1,0 +1,105 @@
+"""Errors as problem documents (RFC 9457): what is wrong, in which file and line, and the remedy."""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from truepose.errors import FileError, RefusedError, TrueposeError
+
+_LOG = logging.getLogger(__name__)
+_NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT)
+
+
+class WebError(TrueposeError):
+    """An error of a request itself, with its status.
+
+    Parameters
+    ----------
+    status : int
+        The status of the answer.
+    title : str
+        The kind of problem in some words.
+    detail : str
+        The problem and its remedy.
+    """
+
+    def __init__(self, status: int, title: str, detail: str) -> None:
+        self.status, self.title = status, title
+        super().__init__(detail)
+
+
+def missing(what: str) -> WebError:
+    """Return the error of something that is not in the workspace."""
+    return WebError(404, "Not found", f"{what} is not in this workspace; reload the page")
+
+
+def problem_response(
+    status: int, title: str, detail: str, *, headers: Mapping[str, str] | None = None, **members: Any
+) -> Response:
+    """Return a problem document as an answer."""
+    body = {"type": "about:blank", "title": title, "status": status, "detail": detail, **members}
+    text = json.dumps(body, ensure_ascii=False).encode("utf-8", "backslashreplace")
+    return Response(text, status, media_type="application/problem+json", headers=dict(headers or {}))
+
+
+def problem_of(error: Exception) -> Response:
+    """Return the answer to a request that ended with an error."""
+    if isinstance(error, WebError):
+        return problem_response(error.status, error.title, str(error))
+    if isinstance(error, TrueposeError):
+        place: dict[str, Any] = {}
+        if isinstance(error, FileError):
+            place = {"file": str(error.path), "line": error.line}
+        status = 409 if isinstance(error, RefusedError) else 422
+        detail = "; ".join([str(error), *getattr(error, "__notes__", [])])
+        return problem_response(status, _TITLES.get(type(error).__name__, "Not possible"), detail, **place)
+    if isinstance(error, OSError) and error.errno in _NO_SPACE:
+        return problem_response(507, "Disk full", "the disk is full; nothing was written; free some space and repeat")
+    _LOG.error("internal error", exc_info=error)
+    detail = f"internal error ({type(error).__name__}); the server's terminal shows more; please report it"
+    return problem_response(500, "Internal error", detail)
+
+
+_TITLES: Final = {
+    "FileError": "File not accepted",
+    "DataError": "Data not accepted",
+    "RobotError": "Robot",
+    "IdentifiabilityError": "Not identifiable",
+    "KrigingError": "Kriging",
+    "RefusedError": "Refused",
+}
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error of the application with a problem document."""
+
+    def answer(make: Callable[[Any], Response]) -> Callable[[Request, Exception], Awaitable[Response]]:
+        async def handle(_request: Request, error: Exception) -> Response:
+            return make(error)
+
+        return handle
+
+    app.add_exception_handler(TrueposeError, answer(problem_of))
+    app.add_exception_handler(OSError, answer(problem_of))
+    app.add_exception_handler(RequestValidationError, answer(_invalid))
+    app.add_exception_handler(HTTPException, answer(_http))
+    app.add_exception_handler(Exception, answer(problem_of))
+
+
+def _invalid(error: RequestValidationError) -> Response:
+    found = [{"field": ".".join(map(str, one["loc"][1:])), "message": one["msg"]} for one in error.errors()]
+    words = "; ".join(f"{one['field'] or 'body'}: {one['message']}" for one in found)
+    return problem_response(422, "Request not accepted", words, errors=found)
+
+
+def _http(error: HTTPException) -> Response:
+    return problem_response(error.status_code, str(error.detail), str(error.detail), headers=error.headers)

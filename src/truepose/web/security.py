@@ -1,0 +1,176 @@
+"""The guard of the server: who may ask, from where, and how much.
+
+The start URL holds a token; it is exchanged for a cookie that no other site can send (``SameSite=Strict``). A request
+that changes something also needs the header ``X-Truepose-CSRF``, and the origin of the pages themselves. The header
+``Host`` must be an address that the server listens on, so that a foreign name that resolves to this machine gets no
+answer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
+from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from truepose.web.problems import problem_response
+from truepose.web.uploads import BodyTooLargeError, largest_body
+
+CSRF_HEADER: Final = "X-Truepose-CSRF"
+_TRIES, _WINDOW_S = 10, 60.0
+_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+HEADERS: Final = {
+    "Content-Security-Policy": (
+        "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""The headers of every answer: nothing from elsewhere, nothing inline, no foreign frame."""
+
+
+@dataclass
+class Guard:
+    """The start-up token, the hosts that the server answers, and the wrong tries of the last minute.
+
+    Parameters
+    ----------
+    port : int
+        The port of the server; part of the cookie's name, since cookies do not know ports.
+    token : str
+        The start-up token; random by default.
+    """
+
+    port: int
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
+    _wrong: deque[float] = field(default_factory=deque)
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """The values of the header ``Host`` that are answered."""
+        names = ("127.0.0.1", "localhost", "[::1]")
+        bare = names if self.port == 80 else ()
+        return frozenset({f"{name}:{self.port}" for name in names} | set(bare))
+
+    @property
+    def cookie(self) -> str:
+        """The name of the session cookie."""
+        return f"truepose-{self.port}"
+
+    @property
+    def session(self) -> str:
+        """The value of the session cookie; the token itself is in the start URL only."""
+        return self._derived("session")
+
+    @property
+    def csrf(self) -> str:
+        """The value of the header `CSRF_HEADER`."""
+        return self._derived("csrf")
+
+    def _derived(self, purpose: str) -> str:
+        return hmac.new(self.token.encode(), purpose.encode(), hashlib.sha256).hexdigest()
+
+    @property
+    def start_url(self) -> str:
+        """The address to open first."""
+        return f"http://127.0.0.1:{self.port}/?token={self.token}"
+
+    def middleware(self, app: ASGIApp) -> ASGIApp:
+        """Return the application behind this guard."""
+        return _Guarded(app, self)
+
+    def refusal(self, scope: Scope) -> Response | None:
+        """Return the answer to a request that is refused; None if it may pass."""
+        headers = Headers(scope=scope)
+        if headers.get("host") not in self.hosts:
+            return problem_response(400, "Unknown host", "open the address that 'truepose app' printed")
+        if not scope["path"].startswith("/api/"):
+            return None
+        if (value := cookie_parser(headers.get("cookie", "")).get(self.cookie)) is None:
+            return problem_response(401, "No session", "open the address with the token that 'truepose app' printed")
+        if not hmac.compare_digest(value.encode(), self.session.encode()):
+            return self._wrong_try("the session is not of this server")
+        if scope["method"] in _SAFE:
+            return None
+        origin = headers.get("origin")
+        if origin is not None and origin.removeprefix("http://") not in self.hosts:
+            return problem_response(403, "Foreign origin", f"pages of {origin} cannot change anything here")
+        if not hmac.compare_digest(headers.get(CSRF_HEADER, "").encode(), self.csrf.encode()):
+            return problem_response(
+                403, "Missing token", f"the header {CSRF_HEADER} is missing or wrong; reload the page"
+            )
+        return None
+
+    def start(self, scope: Scope) -> Response | None:
+        """Return the answer to the start URL: the session cookie, and the address without the token."""
+        if scope["path"] != "/" or scope["method"] != "GET":
+            return None
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token")
+        if given is None:
+            return None
+        if not hmac.compare_digest(given[0].encode(), self.token.encode()):
+            return self._wrong_try("the token is wrong")
+        answer = RedirectResponse("/", status_code=303)
+        answer.set_cookie(self.cookie, self.session, httponly=True, samesite="strict", path="/")
+        return answer
+
+    def _wrong_try(self, what: str) -> Response:
+        """Return 403, or 429 after many wrong tries in a minute."""
+        now = time.monotonic()
+        while self._wrong and now - self._wrong[0] > _WINDOW_S:
+            self._wrong.popleft()
+        if len(self._wrong) >= _TRIES:
+            return problem_response(
+                429, "Too many wrong tries", "wait a minute", headers={"Retry-After": f"{_WINDOW_S:.0f}"}
+            )
+        self._wrong.append(now)
+        return problem_response(403, "Refused", f"{what}; open the address that 'truepose app' printed")
+
+
+class _Guarded:
+    def __init__(self, app: ASGIApp, guard: Guard) -> None:
+        self._app, self._guard = app, guard
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+                if scope["path"].startswith("/api/"):
+                    headers.setdefault("Cache-Control", "no-store")
+            await send(message)
+
+        if (answer := self._guard.refusal(scope) or self._guard.start(scope)) is not None:
+            await answer(scope, receive, send_guarded)
+            return
+        limit, seen = largest_body(scope["path"]), 0
+        if int(Headers(scope=scope).get("content-length", "0")) > limit:
+            await BodyTooLargeError(limit).response()(scope, receive, send_guarded)
+            return
+
+        async def receive_limited() -> Message:
+            nonlocal seen
+            message = await receive()
+            seen += len(message.get("body", b""))
+            if seen > limit:
+                raise BodyTooLargeError(limit)
+            return message
+
+        await self._app(scope, receive_limited, send_guarded)
