@@ -1,0 +1,132 @@
+/**
+ * Long work: an endpoint answers 202 with a job, which runs in a process of its own.
+ *
+ *   const job = await runJob(post('/api/v1/maps', { body }), { onProgress: (job) => (shown = job) })
+ *   job.result    // what the command printed as JSON
+ *
+ * A job that fails throws the `ApiError` of its problem; a cancelled one throws `JobStopped`.
+ */
+import { ApiError, raw, type Problem } from './api'
+
+export interface Job {
+  id: string
+  command: string[]
+  folder: string
+  cell: string
+  title: string
+  state: 'queued' | 'running' | 'done' | 'failed' | 'cancelled' | 'interrupted'
+  step?: string | null
+  done?: number | null
+  total?: number | null
+  created?: string | null
+  started?: string | null
+  ended?: string | null
+  result?: unknown
+  problem?: unknown
+  warnings: string[]
+}
+
+const ACTIVE = new Set(['queued', 'running'])
+const list = $state<{ jobs: Job[] }>({ jobs: [] })
+
+/** All jobs of the workspace, newest first (reactive). */
+export const jobs = {
+  get list(): Job[] {
+    return list.jobs
+  },
+  get active(): Job[] {
+    return list.jobs.filter(isActive)
+  },
+}
+
+export class JobStopped extends Error {
+  readonly job: Job
+
+  constructor(job: Job) {
+    super(job.title)
+    this.name = 'JobStopped'
+    this.job = job
+  }
+}
+
+export function isActive(job: Job): boolean {
+  return ACTIVE.has(job.state)
+}
+
+/** Progress from 0 to 1; null while the total is unknown. */
+export function share(job: Job): number | null {
+  return job.total ? Math.min(1, (job.done ?? 0) / job.total) : null
+}
+
+/** Read the list of jobs again. */
+export async function loadJobs(): Promise<void> {
+  list.jobs = await raw('get', '/api/v1/jobs')
+}
+
+/** Follow a job that was just started until it ends. Cancelled through `signal`, the job is stopped too. */
+export async function runJob(
+  started: Promise<Job>,
+  { onProgress, signal }: { onProgress?: (job: Job) => void; signal?: AbortSignal } = {},
+): Promise<Job> {
+  const job = await started
+  const stop = () => void cancelJob(job)
+  signal?.addEventListener('abort', stop)
+  try {
+    const ended = await follow(job, onProgress)
+    if (ended.state === 'done') return ended
+    if (ended.problem) throw new ApiError(ended.problem as Problem)
+    throw new JobStopped(ended)
+  } finally {
+    signal?.removeEventListener('abort', stop)
+  }
+}
+
+/** Report a job's states until it ends; resolves with the ended job. */
+export function follow(job: Job, onProgress?: (job: Job) => void): Promise<Job> {
+  remember(job)
+  onProgress?.(job)
+  if (!isActive(job)) return Promise.resolve(job)
+  return new Promise((resolve, reject) => {
+    const source = new EventSource(`/api/v1/jobs/${job.id}/events`)
+    const take = (news: Job) => {
+      remember(news)
+      onProgress?.(news)
+      if (isActive(news)) return
+      source.close()
+      resolve(news)
+    }
+    source.onmessage = (event: MessageEvent<string>) => take(JSON.parse(event.data) as Job)
+    source.onerror = () => {
+      // the browser connects again on its own, unless the server refused or stopped
+      if (source.readyState !== EventSource.CLOSED) return
+      raw<Job>('get', '/api/v1/jobs/{id}', { path: { id: job.id } }).then(take, reject)
+    }
+  })
+}
+
+export async function cancelJob(job: Job): Promise<void> {
+  remember(await raw<Job>('delete', '/api/v1/jobs/{id}', { path: { id: job.id } }))
+}
+
+/** Run a finished, failed, cancelled or interrupted job again, as a new job. */
+export async function runAgain(job: Job): Promise<Job> {
+  const fresh = await raw<Job>('post', '/api/v1/jobs/{id}/run', { path: { id: job.id } })
+  void follow(fresh)
+  return fresh
+}
+
+/** The command line of a job, as it could be typed in its folder. */
+export function commandOf(job: Job): string {
+  return ['truepose', ...job.command].map(quote).join(' ')
+}
+
+/** Quote a word for a POSIX shell if it needs it. */
+export function quote(word: string): string {
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`
+}
+
+function remember(job: Job): void {
+  const index = list.jobs.findIndex((other) => other.id === job.id)
+  if (index >= 0) list.jobs[index] = job
+  else list.jobs.unshift(job)
+}

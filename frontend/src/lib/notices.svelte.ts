@@ -1,0 +1,50 @@
+/** Problems and short news, shown in a corner until the user closes them (news go on their own). */
+import { ApiError, type Problem } from './api'
+
+export interface Notice {
+  id: number
+  kind: 'problem' | 'news'
+  title: string
+  problem?: Problem
+}
+
+const list = $state<Notice[]>([])
+let last = 0
+
+export const notices: readonly Notice[] = list
+
+/** Show what went wrong: title, detail, file and line, remedy. Aborted requests are no problem. */
+export function showProblem(error: unknown): void {
+  if (error instanceof DOMException && error.name === 'AbortError') return
+  if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
+  else add({ kind: 'problem', title: error instanceof Error ? error.message : String(error) })
+}
+
+/** Tell a result in one line; screen readers read it too. */
+export function showNews(title: string): void {
+  const id = add({ kind: 'news', title })
+  setTimeout(() => closeNotice(id), 6000)
+}
+
+export function closeNotice(id: number): void {
+  const index = list.findIndex((notice) => notice.id === id)
+  if (index >= 0) list.splice(index, 1)
+}
+
+/** Run something that may fail and show its problem; undefined when it failed. */
+export async function attempt<T>(work: () => Promise<T>): Promise<T | undefined> {
+  try {
+    return await work()
+  } catch (error) {
+    showProblem(error)
+    return undefined
+  }
+}
+
+function add(notice: Omit<Notice, 'id'>): number {
+  const same = list.find((other) => other.title === notice.title && other.problem?.detail === notice.problem?.detail)
+  if (same) return same.id
+  list.push({ ...notice, id: ++last })
+  if (list.length > 5) list.shift()
+  return last
+}
