@@ -200,6 +200,13 @@ def test_a_value_is_not_followed_past_a_place_that_control_may_come_to(tmp_path:
     assert "read by arithmetic" in reason_of(found, "load1", "pPart1")
 
 
+@pytest.mark.parametrize("step", [b"951.2.3.5", b".", b"1..5", b"9" * 400])
+def test_a_value_is_not_followed_by_a_step_that_is_no_number(tmp_path: Path, step: bytes) -> None:
+    code = b"pUp=pPart1\n  pUp.trsf.z=pUp.trsf.z+"
+    found = read(changed(tmp_path, "load1/part1.pgx", code + b"95.5", code + step), derived=True)
+    assert "read by arithmetic" in reason_of(found, "load1", "pPart1")
+
+
 def test_an_element_without_a_value_is_named(tmp_path: Path) -> None:
     found = read(changed(tmp_path, "load1/odd.pgx", b"pOdd[1]", b"pOdd[0]"))
     assert reason_of(found, "load1", "podd[0]").startswith("it has no <Value> in the file")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from truepose.programs.core.points import FileLine, Frame, Point, Problem, Use
-from truepose.programs.core.source import shown
+from truepose.programs.core.source import parse_number, shown
 from truepose.programs.val3.code import ASSIGNMENT, ProgramCode, Reference, Statement
 
 _MOVE: Final = re.compile(rb"(?<![\w:])((?:alter)?mov(?:e)?([jlc])(f?))\s*\(\s*", re.I)
@@ -312,9 +312,13 @@ class _Program:
         variable, components = self._target(m.start(1), m.end(1))
         if variable != name or components != parts:
             return None
+        try:
+            step = parse_number(m[3])
+        except ValueError:
+            return None
         taken.append((start, statement.end))
         shift = [0.0, 0.0, 0.0]
-        shift[_AXES[parts[0]]] = float(m[3]) if m[2] == b"+" else -float(m[3])
+        shift[_AXES[parts[0]]] = step if m[2] == b"+" else -step
         how = code.data[slice(*code.trim(statement.start, statement.end))].decode("latin-1")
         return value.by((shift[0], shift[1], shift[2]), "frame", how)
 
