@@ -81,8 +81,31 @@ def test_every_answer_forbids_what_is_foreign(client: TestClient, path: str) -> 
     assert {name: answer.headers[name] for name in HEADERS} == HEADERS
 
 
+@pytest.mark.parametrize("stated", [True, False])
 def test_a_body_beyond_the_limit_is_refused_by_its_stated_and_by_its_true_size(
-    inside: TestClient, guard: Guard
+    guard: Guard, tmp_path: Path, stated: bool
 ) -> None:
-    headers = {CSRF_HEADER: guard.csrf}
-    assert inside.post("/api/v1/session", headers=headers, content=b"x" * (5 << 20)).status_code == 413
+    app = create_app(Workspace(tmp_path), guard)
+    read: list[int] = []
+
+    @app.post("/api/v1/echo")
+    def echo(body: dict[str, str]) -> int:
+        read.append(len(body))
+        return len(body)
+
+    client = TestClient(app, base_url=BASE)
+    client.get(f"/?token={guard.token}", follow_redirects=False)
+    content = b'{"a": "' + b"x" * (5 << 20) + b'"}'
+    answer = client.post(
+        "/api/v1/echo",
+        headers={CSRF_HEADER: guard.csrf, "Content-Type": "application/json"},
+        content=content if stated else (content[i : i + 65536] for i in range(0, len(content), 65536)),
+    )
+    assert answer.status_code == 413
+    assert "MB" in answer.json()["detail"]
+    assert read == []
+
+
+def test_a_wrong_length_is_refused(inside: TestClient, guard: Guard) -> None:
+    headers = {CSRF_HEADER: guard.csrf, "Content-Length": "-5"}
+    assert inside.post("/api/v1/session", headers=headers).status_code == 400

@@ -13,6 +13,7 @@ import hmac
 import secrets
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
 from urllib.parse import parse_qs
@@ -140,6 +141,8 @@ class Guard:
 
 
 class _Guarded:
+    """The application behind the guard: refusals, the limit of bodies, and the headers of every answer."""
+
     def __init__(self, app: ASGIApp, guard: Guard) -> None:
         self._app, self._guard = app, guard
 
@@ -147,30 +150,54 @@ class _Guarded:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        path: str = scope["path"]
 
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     headers.setdefault(name, value)
-                if scope["path"].startswith("/api/"):
+                if path.startswith("/api/"):
                     headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
         if (answer := self._guard.refusal(scope) or self._guard.start(scope)) is not None:
             await answer(scope, receive, send_guarded)
             return
-        limit, seen = largest_body(scope["path"]), 0
-        if int(Headers(scope=scope).get("content-length", "0")) > limit:
-            await BodyTooLargeError(limit).response()(scope, receive, send_guarded)
+        limited = _Limited(self._app, largest_body(path))
+        await limited(scope, receive, send_guarded)
+
+
+class _Limited:
+    """One request whose body may have so many bytes, whatever its header says."""
+
+    def __init__(self, app: ASGIApp, limit: int) -> None:
+        self._app, self._limit = app, limit
+        self._seen, self._answered = 0, False
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        stated = Headers(scope=scope).get("content-length", "0")
+        error = BodyTooLargeError(self._limit)
+        if not stated.isdecimal():
+            await problem_response(400, "Wrong length", "the header Content-Length is no number")(scope, receive, send)
+            return
+        if int(stated) > self._limit:
+            await error.response()(scope, receive, send)
             return
 
         async def receive_limited() -> Message:
-            nonlocal seen
             message = await receive()
-            seen += len(message.get("body", b""))
-            if seen > limit:
-                raise BodyTooLargeError(limit)
+            self._seen += len(message.get("body", b""))
+            if self._seen > self._limit:
+                raise error
             return message
 
-        await self._app(scope, receive_limited, send_guarded)
+        async def send_once(message: Message) -> None:
+            if self._seen <= self._limit or self._answered:  # else what reads the body answers in its own words
+                self._answered = True
+                await send(message)
+
+        with suppress(BodyTooLargeError):
+            await self._app(scope, receive_limited, send_once)
+        if self._seen > self._limit and not self._answered:
+            await error.response()(scope, receive, send)

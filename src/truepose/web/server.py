@@ -6,6 +6,7 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import uvicorn
@@ -40,19 +41,23 @@ def serve(root: Path, *, port: int, browser: bool, announce: Callable[[str], Non
     listening = _listen(port)
     guard = Guard(port=listening.getsockname()[1])
     app = create_app(Workspace(root), guard)
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, server_header=False))
+    how = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=1,  # pages hold a connection open for the progress of jobs
+    )
     announce(guard.start_url)
     if browser:
         threading.Timer(0.3, webbrowser.open, [guard.start_url]).start()
-    server.run(sockets=[listening])
+    with suppress(KeyboardInterrupt):  # the way to stop it
+        uvicorn.Server(how).run(sockets=[listening])
 
 
 def _listen(port: int) -> socket.socket:
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    """Return a socket that listens already, so that the start URL works as soon as it is shown."""
     try:
-        listening.bind((HOST, port))
+        return socket.create_server((HOST, port))
     except OSError as error:
-        listening.close()
         raise DataError(f"port {port} of {HOST} cannot be used: {error.strerror}; choose another with --port") from None
-    return listening
