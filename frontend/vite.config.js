@@ -2,7 +2,7 @@ import { svelte } from '@sveltejs/vite-plugin-svelte'
 import { defineConfig } from 'vite'
 import { compress } from './compress.js'
 
-const server = process.env.TRUEPOSE_SERVER ?? 'http://127.0.0.1:8350'
+const server = process.env.TRUEPOSE_SERVER ?? 'http://127.0.0.1:8765'
 
 export default defineConfig({
   base: './',

@@ -1,5 +1,6 @@
 /** The cells of the workspace, shared by the picker and the pages. Call `loadCells` after making or renaming one. */
 import { raw } from './api'
+import { runJob, type Job } from './jobs.svelte'
 import { go, route } from './router.svelte'
 
 export interface CellEntry {
@@ -27,4 +28,17 @@ export async function loadCells(): Promise<void> {
   state.list = await raw('get', '/api/v1/cells')
   state.loaded = true
   if (!cells.current) go({ cell: state.list[0]?.id ?? null }, { replace: true })
+}
+
+/** The job that makes the virtual cell, while it runs. */
+export const virtualCell = $state<{ job: Job | null }>({ job: null })
+
+/** Make the virtual cell (or find the one that exists) and open it. */
+export async function openVirtualCell(): Promise<void> {
+  try {
+    await runJob(raw<Job>('post', '/api/v1/cells/virtual'), { onProgress: (job) => (virtualCell.job = job) })
+  } finally {
+    virtualCell.job = null
+  }
+  await loadCells()
 }
