@@ -71,6 +71,16 @@ def test_correct_in_place_keeps_the_original(run, cell_files, near_samples):
     assert path.read_bytes() == before
 
 
+def test_programs_in_which_nothing_is_corrected_are_not_called_corrected(run, cell_files, near_samples, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.src").write_text(f"DEF {name}()\nLIN {{X 9999,Y 0,Z 0,A 0,B 0,C 0}}\nEND\n")
+    frames = ("--config-dat", near_samples[0].parents[1] / "config.dat", "--tool", "1", "--base", "0")
+    options = (*frames, "--on-guard", "skip", "--out", tmp_path / "out")
+    shown = run("correct", cell_files.map, tmp_path / "a.src", tmp_path / "b.src", *options).out
+    assert "2 programs without a corrected target, 0 refused" in shown
+    assert "0 of 2 motion targets corrected" in shown
+
+
 def test_programs_of_one_name_are_not_written_over_each_other(run, cell_files, near_samples, tmp_path):
     options = ("--config-dat", tmp_path / "config.dat", "--tool", "1", "--base", "0", "--on-guard", "skip")
     refused = run("correct", cell_files.map, *near_samples, *options, "--out", tmp_path / "out")

@@ -362,7 +362,8 @@ def _show_batch(batch: CorrectedBatch, written: Sequence[Path], place: str, *, d
     else:
         say(*(f"Wrote {file}" for file in written))
     if batch.n_corrected + batch.n_refused > 1:
-        say(f"{_count(batch.n_corrected)} corrected, {batch.n_refused} refused")
+        outcome = "corrected" if batch.coverage.corrected else "without a corrected target"
+        say(f"{_count(batch.n_corrected)} {outcome}, {batch.n_refused} refused")
     say(str(batch.coverage))
 
 
