@@ -108,7 +108,7 @@ class Commit:
             self._close()
         if isinstance(error, OSError):
             reason = error.strerror or str(error)
-            raise FileError(self._at, f"cannot be written: {reason}; choose another output path") from None
+            raise FileError(self._at, f"cannot be written: {reason}; choose another output path") from error
 
     @contextlib.contextmanager
     def open(self, goal: Path, *, like: Path | None = None, expected: str | None = None) -> Iterator[BinaryIO]:

@@ -3,6 +3,17 @@
 from truepose.cell.cell import Cell, load_cell
 from truepose.cell.poses import ANGLE_KEYS, Pose
 from truepose.cell.sections import Correction, Tracker
-from truepose.cell.template import template
+from truepose.cell.template import template, write_template
+from truepose.cell.text import CellProblem
 
-__all__ = ["ANGLE_KEYS", "Cell", "Correction", "Pose", "Tracker", "load_cell", "template"]
+__all__ = [
+    "ANGLE_KEYS",
+    "Cell",
+    "CellProblem",
+    "Correction",
+    "Pose",
+    "Tracker",
+    "load_cell",
+    "template",
+    "write_template",
+]

@@ -7,7 +7,7 @@ them. Only ``[robot] model`` is required.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
@@ -28,12 +28,14 @@ from truepose.cell.sections import (
     Tool,
     Tracker,
 )
-from truepose.cell.text import explain, line_of, tables
+from truepose.cell.text import CellProblem, problems_of, tables
 from truepose.cell.world_height import check_world_height
 from truepose.errors import FileError
 from truepose.geometry.transforms import invert_transform
 from truepose.robots import Robot, load_robot
 from truepose.robots.io.library import ROBOT_FILES
+
+_UNNAMED: Final = "cell.toml"
 
 
 class Cell(CellSection):
@@ -96,8 +98,28 @@ class Cell(CellSection):
         try:
             return cls.model_validate(parse_toml(text, source), context={"folder": Path(folder)})
         except ValidationError as error:
-            loc, message = explain(error, cls)
-            raise FileError(source, message, line=line_of(text, loc)) from None
+            first = problems_of(error, cls, text)[0]
+            raise FileError(source, str(first), line=first.line) from None
+
+    @classmethod
+    def problems(cls, text: str, *, folder: str | Path = ".") -> list[CellProblem]:
+        """Return all errors of the text of a cell file, by key; see `from_toml`.
+
+        Examples
+        --------
+        >>> from truepose.cell import template
+        >>> text = template("kuka-kr150-2").replace("x_mm = 0.0", "x_mm = nan", 1)
+        >>> [(problem.loc, problem.line) for problem in Cell.problems(text)]
+        [(('tool', 'x_mm'), 9)]
+        """
+        try:
+            cls.model_validate(parse_toml(text, _UNNAMED), context={"folder": Path(folder)})
+        except ValidationError as error:
+            return problems_of(error, cls, text)
+        except FileError as error:
+            words = str(error).removeprefix(f"{_UNNAMED}:{error.line}: ").removeprefix(f"{_UNNAMED}: ")
+            return [CellProblem((), words, error.line)]
+        return []
 
     @model_validator(mode="after")
     def _resolve(self, info: ValidationInfo) -> Self:

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Final
 
+from truepose._io.files import check_outputs, write_atomic
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER
 from truepose.robots import load_robot
 from truepose.robots.io.library import ROBOT_FILES
@@ -155,6 +156,30 @@ def template(robot_name: str, folder: str | Path | None = None) -> str:
         region_angles="\n".join(f"# {line}" for line in zero),
         home=[0.0] * robot.dof,
     )
+
+
+def write_template(folder: str | Path, robot_name: str) -> Path:
+    """Write a commented ``cell.toml`` into a folder, which is created if needed; return its path.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder of the cell.
+    robot_name : str
+        The library name, or the path of a .toml, .csv or .urdf file.
+
+    Raises
+    ------
+    RobotError
+        If the robot is unknown.
+    FileError
+        If the file exists and may not be overwritten, or cannot be written.
+    """
+    path = Path(folder) / "cell.toml"
+    text = template(robot_name, folder)
+    check_outputs(path)
+    write_atomic(path, text)
+    return path
 
 
 def _model(robot_name: str, folder: str | Path | None) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import difflib
 import json
 import re
+from dataclasses import dataclass
 from datetime import date
 from types import UnionType
 from typing import Any, TypeGuard, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from truepose.cell.poses import CellError
 
@@ -31,22 +33,51 @@ def _value(value: Any) -> str:
     return value.isoformat() if isinstance(value, date) else json.dumps(value, ensure_ascii=False)
 
 
-def explain(error: ValidationError, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
-    """Return the location of the first error, and a line with its cause and remedy."""
+@dataclass(frozen=True)
+class CellProblem:
+    """An error of a cell file.
+
+    Attributes
+    ----------
+    loc : tuple of str or int
+        The tables and the key, such as ``("tool", "x_mm")``; empty for a text that is not TOML.
+    words : str
+        The cause and the remedy.
+    line : int, optional
+        The line of the key, or of its table if the key is missing; from 1.
+    """
+
+    loc: tuple[str | int, ...]
+    words: str
+    line: int | None
+
+    def __str__(self) -> str:
+        return f"{_name(self.loc)}: {self.words}" if self.loc else self.words
+
+
+def problems_of(error: ValidationError, cell: type[BaseModel], text: str) -> list[CellProblem]:
+    """Return the errors of a cell file, at most one for each key."""
     errors = error.errors()  # a misspelt key first, because a missing one may be the same
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    cause = first.get("ctx", {}).get("error")
-    loc = (*first["loc"], *cause.loc) if isinstance(cause, CellError) else first["loc"]
+    errors.sort(key=lambda one: one["type"] != "extra_forbidden")
+    found: dict[tuple[str | int, ...], CellProblem] = {}
+    for one in errors:
+        loc, words = _explain(one, cell)
+        found.setdefault(loc, CellProblem(loc, words, line_of(text, loc)))
+    return list(found.values())
+
+
+def _explain(found: ErrorDetails, cell: type[BaseModel]) -> tuple[tuple[str | int, ...], str]:
+    """Return the location of an error, and its cause and remedy."""
+    cause = found.get("ctx", {}).get("error")
+    loc = (*found["loc"], *cause.loc) if isinstance(cause, CellError) else found["loc"]
     loc = loc[:-1] if loc[-1:] == ("[key]",) else loc
     if isinstance(cause, Exception):
-        message = str(cause)
-    elif first["type"] == "extra_forbidden":
-        message = "unknown key; " + _nearest(loc, cell)
-    elif first["type"] == "missing":
-        message = "is missing; `truepose init` writes a complete file"
-    else:
-        message = f"{first['msg'].removeprefix('Input ')}, not {first['input']!r}"
-    return loc, f"{_name(loc)}: {message}"
+        return loc, str(cause)
+    if found["type"] == "extra_forbidden":
+        return loc, "unknown key; " + _nearest(loc, cell)
+    if found["type"] == "missing":
+        return loc, "is missing; `truepose init` writes a complete file"
+    return loc, f"{found['msg'].removeprefix('Input ')}, not {found['input']!r}"
 
 
 def _name(loc: tuple[str | int, ...]) -> str:
@@ -71,7 +102,7 @@ def _is_section(annotation: object) -> TypeGuard[type[BaseModel]]:
 
 def line_of(text: str, loc: tuple[str | int, ...]) -> int | None:
     """Return the line of a key, or of its table if the key is missing."""
-    *tables, key = map(str, loc)
+    *tables, key = (str(part).replace(" ", "") for part in loc)
     found, header = None, ""
     for number, line in enumerate(text.splitlines(), start=1):
         if match := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):

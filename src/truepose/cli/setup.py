@@ -140,13 +140,10 @@ def init(
     as_json: Json = False,
 ) -> None:
     """Write a commented cell.toml as a starting point."""
-    from truepose._io.files import write_atomic
-    from truepose.cell import template
+    from truepose.cell import write_template
 
-    path = directory / "cell.toml"
-    text = template(robot, directory)
-    overwrite(force, path)
-    write_atomic(path, text)
+    overwrite(force)
+    path = write_template(directory, robot)
     if as_json:
         emit_json({"cell": path})
     else:

@@ -53,6 +53,9 @@ def problem_response(
 
 def problem_of(error: Exception) -> Response:
     """Return the answer to a request that ended with an error."""
+    cause = error.__cause__ if isinstance(error, FileError) else error
+    if isinstance(cause, OSError) and cause.errno in _NO_SPACE:
+        return problem_response(507, "Disk full", "the disk is full; nothing was written; free some space and repeat")
     if isinstance(error, WebError):
         return problem_response(error.status, error.title, str(error))
     if isinstance(error, TrueposeError):
@@ -62,8 +65,6 @@ def problem_of(error: Exception) -> Response:
         status = 409 if isinstance(error, RefusedError) else 422
         detail = "; ".join([str(error), *getattr(error, "__notes__", [])])
         return problem_response(status, _TITLES.get(type(error).__name__, "Not possible"), detail, **place)
-    if isinstance(error, OSError) and error.errno in _NO_SPACE:
-        return problem_response(507, "Disk full", "the disk is full; nothing was written; free some space and repeat")
     _LOG.error("internal error", exc_info=error)
     detail = f"internal error ({type(error).__name__}); the server's terminal shows more; please report it"
     return problem_response(500, "Internal error", detail)

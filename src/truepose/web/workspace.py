@@ -114,6 +114,8 @@ class CellFolder:
 
         The folder is one of ours; the name may come from anywhere.
         """
+        if (self.folder / folder).is_symlink():
+            raise FileError(self.folder / folder, "is a link; replace it by a folder")
         name = safe_name(name)
         stem, dot, suffix = name.partition(".")
         taken = _names(self.folder / folder)
@@ -183,7 +185,7 @@ def _walk(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
             continue
         if entry.is_file():
             yield Path(entry.path)
-        elif depth and entry.is_dir() and not (Path(entry.path) / _CELL).exists():
+        elif depth and entry.is_dir() and not _is_cell(Path(entry.path)):
             yield from _walk(Path(entry.path), depth - 1)
 
 
@@ -278,8 +280,13 @@ class Workspace:
         return CellFolder(identity(name), folder, name)
 
 
+def _is_cell(folder: Path) -> bool:
+    """Return whether a folder holds a cell file of its own; a link may lead anywhere."""
+    return (folder / _CELL).is_file() and not (folder / _CELL).is_symlink()
+
+
 def _cell_folders(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
-    if (folder / _CELL).is_file():
+    if _is_cell(folder):
         yield folder
     if not depth:
         return
