@@ -10,14 +10,15 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Callable
-from typing import Final, TextIO
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final, NoReturn, TextIO
 
 import typer
 
 from truepose.cli import (
     browser,
     demo,
+    events,
     explain,
     fit,
     frames,
@@ -35,6 +36,10 @@ from truepose.cli import (
 )
 from truepose.cli.options import Command
 from truepose.errors import TrueposeError, one_line
+from truepose.problem import document, problem
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 app = typer.Typer(
     name="truepose",
@@ -102,20 +107,21 @@ _BROKEN_PIPE = 141  # the code of a process ended by SIGPIPE
 def main() -> None:
     """Run the command line: exit with 0 when done, 1 when refused or failed (one line on stderr), 2 for wrong usage.
 
-    If the reader of the output is gone (``truepose robots | head -1``), exit silently with 141.
+    If the reader of the output is gone (``truepose robots | head -1``), exit silently with 141. For other programs,
+    steps, warnings and errors can be JSON (`truepose.cli.events`).
     """
     for stream in (sys.stdout, sys.stderr):  # file names may hold undecodable bytes
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        with warnings.catch_warnings():
+        if events.wanted():
+            events.end_with_parent()
+        with warnings.catch_warnings(), _no_interrupt_lost():
             warnings.showwarning = _warn
             try:
-                app()
+                _run()
             finally:
                 sys.stdout.flush()
-    except TrueposeError as error:
-        _fail("; ".join([str(error), *getattr(error, "__notes__", [])]))
     except BrokenPipeError:
         _end_at_broken_pipe()
     except (KeyboardInterrupt, SystemExit) as end:
@@ -123,30 +129,51 @@ def main() -> None:
             _end_at_broken_pipe()
         if isinstance(end, SystemExit) and end.code != _INTERRUPTED:  # the code that typer uses for Ctrl-C
             raise
-        _fail(_interrupted(), code=_INTERRUPTED)
+        _fail(document("Interrupted", _interrupted()), code=_INTERRUPTED)
     except Exception as error:
-        if os.environ.get("TRUEPOSE_TRACEBACK"):
+        if os.environ.get("TRUEPOSE_TRACEBACK") and not isinstance(error, TrueposeError):
             raise
-        _fail(_explained(error))
+        if isinstance(error, OSError) and error.filename is None:
+            _forget_stdout()
+        _fail(problem(error))
+
+
+def _run() -> None:
+    """Run the command; typer shows wrong usage with its help, unless events are wanted."""
+    if not events.wanted():
+        app()
+        return
+    try:
+        code = app(standalone_mode=False)
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # an exception of typer, in any version of it
+            raise
+        _fail(document("UsageError", error.format_message()), code=getattr(error, "exit_code", 2))
+    sys.exit(code or 0)
+
+
+@contextlib.contextmanager
+def _no_interrupt_lost() -> Iterator[None]:
+    """End the process at an interrupt that compiled code ignores, as some of scipy's does: its results are void."""
+    before = sys.unraisablehook
+
+    def end(ignored: UnraisableHookArgs) -> None:
+        if not isinstance(ignored.exc_value, KeyboardInterrupt):
+            before(ignored)
+            return
+        _tell(document("Interrupted", _interrupted()))
+        os._exit(_INTERRUPTED)
+
+    sys.unraisablehook = end
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _end_at_broken_pipe() -> None:
     _forget_stdout()
     sys.exit(_BROKEN_PIPE)
-
-
-def _explained(error: Exception) -> str:
-    """Return the message of an unexpected error."""
-    if isinstance(error, OSError):
-        if error.filename is None:  # stdout has no name
-            _forget_stdout()
-        where = "the output" if error.filename is None else os.fsdecode(error.filename)
-        return f"{where}: cannot be read or written: {error.strerror or error}"
-    if isinstance(error, MemoryError):
-        return "not enough memory; use fewer samples, another predictor or fewer workers"
-    if isinstance(error, RecursionError):
-        return "the input is nested too deeply; is it the right file?"
-    return f"internal error ({type(error).__name__}: {error}); set TRUEPOSE_TRACEBACK=1 for details and report it"
 
 
 def _forget_stdout() -> None:
@@ -173,9 +200,21 @@ def _warn(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    sys.stderr.write(f"truepose: warning: {one_line(str(message))}\n")
+    if events.wanted():
+        events.emit("warning", message=one_line(str(message)))
+    else:
+        sys.stderr.write(f"truepose: warning: {one_line(str(message))}\n")
 
 
-def _fail(message: str, code: int = 1) -> None:
-    sys.stderr.write(f"truepose: {one_line(message)}\n")
+def _fail(found: Mapping[str, Any], code: int = 1) -> NoReturn:
+    _tell(found)
     sys.exit(code)
+
+
+def _tell(found: Mapping[str, Any]) -> None:
+    """Write the problem that ends the command to stderr."""
+    if events.wanted():
+        events.emit("problem", **found)
+    else:
+        sys.stderr.write(f"truepose: {found['detail']}\n")
+        sys.stderr.flush()

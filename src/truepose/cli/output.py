@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import typer
+
+from truepose.cli import events
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -51,18 +54,26 @@ def say(*items: Any) -> None:
         console.print(item, soft_wrap=isinstance(item, str), crop=False)
 
 
-class Steps:
-    """The line that shows what a command is doing; see `working`."""
+class Steps(Protocol):
+    """What a command is doing; see `working`."""
+
+    def __call__(self, step: str) -> None:
+        """Show the step that begins."""
+
+    def count(self, done: int, total: int) -> None:
+        """Show how much of the step is done."""
+
+
+class _Line:
+    """The line on a terminal that shows the step."""
 
     def __init__(self, bar: Progress, task: TaskID) -> None:
         self._bar, self._task = bar, task
 
     def __call__(self, step: str) -> None:
-        """Show the step that begins."""
         self._bar.update(self._task, description=step, count="")
 
     def count(self, done: int, total: int) -> None:
-        """Show how much of the step is done."""
         self._bar.update(self._task, count=f"{done} of {total}")
 
 
@@ -71,12 +82,17 @@ def working(step: str = "Reading", *, quiet: bool) -> Iterator[Steps]:
     """Show the current step and the time on stderr if it is a terminal and not `quiet`; the line disappears at the end.
 
     Every command that can take more than two seconds uses it. `quiet` is the command's --json. A line says so when
-    kernels must be compiled.
+    kernels must be compiled. If events are wanted, the steps are events (`truepose.cli.events`), with --json, too.
     """
+    from truepose.numerics.first_use import announced
+
+    if events.wanted():
+        steps = events.EventSteps(step)
+        with announced(steps.compiling), contextlib.closing(steps):
+            yield steps
+        return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from truepose.numerics.first_use import announced
 
     console = Console(stderr=True)
 
@@ -88,7 +104,7 @@ def working(step: str = "Reading", *, quiet: bool) -> Iterator[Steps]:
     columns = (SpinnerColumn(), *texts, TimeElapsedColumn())
     hidden = quiet or not console.is_terminal
     with announced(announce), Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        yield Steps(bar, bar.add_task(step, total=None, count=""))
+        yield _Line(bar, bar.add_task(step, total=None, count=""))
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Group:
