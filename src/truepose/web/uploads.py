@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Final
 
 from starlette.responses import Response
 
+from truepose._io.zips import directory, is_zip
+from truepose.errors import FileError
 from truepose.web.problems import WebError, problem_response
 
 MB: Final = 1 << 20
@@ -23,6 +25,9 @@ _LARGEST: Final = {
 _NOT_IN_NAMES: Final = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
 _RESERVED: Final = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
 _LONGEST_NAME: Final = 150
+_DEEPEST: Final = 20
+MOST_FILES: Final = 20_000
+"""The largest number of files of one upload, and of members of one .zip."""
 
 
 def largest_body(path: str) -> int:
@@ -54,3 +59,38 @@ def safe_name(name: str) -> str:
     last = PurePosixPath(unicodedata.normalize("NFC", name).replace("\\", "/")).name
     clean = _NOT_IN_NAMES.sub("_", last).strip(" .")[-_LONGEST_NAME:]
     return "file" if not clean else f"_{clean}" if _RESERVED.match(clean) else clean
+
+
+def safe_path(name: str) -> PurePosixPath:
+    r"""Return the path of a file in a dropped folder, each part as `safe_name` makes it; it never leads upwards.
+
+    Examples
+    --------
+    >>> safe_path("KRC\\R1/a.src"), safe_path("/../../etc/passwd")
+    (PurePosixPath('KRC/R1/a.src'), PurePosixPath('etc/passwd'))
+    """
+    parts = [part for part in name.replace("\\", "/").split("/") if part.strip(" .")] or [name]
+    if len(parts) > _DEEPEST:
+        raise WebError(422, "File not accepted", f"a file lies in more than {_DEEPEST} folders; upload an inner folder")
+    return PurePosixPath(*map(safe_name, parts))
+
+
+def largest_file(name: str | PurePosixPath) -> int:
+    """Return the largest size in bytes of an uploaded file of this name."""
+    return LARGEST_ZIP if is_zip(Path(name)) else LARGEST_FILE
+
+
+def check_zip(path: Path, name: str) -> None:
+    """Refuse a .zip that truepose would not read in place, before it is kept; `name` is that of the user.
+
+    Raises
+    ------
+    FileError
+        If its names lead out of it, it would unpack to an impossible size, it is damaged or holds too many files.
+    """
+    try:
+        count = len(directory(path).members)
+    except FileError as error:
+        raise FileError(name, str(error).removeprefix(f"{path}: ").replace(f"{path}/", "")) from None
+    if count > MOST_FILES:
+        raise FileError(name, f"holds {count:,} files, at most {MOST_FILES:,} are accepted; upload a part of it")
