@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.synced
 RUNTIME := $(VENV)/.runtime
 
-.PHONY: setup demo test lint docs study bench clean
+.PHONY: setup demo app frontend test lint docs study bench clean
 
 setup: $(STAMP)
 
@@ -23,10 +23,17 @@ $(RUNTIME): $(BIN)/uv pyproject.toml uv.lock
 $(STAMP): $(BIN)/uv pyproject.toml uv.lock
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --compile-bytecode
 	$(BIN)/truepose warm-up
+	$(BIN)/python tools/frontend.py status
 	touch $(STAMP) $(RUNTIME)
 
 demo: $(RUNTIME)
 	$(BIN)/truepose demo build/demo --force
+
+app: frontend
+	$(BIN)/truepose app build/app --demo
+
+frontend: $(STAMP)
+	$(BIN)/python tools/frontend.py build
 
 test: setup
 	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
@@ -36,6 +43,7 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tools/frontend.py check
 
 docs: setup
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group docs
