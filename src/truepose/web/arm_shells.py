@@ -18,7 +18,7 @@ from truepose.robots.inverse.newton import smallest_singular
 
 PartKind = Literal["foot", "drum", "link", "tool"]
 _SLENDEST, _TAPER = 0.022, 0.05  # radius of the last link, and growth towards the base; shares of the arm's length
-_DRUM, _HALF_DRUM, _FOOT = 1.25, 1.15, 1.7  # radii and half length of drum and foot; multiples of the link's radius
+_DRUM, _HALF_DRUM, _FOOT = 1.2, 1.1, 1.7  # radii and half length of drum and foot; multiples of the link's radius
 _TOOL: Final = 0.4
 _SHORTEST: Final = 1e-3  # of the arm's length: shorter links are not drawn
 _TRIES: Final = 400
@@ -106,8 +106,10 @@ def _foot(radius: float) -> Part:
 
 
 def _drum(body: int, radius: float) -> Part:
+    """Return the drum of a joint; that of the first stands on the foot."""
     half = np.array([0.0, 0.0, _HALF_DRUM * radius])
-    return Part(body, "drum", -half, half, (_DRUM * radius, _DRUM * radius))
+    start = 0.0 * half if body == 1 else -half
+    return Part(body, "drum", start, half, (_DRUM * radius, _DRUM * radius))
 
 
 def resting_pose(robot: Robot) -> FloatArray:

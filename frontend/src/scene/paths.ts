@@ -1,0 +1,125 @@
+/** Targets of programs and poses of plans: lines, and markers whose shape tells the verdict. */
+import {
+  BufferAttribute,
+  BufferGeometry,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Points,
+  ShaderMaterial,
+  Vector3,
+  type Box3,
+  type Camera,
+} from 'three'
+import type { Palette } from './colours'
+import { VERDICTS, type Path } from './types'
+
+const PLAIN = VERDICTS.indexOf('plain')
+
+const VERTEX = /* glsl */ `
+attribute float aVerdict;
+uniform vec3 uColours[4]; uniform float uSize;
+varying vec3 vColour; varying float vVerdict;
+void main() {
+  vVerdict = aVerdict;
+  vColour = uColours[int(aVerdict + 0.5)];
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  gl_PointSize = uSize * (aVerdict > 2.5 ? 0.7 : 1.0);
+}`
+
+/** Corrected: disc. Skipped: open square. Refused: cross. Plain: small disc. */
+const FRAGMENT = /* glsl */ `
+uniform vec3 uPage;
+varying vec3 vColour; varying float vVerdict;
+void main() {
+  vec2 p = 2.0 * gl_PointCoord - 1.0;
+  vec2 a = abs(p);
+  float inside;
+  if (vVerdict < 0.5 || vVerdict > 2.5) inside = 0.9 - length(p);
+  else if (vVerdict < 1.5) inside = min(0.85 - max(a.x, a.y), max(a.x, a.y) - 0.45);
+  else inside = min(0.3 - abs(a.x - a.y), 0.9 - max(a.x, a.y));
+  if (inside < 0.0) discard;
+  gl_FragColor = vec4(inside < 0.08 ? mix(vColour, uPage, 0.5) : vColour, 1.0);
+}`
+
+export class Paths {
+  readonly group = new Group()
+  readonly total: number
+  private readonly points: Float32Array
+  private readonly markers: Points<BufferGeometry, ShaderMaterial>
+  private readonly lines: LineSegments<BufferGeometry, LineBasicMaterial>
+
+  constructor(paths: readonly Path[], colours: Palette, pixels: number) {
+    this.total = paths.reduce((sum, path) => sum + path.points.length / 3, 0)
+    this.points = new Float32Array(3 * this.total)
+    const verdicts = new Float32Array(this.total).fill(PLAIN)
+    const joined: number[] = []
+    let first = 0
+    for (const path of paths) {
+      const n = path.points.length / 3
+      this.points.set(path.points, 3 * first)
+      if (path.verdicts) verdicts.set(path.verdicts, first)
+      if (path.line) for (let k = 1; k < n; k++) joined.push(first + k - 1, first + k)
+      first += n
+    }
+    const position = new BufferAttribute(this.points, 3)
+    const marks = new BufferGeometry()
+    marks.setAttribute('position', position)
+    marks.setAttribute('aVerdict', new BufferAttribute(verdicts, 1))
+    this.markers = new Points(
+      marks,
+      new ShaderMaterial({
+        vertexShader: VERTEX,
+        fragmentShader: FRAGMENT,
+        uniforms: { uColours: { value: [] }, uSize: { value: 11 * pixels }, uPage: { value: null } },
+      }),
+    )
+    const strokes = new BufferGeometry()
+    strokes.setAttribute('position', position)
+    strokes.setIndex(new BufferAttribute(new Uint32Array(joined), 1))
+    this.lines = new LineSegments(strokes, new LineBasicMaterial())
+    this.markers.frustumCulled = this.lines.frustumCulled = false
+    this.lines.visible = joined.length > 0
+    this.group.add(this.lines, this.markers)
+    this.colour(colours)
+  }
+
+  colour(colours: Palette): void {
+    this.markers.material.uniforms['uColours']!.value = colours.verdicts
+    this.markers.material.uniforms['uPage']!.value = colours.page
+    this.lines.material.color.copy(colours.line)
+  }
+
+  place(index: number): Vector3 {
+    return new Vector3().fromArray(this.points, 3 * index)
+  }
+
+  expand(box: Box3): void {
+    for (let k = 0; k < this.total; k++) box.expandByPoint(this.place(k))
+  }
+
+  /** The nearest marker to a place of the canvas, within some pixels; −1 for none. */
+  pick(camera: Camera, x: number, y: number, width: number, height: number, within: number): number {
+    const m = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).elements
+    const p = this.points
+    let [best, found] = [within * within, -1]
+    for (let k = 0; k < this.total; k++) {
+      const [px, py, pz] = [p[3 * k]!, p[3 * k + 1]!, p[3 * k + 2]!]
+      const w = m[3]! * px + m[7]! * py + m[11]! * pz + m[15]!
+      if (w <= 0) continue
+      const dx = (0.5 + (0.5 * (m[0]! * px + m[4]! * py + m[8]! * pz + m[12]!)) / w) * width - x
+      const dy = (0.5 - (0.5 * (m[1]! * px + m[5]! * py + m[9]! * pz + m[13]!)) / w) * height - y
+      const far = dx * dx + dy * dy
+      if (far < best) [best, found] = [far, k]
+    }
+    return found
+  }
+
+  dispose(): void {
+    for (const one of [this.markers, this.lines]) {
+      one.geometry.dispose()
+      one.material.dispose()
+    }
+    this.group.removeFromParent()
+  }
+}
