@@ -75,7 +75,7 @@ class CellFolder:
     folder : Path
         Its folder.
     name : str
-        Its path in the workspace, with slashes; ``.`` for a workspace that is a cell itself.
+        Its path in the workspace, with slashes; the name of the workspace if that is a cell itself.
     """
 
     id: str
@@ -277,7 +277,7 @@ class Workspace:
 
     def _cell(self, folder: Path) -> CellFolder:
         name = folder.relative_to(self.root).as_posix()
-        return CellFolder(identity(name), folder, name)
+        return CellFolder(identity(name), folder, self.root.name if folder == self.root else name)
 
 
 def _is_cell(folder: Path) -> bool:
