@@ -30,60 +30,46 @@ def import_readings(
         bool, typer.Option("--two-stations", help="Accept readings from a tracker that seems to have moved.")
     ] = False,
     accept_campaign: AcceptCampaign = False,
+    mask_path: Annotated[
+        Path | None,
+        typer.Option("--mask", help="Table of points to leave out (point or row, reason); they stay in the samples."),
+    ] = None,
     measurement: Measurement = _MEASUREMENT,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Read a measurement file, match it with the plan, register it, report outliers, and write samples."""
-    from dataclasses import asdict
-
-    import numpy as np
-
-    from truepose import trackers
     from truepose.cell import load_cell
-    from truepose.error_map.campaign import check_campaign
-    from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
-    from truepose.samples import name_one, write_samples
+    from truepose.error_map.importing import import_samples
+    from truepose.samples import name_one, read_mask
+    from truepose.trackers import read_plan
 
     overwrite(force, out, *measurement.check())
     cell = load_cell(cell_path)
-    with working("Matching the readings with the plan", quiet=as_json):
-        samples, understood = trackers.import_readings(
+    with working("Matching the readings with the plan", quiet=as_json) as progress:
+        found = import_samples(
+            cell,
             readings_path,
-            trackers.read_plan(plan_path),
-            cell=cell,
+            read_plan(plan_path),
             **measurement.settings(),
+            mask=None if mask_path is None else read_mask(mask_path),
             reorder=reorder,
             missing=missing,
-            two_stations=two_stations or accept_campaign,
+            two_stations=two_stations,
+            accept_campaign=accept_campaign,
+            progress=progress,
+            matched=lambda understood: None if as_json else say(*understood.sentences()),
         )
-    if not as_json:
-        say(*understood.sentences())
-    robot = cell.load_robot()
-    with working("Registering", quiet=as_json) as progress:
-        registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
-        progress("Testing for a moved tracker, a scale error and a drift")
-        campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
-        tool = tool_estimate(cell, robot, samples)
-    if not accept_campaign:
-        with wrong_tool_named(cell, robot, samples):
-            campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
-    length = np.linalg.norm(registration.residuals, axis=1)
-    outliers = [
-        {**samples.identify(i), "residual_mm": float(length[i])} for i in np.flatnonzero(registration.outliers).tolist()
-    ]
-    write_samples(out, samples)
-    kept = length[~registration.outliers]
-    figures = {"mean_mm": float(kept.mean()), "max_mm": float(kept.max())}
+    found.write(out)
     if as_json:
-        data = {"samples": out, "n": len(samples), "understood": understood.sentences(), "summary": asdict(understood)}
-        data |= {"registration": figures, "outliers": outliers, "campaign": campaign.to_dict()}
-        emit_json({**data, **tool_data(registration, tool)})
+        emit_json({"samples": out, **found.to_dict(), **tool_data(found.registration, found.tool)})
         return
-    say(f"Error after registration: mean {figures['mean_mm']:.3f} mm, maximum {figures['max_mm']:.3f} mm.")
-    show_tool(cell, registration, tool)
-    show_campaign(campaign.to_dict())
-    for outlier in outliers:
+    for masked in found.samples.excluded:
+        say(f"[yellow]Left out[/]: {name_one(masked)}, {masked['reason']}.")
+    say("Error after registration: mean {mean_mm:.3f} mm, maximum {max_mm:.3f} mm.".format(**found.figures))
+    show_tool(cell, found.registration, found.tool)
+    show_campaign(found.campaign.to_dict())
+    for outlier in found.outliers:
         residual = f"{name_one(outlier)} of {readings_path}, {outlier['residual_mm']:.3f} mm"
         say(f"[yellow]Large residual[/]: {residual}; fits leave it out unless neighbouring samples agree with it.")
-    say(f"Wrote {out} ({len(samples)} samples).")
+    say(f"Wrote {out} ({len(found.samples)} samples).")

@@ -107,7 +107,7 @@ def fit_cell(
         predictor=choice.predictor,
         ranking=choice.ranking,
         expected=choice.expected,
-        excluded=_excluded(samples, registration, choice),
+        excluded=[*samples.excluded, *_excluded(samples, registration, choice)],
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )

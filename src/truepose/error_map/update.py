@@ -190,6 +190,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     joined = error_map.changed(
         known_worth=None,
         samples=_concatenated(error_map.samples, samples),
+        excluded=[*error_map.excluded, *samples.excluded],
         predictor=copy.deepcopy(error_map.predictor),
         registration=replace(
             registration,

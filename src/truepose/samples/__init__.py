@@ -2,12 +2,21 @@
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
 from truepose.samples.examples import Example, load_example
+from truepose.samples.masks import Mask, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
 from truepose.samples.table import Poses, Samples
-from truepose.samples.tidy import append_columns, read_poses, read_samples, samples_text, write_samples
+from truepose.samples.tidy import (
+    append_columns,
+    read_all_samples,
+    read_poses,
+    read_samples,
+    samples_text,
+    write_samples,
+)
 
 __all__ = [
     "Example",
+    "Mask",
     "Poses",
     "Samples",
     "append_columns",
@@ -19,8 +28,11 @@ __all__ = [
     "looks_like_metres",
     "name_one",
     "name_points",
+    "read_all_samples",
+    "read_mask",
     "read_poses",
     "read_samples",
     "samples_text",
+    "set_aside",
     "write_samples",
 ]

@@ -18,6 +18,7 @@ from truepose._io.tables import data_frame, facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.samples.frames import quantities, text_table, tidy_columns
+from truepose.samples.masked import counted_quantities
 from truepose.samples.naming import name_points
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
 _REPR_UNITS: Final = {"temperature": "°C", "load": "kg"}
 _WHOLE: Final = ("row", "line")
+_ABOUT: Final = ("source", "excluded")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -184,12 +186,16 @@ class Poses:
         FileError
             If a column is missing, misspelt or without unit, or a value is not a number; with the row, from 1.
         """
-        measured = "p_meas" in cls.__dataclass_fields__
-        return cls(**quantities(text_table(frame, source), measured=measured), source=source)
+        table = text_table(frame, source)
+        if "p_meas" not in cls.__dataclass_fields__:
+            return cls(**quantities(table, measured=False), source=source)
+        found = counted_quantities(table)
+        del found["line"]
+        return cls(**found, source=source)
 
     def columns(self) -> list[str]:
         """Return the names of the quantities that this table holds."""
-        return [f.name for f in fields(self) if f.name != "source" and getattr(self, f.name) is not None]
+        return [f.name for f in fields(self) if f.name not in _ABOUT and getattr(self, f.name) is not None]
 
     def error(self, message: str, which: NDArray[Any] | None = None) -> DataError:
         """Return an error that names this table, and rows of it (a mask, or indices)."""
@@ -231,6 +237,9 @@ class Samples(Poses):
         The standard deviation of the measured orientation.
     time : (n,) array [s], optional
         The time of each reading.
+    excluded : tuple of dict
+        The masked rows that are not among these samples, by ``row``, ``point`` and ``line``, with the ``reason``; see
+        `truepose.samples.masks`.
     **commanded
         The commanded quantities, see `Poses`; all but `p_meas` by keyword.
 
@@ -248,3 +257,4 @@ class Samples(Poses):
     p_std: FloatArray | None = None
     rotation_std: FloatArray | None = None
     time: FloatArray | None = None
+    excluded: tuple[dict[str, Any], ...] = ()

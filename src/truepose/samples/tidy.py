@@ -10,6 +10,7 @@ x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = 
 x_std_mm …, rx_std_deg …                    standard deviations of the reading
 approach1 …                                 sign of the last motion of each joint: -1, 0, +1
 time_s, temp_C, load_kg                     time of the reading, air temperature, payload
+masked                                      the reason to leave this row out; empty where it counts
 ==========================================  =========================================================================
 
 Lengths may also be _m, _cm, _um, _in, angles _rad, _mrad; the delimiter is a comma, semicolon, tab or blanks.
@@ -23,9 +24,19 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from truepose._io.delimited import TextTable, escaped, find_delimiter, first_row, is_number, parse, read_tabular
+from truepose._io.delimited import (
+    TextTable,
+    csv_cell,
+    escaped,
+    find_delimiter,
+    first_row,
+    is_number,
+    parse,
+    read_tabular,
+)
 from truepose._io.files import write_atomic
 from truepose._io.workbook import in_format, is_workbook
 from truepose._typing import FloatArray
@@ -33,6 +44,7 @@ from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
 from truepose.samples.columns import header_of, names_columns
 from truepose.samples.frames import quantities, tidy_columns
+from truepose.samples.masked import MASKED, counted_quantities, masked_rows
 from truepose.samples.table import Poses, Samples
 
 
@@ -48,7 +60,7 @@ def read_samples(path: str | Path) -> Samples:
     Returns
     -------
     Samples
-        The samples in the order of the file.
+        The samples in the order of the file, without masked rows; these are named in `Samples.excluded`.
 
     Raises
     ------
@@ -69,9 +81,24 @@ def read_samples(path: str | Path) -> Samples:
            [2050.,  360.,  800.]])
     """
     table = _table(path)
-    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(table.path))
+    samples = Samples(**counted_quantities(table), source=str(table.path))
     check(samples)
     return samples
+
+
+def read_all_samples(path: str | Path) -> tuple[Samples, NDArray[np.str_]]:
+    """Read a tidy table with its masked rows, to show it; the values are not checked.
+
+    Returns
+    -------
+    samples : Samples
+        All samples in the order of the file.
+    reasons : (n,) array of str
+        The reason of each masked row; empty where it counts.
+    """
+    table = _table(path)
+    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(table.path))
+    return samples, masked_rows(table)
 
 
 def read_poses(path: str | Path) -> Poses:
@@ -109,7 +136,7 @@ def read_poses(path: str | Path) -> Poses:
     return poses
 
 
-def write_samples(path: str | Path, samples: Poses) -> None:
+def write_samples(path: str | Path, samples: Poses, reasons: NDArray[np.str_] | None = None) -> None:
     """Write a tidy table of samples or of a plan, in mm and degrees with 12 significant digits.
 
     Parameters
@@ -118,21 +145,25 @@ def write_samples(path: str | Path, samples: Poses) -> None:
         The file to write; a workbook if its name ends in ``.xlsx``, else CSV.
     samples : Poses
         The samples or poses.
+    reasons : (n,) array of str, optional
+        The reasons to leave rows out, for the column ``masked``; empty where a row counts.
 
     Raises
     ------
     FileError
         If the file cannot be written; nothing is changed then.
     """
-    write_atomic(path, in_format(path, samples_text(samples, path)))
+    write_atomic(path, in_format(path, samples_text(samples, path, reasons)))
 
 
-def samples_text(samples: Poses, path: str | Path = "samples") -> str:
+def samples_text(samples: Poses, path: str | Path = "samples", reasons: NDArray[np.str_] | None = None) -> str:
     """Return the text of a tidy table; see `write_samples`."""
     found = tidy_columns({name: getattr(samples, name) for name in samples.columns()})
-    columns = [_text(path, values) for values in found.values()]
-    rows = [",".join(row) for row in zip(*columns, strict=True)]
-    return "\n".join([",".join(found), *rows]) + "\n"
+    columns = {name: _text(path, values) for name, values in found.items()}
+    if reasons is not None and (reasons != "").any():
+        columns[MASKED] = [csv_cell(reason) for reason in reasons.tolist()]
+    rows = [",".join(row) for row in zip(*columns.values(), strict=True)]
+    return "\n".join([",".join(columns), *rows]) + "\n"
 
 
 def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.geometry import tool_suspected
-from truepose.samples import Poses, Samples, check_against
+from truepose.samples import Mask, Poses, Samples, check_against
 from truepose.trackers.by_name import owners_by_name
 from truepose.trackers.columns import Columns
 from truepose.trackers.matching import ImportSummary, match
@@ -34,6 +34,7 @@ def import_readings(
     reorder: bool = False,
     missing: bool = False,
     two_stations: bool = False,
+    mask: Mask | None = None,
 ) -> tuple[Samples, ImportSummary]:
     """Read a measurement file and join it with its plan.
 
@@ -53,11 +54,13 @@ def import_readings(
         The reflectors read at each pose; see `combine_reflectors`.
     reorder, missing, two_stations : bool
         The permissions of `match`.
+    mask : Mask, optional
+        The points to leave out later, which are not checked.
 
     Returns
     -------
     samples : Samples
-        The samples in the order of the plan.
+        The samples in the order of the plan, with the masked ones.
     summary : ImportSummary
         The summary of the import.
 
@@ -76,9 +79,9 @@ def import_readings(
             check_against(plan, robot)
     permissions = {"reorder": reorder, "missing": missing, "two_stations": two_stations}
     if cell is None or plan.q is None:
-        return match(readings, plan, **permissions)
+        return match(readings, plan, **permissions, mask=mask)
     with tool_suspected(partial(_pairs, readings, plan, cell), cell.tf_flange_tool[:3, 3], readings.source):
-        return match(readings, plan, **permissions)
+        return match(readings, plan, **permissions, mask=mask)
 
 
 def read_measurement(

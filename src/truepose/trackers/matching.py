@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.geometry.transforms import apply_transform
-from truepose.samples import Poses, Samples, check, check_turns
+from truepose.samples import Mask, Poses, Samples, check, check_turns, set_aside
 from truepose.trackers.assignment import Assignment, assign
 from truepose.trackers.by_name import BY_NAME, match_names
 from truepose.trackers.readings import Readings
@@ -105,6 +105,7 @@ def match(
     missing: bool = False,
     two_stations: bool = False,
     repeat_mm: float = _REPEAT_MM,
+    mask: Mask | None = None,
 ) -> tuple[Samples, ImportSummary]:
     """Match readings with the plan of their measurement: by the names of points where both have them, else by position.
 
@@ -123,11 +124,13 @@ def match(
     repeat_mm : float [mm]
         The largest distance of repeated readings of one point; they are averaged, and their standard deviation is kept
         as `p_std` unless the file states one.
+    mask : Mask, optional
+        The points to leave out later, which are not checked.
 
     Returns
     -------
     samples : Samples
-        The samples in the order of the plan.
+        The samples in the order of the plan, with the masked ones.
     summary : ImportSummary
         The summary of the import.
 
@@ -158,8 +161,9 @@ def match(
         raise DataError(f"{readings.source}: {described}; {remedy}")
     swapped = _swapped_names(found, readings, plan.p_cmd) if note == BY_NAME else []
     samples, scatter, averaged = _join(readings, plan[~absent], found.owner, np.flatnonzero(~absent))
-    check(samples)
-    check_turns(samples)
+    counted = samples if mask is None else set_aside(samples, mask.of(samples))
+    check(counted)
+    check_turns(counted)
     rows = np.asarray(plan.row)
     summary = ImportSummary(
         layout=readings.layout,

@@ -51,9 +51,7 @@ class ArmPicture(BaseModel):
     limits_deg: list[tuple[float | None, float | None]] = Field(description="null where a joint has no limit")
     parts: list[ArmPart]
     q_deg: list[float] = Field(description="the joints of the frames; a resting pose unless asked for")
-    frames: list[Matrix] = Field(
-        description="joint frames 1 … n, flange and tool at q_deg, mm, base frame"
-    )
+    frames: list[Matrix] = Field(description="joint frames 1 … n, flange and tool at q_deg, mm, base frame")
     reach_mm: float = Field(description="largest distance of the tool from the base that the lengths allow")
     region: WorkBox | None = None
     obstacles: list[WorkBox] = []

@@ -1,0 +1,209 @@
+"""From a measurement file and its plan to samples: matching, registration, and the tests of the campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truepose._typing import FloatArray
+from truepose.cell import Cell
+from truepose.error_map.campaign import CampaignCheck, check_campaign
+from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
+from truepose.geometry import Registration, ToolEstimate
+from truepose.robots import Robot
+from truepose.samples import Mask, Poses, Samples, set_aside, write_samples
+from truepose.trackers import ImportSummary, import_readings
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedSamples:
+    """Samples of a measurement file, made by `import_samples`.
+
+    Attributes
+    ----------
+    table : Samples
+        All samples in the order of the plan, with the masked ones.
+    reasons : (n,) array of str
+        The reason of each masked sample of the table; empty where it counts.
+    samples : Samples
+        The samples that count.
+    understood : ImportSummary
+        The summary of the import.
+    registration : Registration
+        The registration of the samples that count.
+    tf_flange_tool : (4, 4) array [mm]
+        The tool fitted with it, or as stated.
+    campaign : CampaignCheck
+        The faults of the measuring campaign.
+    tool : ToolEstimate, optional
+        The tool that the samples imply, beside the stated one.
+    residuals : (n, 3) array [mm], base frame
+        The errors of all samples of the table after the registration.
+    """
+
+    table: Samples
+    reasons: NDArray[np.str_]
+    samples: Samples
+    understood: ImportSummary
+    registration: Registration
+    tf_flange_tool: FloatArray
+    campaign: CampaignCheck
+    tool: ToolEstimate | None
+    residuals: FloatArray
+
+    @property
+    def outliers(self) -> list[dict[str, Any]]:
+        """The samples that count with a large residual, by ``row``, ``point`` and ``line``."""
+        length = np.linalg.norm(self.registration.residuals, axis=1)
+        return [
+            {**self.samples.identify(i), "residual_mm": float(length[i])}
+            for i in np.flatnonzero(self.registration.outliers).tolist()
+        ]
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The mean and the maximum length of the errors after registration, without outliers [mm]."""
+        kept = np.linalg.norm(self.registration.residuals, axis=1)[~self.registration.outliers]
+        return {"mean_mm": float(kept.mean()), "max_mm": float(kept.max())}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the residual of every sample of the table as plain values, with its reason if it is masked."""
+        outlier = np.zeros(len(self.table), dtype=np.bool_)
+        outlier[np.flatnonzero(self.reasons == "")] = self.registration.outliers
+        length = np.linalg.norm(self.residuals, axis=1)
+        return [
+            {
+                **self.table.identify(i),
+                "error_mm": self.residuals[i].tolist(),
+                "residual_mm": float(length[i]),
+                "outlier": bool(outlier[i]),
+                "masked": str(self.reasons[i]),
+            }
+            for i in range(len(self.table))
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values."""
+        return {
+            "n": len(self.samples),
+            "understood": self.understood.sentences(),
+            "summary": asdict(self.understood),
+            "registration": self.figures,
+            "outliers": self.outliers,
+            "masked": list(self.samples.excluded),
+            "campaign": self.campaign.to_dict(),
+        }
+
+    def write(self, path: str | Path) -> None:
+        """Write the table of samples, with the reasons of the masked ones."""
+        write_samples(path, self.table, self.reasons)
+
+
+def import_samples(
+    cell: Cell,
+    readings: str | Path,
+    plan: Poses,
+    *,
+    mask: Mask | None = None,
+    reorder: bool = False,
+    missing: bool = False,
+    two_stations: bool = False,
+    accept_campaign: bool = False,
+    progress: Callable[[str], Any] = str,
+    matched: Callable[[ImportSummary], Any] = lambda summary: None,
+    **settings: Any,
+) -> ImportedSamples:
+    """Read a measurement file, match it with its plan, register it, and test the campaign.
+
+    Parameters
+    ----------
+    cell : Cell
+        The cell that was measured.
+    readings : str or Path
+        The measurement file.
+    plan : Poses
+        The commanded poses.
+    mask : Mask, optional
+        The points to leave out; they stay in the table with their reasons.
+    reorder, missing, two_stations : bool
+        The permissions of `truepose.trackers.match`.
+    accept_campaign : bool
+        Whether to accept a campaign with faults; they are in the result in either case.
+    progress : callable
+        A function of a line about the current step.
+    matched : callable
+        A function of the summary of the matching, which is called before the registration.
+    **settings
+        The columns, units and reflectors of `truepose.trackers.read_measurement`.
+
+    Returns
+    -------
+    ImportedSamples
+
+    Raises
+    ------
+    FileError, DataError, RobotError, IdentifiabilityError
+        For the reasons of `truepose.trackers.import_readings` and `register_samples`; `DataError` also for a campaign
+        with faults.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from truepose import VirtualCell
+    >>> from truepose.samples import Poses
+    >>> from truepose.trackers import write_readings
+    >>> virtual = VirtualCell("paper")
+    >>> design = virtual.design(20)
+    >>> with TemporaryDirectory() as folder:
+    ...     write_readings(f"{folder}/tracker.csv", virtual.measure(design), "tidy")
+    ...     found = import_samples(
+    ...         virtual.cell, f"{folder}/tracker.csv", Poses(q=design), mask=Mask({3: "beam was cut"})
+    ...     )
+    >>> len(found.table), len(found.samples), found.rows()[3]["masked"]
+    (20, 19, 'beam was cut')
+    """
+    table, understood = import_readings(
+        readings,
+        plan,
+        cell=cell,
+        **settings,
+        mask=mask,
+        reorder=reorder,
+        missing=missing,
+        two_stations=two_stations or accept_campaign,
+    )
+    matched(understood)
+    reasons = np.full(len(table), "", dtype="<U1") if mask is None else mask.of(table)
+    samples = set_aside(table, reasons)
+    progress("Registering")
+    robot = cell.load_robot()
+    registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
+    progress("Testing for a moved tracker, a scale error and a drift")
+    campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
+    if not accept_campaign:
+        with wrong_tool_named(cell, robot, samples):
+            campaign.refuse(samples.source, accepted=("moved", "drift", "reference") if two_stations else ())
+    return ImportedSamples(
+        table=table,
+        reasons=reasons,
+        samples=samples,
+        understood=understood,
+        registration=registration,
+        tf_flange_tool=tf_flange_tool,
+        campaign=campaign,
+        tool=tool_estimate(cell, robot, samples),
+        residuals=registration.apply(table.p_meas) - _commanded(robot, table, tf_flange_tool),
+    )
+
+
+def _commanded(robot: Robot, table: Samples, tf_flange_tool: FloatArray) -> FloatArray:
+    """Return the commanded positions of a table, (n, 3) [mm], base frame."""
+    if table.q is not None:
+        return np.asarray(robot.forward(table.q, tool=tf_flange_tool)[:, :3, 3])
+    assert table.p_cmd is not None  # Poses holds one of them
+    return table.p_cmd
