@@ -16,7 +16,7 @@ import {
   UnsignedByteType,
   Vector3,
 } from 'three'
-import { cividis, cividisBytes } from './colours'
+import { cividisBytes } from './colours'
 import type { Cloud, Slice } from './types'
 
 export interface Drawn {
@@ -28,9 +28,13 @@ export interface Drawn {
 export function sliceMesh(slice: Slice): Drawn {
   const { values, columns, rows, scale } = slice
   const bytes = new Uint8Array(4 * columns * rows)
+  const colours = cividisBytes()
   for (let k = 0; k < values.length; k++) {
     const value = values[k]!
-    if (Number.isFinite(value)) bytes.set([...cividis(value / (scale || 1)), 225], 4 * k)
+    if (!Number.isFinite(value)) continue
+    const colour = 4 * Math.min(255, Math.round((255 * value) / (scale || 1)))
+    bytes.set(colours.subarray(colour, colour + 3), 4 * k)
+    bytes[4 * k + 3] = 225
   }
   const texture = new DataTexture(bytes, columns, rows)
   texture.magFilter = texture.minFilter = LinearFilter

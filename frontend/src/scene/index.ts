@@ -2,7 +2,8 @@
  * The 3-D view of Cell, Measure, Map and Programs.
  *
  *   import { mountScene } from '../../scene'
- *   const scene = await mountScene(element, { words: sceneWords() })
+ *   import { sceneWords } from '../../scene/words'
+ *   const scene = await mountScene(element, { words: sceneWords(t('cell.picture')) })
  *   scene.setArm(await get('/api/v1/cells/{cell}/arm', { path: { cell } }))
  *   scene.setJoints([0, -90, 90, 0, 45, 0])
  *   scene.setBoxes({ region: arm.region, obstacles: arm.obstacles })

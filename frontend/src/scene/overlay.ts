@@ -6,7 +6,7 @@ import type { SceneWords } from './types'
 /** What the legend says. */
 export interface Legend {
   error: number | null
-  std: number | null
+  field: { title: string; scale: number } | null
   factor: number
   grid: number
   shown: number
@@ -50,7 +50,7 @@ export class Overlay {
     const { words } = this
     const lines: HTMLElement[] = []
     if (legend.error !== null) lines.push(this.scale(words.error, legend.error))
-    if (legend.std !== null) lines.push(this.scale(words.std, legend.std))
+    if (legend.field !== null) lines.push(this.scale(legend.field.title, legend.field.scale))
     if (legend.error !== null) lines.push(make('span', words.magnified(legend.factor)))
     if (legend.shown < legend.total) {
       const shown = make('strong', words.shown(legend.shown, legend.total))

@@ -18,16 +18,16 @@ const PLAIN = VERDICTS.indexOf('plain')
 
 const VERTEX = /* glsl */ `
 attribute float aVerdict;
-uniform vec3 uColours[4]; uniform float uSize;
+uniform vec3 uColours[5]; uniform float uSize;
 varying vec3 vColour; varying float vVerdict;
 void main() {
   vVerdict = aVerdict;
   vColour = uColours[int(aVerdict + 0.5)];
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-  gl_PointSize = uSize * (aVerdict > 2.5 ? 0.7 : 1.0);
+  gl_PointSize = uSize * (aVerdict > 3.5 ? 0.8 : 1.0);
 }`
 
-/** Corrected: disc. Skipped: open square. Refused: cross. Plain: small disc. */
+/** The shapes of `lib/verdicts`. Corrected: disc. Unchanged: ring. Skipped: diamond. Refused: triangle. Plain: disc. */
 const FRAGMENT = /* glsl */ `
 uniform vec3 uPage;
 varying vec3 vColour; varying float vVerdict;
@@ -35,9 +35,10 @@ void main() {
   vec2 p = 2.0 * gl_PointCoord - 1.0;
   vec2 a = abs(p);
   float inside;
-  if (vVerdict < 0.5 || vVerdict > 2.5) inside = 0.9 - length(p);
-  else if (vVerdict < 1.5) inside = min(0.85 - max(a.x, a.y), max(a.x, a.y) - 0.45);
-  else inside = min(0.3 - abs(a.x - a.y), 0.9 - max(a.x, a.y));
+  if (vVerdict < 0.5 || vVerdict > 3.5) inside = 0.85 - length(p);
+  else if (vVerdict < 1.5) inside = 0.2 - abs(length(p) - 0.6);
+  else if (vVerdict < 2.5) inside = 0.9 - a.x - a.y;
+  else inside = min(0.75 - p.y, 0.53 * (p.y + 0.85) - a.x);
   if (inside < 0.0) discard;
   gl_FragColor = vec4(inside < 0.08 ? mix(vColour, uPage, 0.5) : vColour, 1.0);
 }`

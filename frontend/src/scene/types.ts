@@ -1,5 +1,6 @@
 /** The data of a scene. Lengths in mm, base frame of the robot; angles in degrees. */
 import type { Schemas } from '../lib/api'
+import type { VerdictKind } from '../lib/verdicts'
 
 /** An arm as `GET /cells/{cell}/arm` and `GET /robots/{robot}/arm` give it. */
 export type ArmPicture = Schemas['ArmPicture']
@@ -25,6 +26,8 @@ export interface Slice {
   u: readonly [number, number, number]
   v: readonly [number, number, number]
   scale: number
+  /** Title of its colour scale, with unit. */
+  title: string
 }
 
 /** Values in a box, n³ in the order z, y, x (x fastest); NaN where there is none. */
@@ -34,10 +37,15 @@ export interface Cloud {
   low: readonly [number, number, number]
   high: readonly [number, number, number]
   scale: number
+  /** Title of its colour scale, with unit. */
+  title: string
 }
 
-/** What became of a target; each has its own shape and colour. */
-export const VERDICTS = ['corrected', 'skipped', 'refused', 'plain'] as const
+/** What became of a target, with the shapes of `lib/verdicts`; a pose of a plan is plain. */
+export const VERDICTS = ['corrected', 'unchanged', 'skipped', 'refused', 'plain'] as const satisfies readonly (
+  | VerdictKind
+  | 'plain'
+)[]
 export type Verdict = (typeof VERDICTS)[number]
 
 /** Targets of a program or poses of a plan, joined by a line where `line` is true. */
@@ -73,8 +81,6 @@ export interface SceneWords {
   contextLost: string
   /** Title of the colour scale of arrows, with unit. */
   error: string
-  /** Title of the colour scale of slice and cloud, with unit. */
-  std: string
   grid: (step: number) => string
   shown: (shown: number, total: number) => string
   magnified: (factor: number) => string

@@ -13,7 +13,7 @@ import {
   WebGLRenderer,
 } from 'three'
 import { Arm } from './arm'
-import { ArrowField } from './arrows'
+import { ArrowField, MOST } from './arrows'
 import { bufferBytes } from './bytes'
 import { palette } from './colours'
 import { cloudMesh, sliceMesh, type Drawn } from './field'
@@ -43,6 +43,11 @@ import type {
 const PICK_PX = 10
 /** A frame that takes longer shows lines instead of arrows, and fewer of them. */
 const SLOW_MS = 50
+/** A frame of few arrows that is as quick lets all be tried. */
+const QUICK_MS = 15
+const TRIALS = 3
+/** So few arrows are never the reason. */
+const FEW = 500
 const VIEWS: Record<View, [azimuth: number, elevation: number]> = {
   iso: [-50, 25],
   top: [-90, 89.4],
@@ -79,12 +84,14 @@ export class SceneView implements SceneHandle {
   private arrows: ArrowField | undefined
   private slice: Drawn | undefined
   private cloud: Drawn | undefined
-  private stdScale: number | null = null
+  private field: { title: string; scale: number } | null = null
   private paths: Paths | undefined
   private factor = 1
   private after = 0
   private reducible = true
   private reduced = false
+  private trials = 0
+  private slow = 0
   private pointer: { x: number; y: number } | null = null
 
   constructor(
@@ -96,7 +103,8 @@ export class SceneView implements SceneHandle {
     host.classList.add('scene-host')
     this.canvas.tabIndex = 0
     host.prepend(this.canvas)
-    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, powerPreference: 'high-performance' })
+    const antialias = !drawnBySoftware()
+    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias, powerPreference: 'high-performance' })
     this.renderer.outputColorSpace = LinearSRGBColorSpace
     this.renderer.info.autoReset = false
     this.clock = new FrameClock(this.renderer.getContext() as WebGL2RenderingContext)
@@ -167,11 +175,12 @@ export class SceneView implements SceneHandle {
   setArrows(arrows: Arrows | null): void {
     this.arrows?.dispose()
     this.arrows = undefined
-    this.reduced = false
     this.marker.hide('arrows')
     this.clock.mark()
+    this.trials = this.slow = 0
     if (arrows?.before.length) {
       this.arrows = new ArrowField(arrows, this.content, this.picture?.reach_mm ?? 1500)
+      this.reduce(this.reducible && this.arrows.total > MOST)
       this.arrows.factor = this.factor
       this.arrows.after = this.after
     }
@@ -199,7 +208,7 @@ export class SceneView implements SceneHandle {
     this.slice?.dispose()
     this.slice = slice ? sliceMesh(slice) : undefined
     if (this.slice) this.content.add(this.slice.mesh)
-    if (slice) this.stdScale = slice.scale
+    if (slice) this.field = { title: slice.title, scale: slice.scale }
     this.invalidate()
   }
 
@@ -207,7 +216,7 @@ export class SceneView implements SceneHandle {
     this.cloud?.dispose()
     this.cloud = cloud ? cloudMesh(cloud) : undefined
     if (this.cloud) this.content.add(this.cloud.mesh)
-    if (cloud) this.stdScale = cloud.scale
+    if (cloud) this.field = { title: cloud.title, scale: cloud.scale }
     this.invalidate()
   }
 
@@ -367,13 +376,13 @@ export class SceneView implements SceneHandle {
     const { clientWidth: width, clientHeight: height } = this.canvas
     this.overlay.place(this.camera, this.floor.axis, width, height)
     this.legend()
-    this.clock.end((ms) => this.slow(ms))
+    this.clock.end((ms) => this.took(ms))
   }
 
   private legend(): void {
     this.overlay.show({
       error: this.arrows ? this.arrows.end : null,
-      std: this.slice || this.cloud ? this.stdScale : null,
+      field: this.slice || this.cloud ? this.field : null,
       factor: this.factor,
       grid: this.floor.step,
       shown: this.arrows?.shown ?? 0,
@@ -381,10 +390,21 @@ export class SceneView implements SceneHandle {
     })
   }
 
-  /** Reduce the arrows after a frame that took too long. */
-  private slow(ms: number): void {
-    const many = this.arrows !== undefined && this.arrows.total > 1000
-    if (ms > SLOW_MS && many && this.reducible && !this.reduced) this.reduce(true)
+  /** Reduce the arrows after a frame that took too long; show all of many after a quick one. */
+  private took(ms: number): void {
+    if (!this.arrows || !this.reducible) return
+    if (!this.reduced) {
+      this.slow = ms > SLOW_MS && this.arrows.total > FEW ? this.slow + 1 : 0
+      if (this.slow === 1) this.invalidate() // the first frame also compiles
+      else if (this.slow > 1) this.reduce(true)
+    } else if (this.trials < TRIALS) {
+      this.trials += 1
+      if (ms > QUICK_MS) this.invalidate()
+      else {
+        this.trials = TRIALS
+        this.reduce(false)
+      }
+    }
   }
 
   private reduce(reduced: boolean): void {
@@ -423,4 +443,13 @@ export class SceneView implements SceneHandle {
     }
     return null
   }
+}
+
+/** Whether the processor draws, so that smooth edges would cost most of a frame. */
+function drawnBySoftware(): boolean {
+  const gl = document.createElement('canvas').getContext('webgl2')
+  const known = gl?.getExtension('WEBGL_debug_renderer_info')
+  const name = known ? String(gl?.getParameter(known.UNMASKED_RENDERER_WEBGL)) : ''
+  gl?.getExtension('WEBGL_lose_context')?.loseContext()
+  return /swiftshader|llvmpipe|software/i.test(name)
 }
