@@ -35,7 +35,7 @@ app: frontend
 frontend: $(STAMP)
 	$(BIN)/python tools/frontend.py build
 
-test: setup
+test: frontend
 	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
 
 lint: setup

@@ -1,12 +1,9 @@
 /** The cells of the workspace, shared by the picker and the pages. Call `loadCells` after making or renaming one. */
-import { raw } from './api'
+import { get, raw, type Schemas } from './api'
 import { runJob, type Job } from './jobs.svelte'
 import { go, route } from './router.svelte'
 
-export interface CellEntry {
-  id: string
-  name: string
-}
+export type CellEntry = Schemas['CellSummary']
 
 const state = $state<{ list: CellEntry[]; loaded: boolean }>({ list: [], loaded: false })
 
@@ -25,7 +22,7 @@ export const cells = {
 
 /** Read the list again; chooses the first cell when the address names none that exists. */
 export async function loadCells(): Promise<void> {
-  state.list = await raw('get', '/api/v1/cells')
+  state.list = await get('/api/v1/cells')
   state.loaded = true
   if (!cells.current) go({ cell: state.list[0]?.id ?? null }, { replace: true })
 }

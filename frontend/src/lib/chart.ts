@@ -101,7 +101,7 @@ function drawn({ label, points, dash }: ChartSeries, color: string): uPlot.Serie
 }
 
 function bound(label: string, color: string): uPlot.Series {
-  return { label, stroke: transparent(color, 0.4), width: 1, points: { show: false }, value: (_, value) => significant(value) }
+  return { label, class: 'band-bound', stroke: transparent(color, 0.4), width: 1, points: { show: false }, value: (_, value) => significant(value) }
 }
 
 function drawLine(plot: uPlot, { x, y, label, color }: ChartLine): void {
