@@ -36,6 +36,7 @@ frontend: $(STAMP)
 	$(BIN)/python tools/frontend.py build
 
 test: frontend
+	$(BIN)/python tools/frontend.py test
 	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
 
 lint: setup

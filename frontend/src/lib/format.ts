@@ -49,17 +49,6 @@ export function fileSize(bytes: number): string {
   return `${number(bytes / 1000 ** power, power ? 1 : 0)} ${units[power]}`
 }
 
-/** The text of a number in a field: shortest form, decimal point, no groups. */
-export function fieldText(value: number | null | undefined): string {
-  return value === null || value === undefined || !Number.isFinite(value) ? '' : String(value)
-}
-
-/** What a field holds: a finite number, or null. "1,5" is null: a comma may also separate thousands. */
-export function parseField(text: string): number | null {
-  const trimmed = text.trim()
-  return /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(trimmed) ? Number(trimmed) : null
-}
-
 const formatters = new Map<string, Intl.NumberFormat>()
 
 function formatter(language: string, decimals: number): Intl.NumberFormat {

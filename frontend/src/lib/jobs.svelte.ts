@@ -6,6 +6,7 @@
  *
  * A job that fails throws the `ApiError` of its problem; a cancelled one throws `JobStopped`.
  */
+import { commandLine } from './command'
 import { ApiError, raw, type Problem } from './api'
 
 export interface Job {
@@ -117,12 +118,7 @@ export async function runAgain(job: Job): Promise<Job> {
 
 /** The command line of a job, as it could be typed in its folder. */
 export function commandOf(job: Job): string {
-  return ['truepose', ...job.command].map(quote).join(' ')
-}
-
-/** Quote a word for a POSIX shell if it needs it. */
-export function quote(word: string): string {
-  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`
+  return commandLine(job.command)
 }
 
 function remember(job: Job): void {

@@ -1,8 +1,10 @@
 /** Columns, pages and the order of rows for `components/Table.svelte`. */
 import type { Snippet } from 'svelte'
+import type { Ordered } from './order'
 
-export interface Column<Row> {
-  key: string
+export { arrange, type Sorting } from './order'
+
+export interface Column<Row> extends Ordered<Row> {
   label: string
   /** Shown in the header. */
   unit?: string
@@ -15,15 +17,8 @@ export interface Column<Row> {
   sortable?: boolean
   /** Decimals of numbers. */
   decimals?: number
-  /** What is shown, sorted and filtered. */
-  value: (row: Row) => string | number | null | undefined
   /** Shown instead of the value. */
   cell?: Snippet<[Row]>
-}
-
-export interface Sorting {
-  key: string
-  descending: boolean
 }
 
 export interface PageRequest {
@@ -36,43 +31,6 @@ export interface PageRequest {
 }
 
 export type PageSource<Row> = (request: PageRequest) => Promise<{ rows: Row[]; total: number }>
-
-/** The rows that pass the filter (all its words in some column), in order; rows without a value come last. */
-export function arrange<Row>(
-  rows: readonly Row[],
-  columns: readonly Column<Row>[],
-  filter: string,
-  sorting: Sorting | null,
-): readonly Row[] {
-  const words = filter.toLowerCase().split(/\s+/).filter(Boolean)
-  const found = words.length
-    ? rows.filter((row) => {
-        const texts = columns.map((column) => String(column.value(row) ?? '').toLowerCase())
-        return words.every((word) => texts.some((text) => text.includes(word)))
-      })
-    : rows
-  const column = columns.find((candidate) => candidate.key === sorting?.key)
-  if (!column || !sorting) return found
-  const sign = sorting.descending ? -1 : 1
-  return found
-    .map((row) => ({ row, value: column.value(row) }))
-    .sort((a, b) => Number(isMissing(a.value)) - Number(isMissing(b.value)) || sign * compare(a.value, b.value))
-    .map(({ row }) => row)
-}
-
-type Value = string | number | null | undefined
-
-function isMissing(value: Value): boolean {
-  return value === null || value === undefined || (typeof value === 'number' && Number.isNaN(value))
-}
-
-const collator = new Intl.Collator(undefined, { numeric: true })
-
-function compare(a: Value, b: Value): number {
-  if (isMissing(a) || isMissing(b)) return 0
-  if (typeof a === 'number' && typeof b === 'number') return a - b
-  return collator.compare(String(a), String(b))
-}
 
 const PAGE = 200
 const KEPT = 40
