@@ -18,7 +18,6 @@ import secrets
 import shutil
 import signal
 import stat
-import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
@@ -27,12 +26,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, Final
 
+from truepose._io.locks import lock
 from truepose.errors import FileError, RecoveryWarning
-
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
 
 _FORMAT: Final = "truepose journal 1"
 _JOURNAL: Final = re.compile(r"\.truepose-([0-9a-f]{16})\.journal")
@@ -240,7 +235,7 @@ def _recover(path: Path) -> str:
         descriptor = os.open(path, flags | (os.O_RDWR if os.access(path, os.W_OK) else os.O_RDONLY))
     except FileNotFoundError:  # another run was quicker
         return ""
-    if not _lock(descriptor):
+    if not lock(descriptor):
         os.close(descriptor)
         return ""
     token, folders = _token(path), [path.parent]
@@ -396,25 +391,9 @@ def _new_journal(path: Path) -> int:
     """Create a journal and lock it; another run may take it for one that was left, and remove it before the lock."""
     while True:
         descriptor = os.open(path, _NEW, 0o644)
-        if _lock(descriptor) and path.exists():
+        if lock(descriptor) and path.exists():
             return descriptor
         os.close(descriptor)
-
-
-def _lock(descriptor: int) -> bool:
-    """Lock a journal as long as this process has it open; return False if another has."""
-    try:
-        if sys.platform == "win32":
-            os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # beyond what is read
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-            os.lseek(descriptor, 0, os.SEEK_SET)
-        else:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    except OSError:
-        return True  # a file system without locks
-    return True
 
 
 @contextlib.contextmanager
