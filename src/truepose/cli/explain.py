@@ -9,7 +9,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
-from truepose.cli.summaries import calibration_of, show_calibration
+from truepose.cli.summaries import show_calibration
 
 if TYPE_CHECKING:
     from truepose.report.knowledge import Knowledge
@@ -68,6 +68,8 @@ def _show(found: Knowledge) -> None:
 
 
 def _show_parameters(found: Knowledge) -> None:
+    from truepose.error_map.figures import calibration_of
+
     if (calibration := calibration_of(found.error_map.predictor)) is not None:
         show_calibration(calibration)
     elif found.parameters:

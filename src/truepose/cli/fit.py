@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from truepose.cli.options import AcceptCampaign, Candidates, CellPath, Force, Json, PredictorName, SamplesPath
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, working
 from truepose.cli.summaries import (
-    calibration_data,
-    calibration_of,
     show_better,
     show_calibration,
     show_campaign,
     show_choice,
     show_worth,
 )
-from truepose.cli.tool import show_tool, tool_data
+from truepose.cli.tool import show_tool
 
 if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
@@ -41,6 +39,7 @@ def fit(
 ) -> None:
     """Register the samples, fit the tool if the cell file asks for it, fit a predictor, and write a map."""
     from truepose.cell import load_cell
+    from truepose.error_map.figures import fit_figures
     from truepose.error_map.fit import fit_cell
     from truepose.error_map.rivals import better_predictor
     from truepose.samples import read_samples
@@ -60,7 +59,7 @@ def fit(
         error_map.save(out)
         progress("Comparing with another predictor")
         better = better_predictor(error_map)
-    data = {"map": out, **_figures(error_map), "better": None if better is None else better.to_dict()}
+    data = {"map": out, **fit_figures(error_map), "better": None if better is None else better.to_dict()}
     if as_json:
         emit_json(data)
         return
@@ -70,36 +69,10 @@ def fit(
     show_better(better)
 
 
-def _figures(error_map: ErrorMap) -> dict[str, Any]:
-    """Return the results of a fit as plain values, for JSON."""
-    from truepose.error_map.registration import tool_estimate
-    from truepose.verification import summary
-
-    calibration = calibration_of(error_map.predictor)
-    estimate = tool_estimate(error_map.cell, error_map.robot, error_map.samples)
-    parameters = error_map.predictor.to_dict()
-    return {
-        "hash": error_map.hash,
-        "n": len(error_map.samples),
-        "predictor": error_map.predictor_name,
-        "parameters": {key: value for key, value in parameters.items() if key not in ("weight", "weights")},
-        **tool_data(error_map.registration, estimate),
-        "hint": error_map.registration.hint,
-        "registered": summary(error_map.e),
-        "leave_one_out": summary(error_map.leave_one_out()[0]),
-        "ranking": error_map.ranking,
-        "expected": error_map.expected,
-        "excluded": error_map.excluded,
-        "campaign": error_map.campaign,
-        "arm_check": error_map.arm_check.to_dict(),
-        "worth": error_map.worth.to_dict(),
-        **({} if calibration is None else {"calibration": calibration_data(calibration)}),
-    }
-
-
 def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     from rich.markup import escape
 
+    from truepose.error_map.figures import calibration_of
     from truepose.error_map.registration import tool_estimate
     from truepose.samples import name_one
 

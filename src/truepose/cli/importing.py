@@ -11,7 +11,7 @@ from truepose.cli.measurement import Measurement
 from truepose.cli.options import AcceptCampaign, CellPath, Force, Json, with_groups
 from truepose.cli.output import emit_json, overwrite, say, working
 from truepose.cli.summaries import show_campaign
-from truepose.cli.tool import show_tool, tool_data
+from truepose.cli.tool import show_tool
 
 _MEASUREMENT = Measurement()
 
@@ -62,6 +62,8 @@ def import_readings(
         )
     found.write(out)
     if as_json:
+        from truepose.error_map.figures import tool_data
+
         emit_json({"samples": out, **found.to_dict(), **tool_data(found.registration, found.tool)})
         return
     for masked in found.samples.excluded:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -39,7 +38,9 @@ def overwrite(force: bool, *outputs: Path) -> None:
 
 def emit_json(data: Mapping[str, Any]) -> None:
     """Write one JSON object to stdout; non-finite numbers become null."""
-    text = json.dumps(_plain(data), indent=2, ensure_ascii=False)
+    from truepose._io.plain import plain
+
+    text = json.dumps(plain(data), indent=2, ensure_ascii=False)
     typer.echo(text.encode("utf-8", "backslashreplace").decode())  # bytes of a name that are not UTF-8, as \udcff
 
 
@@ -134,17 +135,3 @@ def accuracy_table(title: str, figures: Mapping[str, Any]) -> Group:
         for key, label in names.items()
     ]
     return table(f"{title} (n = {before['n']})", ["", "before [mm]", "after [mm]", "reduction"], rows)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):  # numpy scalars and arrays
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

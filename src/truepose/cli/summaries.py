@@ -10,7 +10,7 @@ from truepose.cli.output import say, table
 if TYPE_CHECKING:
     from truepose.error_map.rivals import Better
     from truepose.error_map.worth import Worth
-    from truepose.predictors import KinematicCalibration, Predictor
+    from truepose.predictors import KinematicCalibration
 
 _SHOWN_UNITS: Final = {"rad": ("deg", 57.29577951308232, 4), "rad/Nm": ("µrad/Nm", 1e6, 3), "mm": ("mm", 1.0, 3)}
 _JOINT_UNIT: Final = ("mrad", 1e3, 4)
@@ -69,30 +69,6 @@ def show_choice(ranking: Sequence[Mapping[str, Any]], expected: Mapping[str, Any
 def _worse(row: Mapping[str, Any]) -> str:
     low, high = row["worse_by_interval_mm"]
     return "not significant" if row["level"] else f"{low:.3f} … {high:.3f}"
-
-
-def calibration_of(predictor: Predictor) -> KinematicCalibration | None:
-    """Return the calibration that a predictor is or contains."""
-    from truepose.predictors import KinematicCalibration
-
-    found = getattr(predictor, "calibration_", predictor)
-    return found if isinstance(found, KinematicCalibration) else None
-
-
-def calibration_data(calibration: KinematicCalibration) -> dict[str, Any]:
-    """Return the results of an identification as plain values, for JSON; each row states its unit."""
-    seen = calibration.observability_
-    return {
-        "parameters": calibration.parameters_,
-        "rank": seen.rank,
-        "condition": seen.condition,
-        "observability": seen.indices,
-        "misfit_mm": calibration.misfit_std_,
-        "method": calibration.method,
-        "convention": calibration.convention,
-        "prior": calibration.prior,
-        "hint": calibration.hint_,
-    }
 
 
 def show_calibration(calibration: KinematicCalibration, *, parameters: bool = True) -> None:

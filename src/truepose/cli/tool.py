@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truepose.cli.output import say
 
@@ -27,12 +27,3 @@ def show_tool(cell: Cell, registration: Registration, found: ToolEstimate | None
         say(f"[yellow]Warning[/]: {found.suspicion}.")
     elif found is not None:
         say(f"Tool: {found.words}; errors of the arm explain such a difference.")
-
-
-def tool_data(registration: Registration, found: ToolEstimate | None) -> dict[str, Any]:
-    """Return the fitted tool and the estimate of a stated one as plain values, for JSON."""
-    tool = registration.p_flange_tool
-    return {
-        "tool_mm": None if tool is None else tool.round(4),
-        "tool_estimate": None if found is None else found.to_dict(),
-    }

@@ -18,18 +18,19 @@ DIRECTIONAL: Final = 1.5
 
 def study_to_dict(study: SimilarityStudy) -> dict[str, Any]:
     """Return the figures of a study and its findings in English as plain values, for JSON."""
-    say = load_locale("en")
-    parts = [
-        {
-            "title": title(part, say),
-            **part.to_dict(),
-            "findings": dict(findings(part, say)),
-            "verdict": structure_verdict(part, say),
-        }
-        for part in study.parts
-    ]
+    parts = [part_to_dict(part, load_locale("en")) for part in study.parts]
     joints = {"joints": [joint.to_dict() for joint in study.joints]} if study.joints else {}
     return {"variograms": parts, **joints}
+
+
+def part_to_dict(part: StudyPart, say: Locale) -> dict[str, Any]:
+    """Return the figures of one space and its findings as plain values."""
+    return {
+        "title": title(part, say),
+        **part.to_dict(),
+        "findings": dict(findings(part, say)),
+        "verdict": structure_verdict(part, say),
+    }
 
 
 def title(part: StudyPart, say: Locale) -> str:

@@ -1,4 +1,4 @@
-"""Predicted error and uncertainty on planes through the middle of the work region."""
+"""Predicted error and uncertainty at positions, and on planes through the work region."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def planes(error_map: ErrorMap) -> list[Plane]:
     for plane, (i, j), (u, v) in zip(points, axes, grids, strict=True):
         plane[..., i], plane[..., j] = u, v[:, None]
     try:
-        error, std = _lengths(error_map, points.reshape(-1, 3))
+        error, std = (np.linalg.norm(v, axis=1) for v in predict_positions(error_map, points.reshape(-1, 3)))
     except RobotError:
         return []
     shape = (len(axes), _STEPS, _STEPS)
@@ -65,20 +65,62 @@ def planes(error_map: ErrorMap) -> list[Plane]:
     ]
 
 
-def _lengths(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return lengths of error and standard deviation at positions (n, 3) [mm], base frame; NaN out of reach."""
+def plane_at(error_map: ErrorMap, i: int, j: int, at: float, steps: int) -> Plane:
+    """Return predictions on a plane along the axes i and j, over the samples' bounding box.
+
+    Parameters
+    ----------
+    error_map : ErrorMap
+        The map.
+    i, j : int
+        The axes of the base frame, 0, 1, 2 for x, y, z.
+    at : float [mm]
+        The place of the plane along the third axis.
+    steps : int
+        The number of points along each axis.
+
+    Raises
+    ------
+    RobotError
+        If the map predicts from joints and the robot has no inverse kinematics.
+    """
+    low, high = error_map.p_cmd.min(axis=0), error_map.p_cmd.max(axis=0)
+    u, v = (np.linspace(low[k], high[k], steps) for k in (i, j))
+    points = np.full((steps, steps, 3), at)
+    points[..., i], points[..., j] = u, v[:, None]
+    error, std = (np.linalg.norm(one, axis=1) for one in predict_positions(error_map, points.reshape(-1, 3)))
+    return Plane(i, j, u, v, error.reshape(steps, steps), std.reshape(steps, steps))
+
+
+def predict_positions(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return predicted errors and their standard deviation at positions, both (n, 3) [mm], base frame.
+
+    Rows are NaN where a position is out of reach. A map that predicts from joints is evaluated at the joints that reach the positions with the orientation of the
+    sample nearest to the mean orientation.
+
+    Parameters
+    ----------
+    error_map : ErrorMap
+        The map.
+    p : (n, 3) array [mm], base frame
+        The positions.
+
+    Raises
+    ------
+    RobotError
+        If joints are needed and the robot has no inverse kinematics.
+    """
     if not len(p):
-        return np.empty(0), np.empty(0)
+        return np.empty((0, 3)), np.empty((0, 3))
     if error_map.space == "cartesian":
-        x, lost = p, np.zeros(len(p), np.bool_)
-    else:
-        q = error_map.samples.q
-        assert q is not None  # or the map could not predict from joints
-        rotations = Rotation.from_matrix(error_map.robot.forward(q, tool=error_map.tf_flange_tool)[:, :3, :3])
-        usual = rotations[int(np.argmin((rotations * rotations.mean().inv()).magnitude()))]
-        poses = make_transform(Rotation.from_matrix(np.tile(usual.as_matrix(), (len(p), 1, 1))), p)
-        tools = np.broadcast_to(error_map.tf_flange_tool, (len(p), 4, 4))
-        follower = BranchTracker(error_map.robot, poses, tools, q)
-        x, lost = follower.q, follower.lost
-    e, std = error_map.predict_at(x)
-    return np.where(lost, np.nan, np.linalg.norm(e, axis=1)), np.where(lost, np.nan, np.linalg.norm(std, axis=1))
+        return error_map.predict_at(p)
+    q = error_map.samples.q
+    assert q is not None  # or the map could not predict from joints
+    rotations = Rotation.from_matrix(error_map.robot.forward(q, tool=error_map.tf_flange_tool)[:, :3, :3])
+    usual = rotations[int(np.argmin((rotations * rotations.mean().inv()).magnitude()))]
+    poses = make_transform(Rotation.from_matrix(np.tile(usual.as_matrix(), (len(p), 1, 1))), p)
+    tools = np.broadcast_to(error_map.tf_flange_tool, (len(p), 4, 4))
+    follower = BranchTracker(error_map.robot, poses, tools, q)
+    lost = follower.lost[:, None]
+    e, std = error_map.predict_at(follower.q)
+    return np.where(lost, np.nan, e), np.where(lost, np.nan, std)

@@ -231,9 +231,32 @@ def similarity_study(
             x, error_map.e, edges, longest, estimator=estimator, direction=direction, rng=rng
         )
         with without_warning():  # the findings say so in words
-            model = replace(fit_variogram(envelope.variogram, family, weights=weights, fixed=fixed), **(by_hand or {}))
+            model = _fitted(envelope, family, weights, fixed, by_hand)
             parts.append(_part(name, unit, axes, x, error_map.e, effect, envelope, model))
     return SimilarityStudy(parts)
+
+
+def refit(
+    part: StudyPart,
+    *,
+    family: str = "best",
+    weights: str = "cressie",
+    fixed: Mapping[str, float] | None = None,
+    by_hand: Mapping[str, Any] | None = None,
+) -> StudyPart:
+    """Return a part with another model of the same variogram; the settings are those of `similarity_study`."""
+    with without_warning():
+        return replace(part, model=_fitted(part.envelope, family, weights, fixed, by_hand))
+
+
+def _fitted(
+    envelope: Envelope,
+    family: str,
+    weights: str,
+    fixed: Mapping[str, float] | None,
+    by_hand: Mapping[str, Any] | None,
+) -> VariogramModel:
+    return replace(fit_variogram(envelope.variogram, family, weights=weights, fixed=fixed), **(by_hand or {}))
 
 
 def _part(
