@@ -38,6 +38,17 @@ def build(root: Path = ROOT) -> bool:
     return True
 
 
+def build_for(version: str, root: Path = ROOT) -> str | None:
+    """Build the pages for a version of the wheel; return the warning of an editable one that has to do without."""
+    try:
+        build(root)
+    except NoPackagesError as error:
+        if version != "editable":
+            raise
+        return f"{error}; build the pages of 'truepose app' later with: make frontend"
+    return None
+
+
 def check(root: Path = ROOT) -> None:
     """Run the type checks of the pages."""
     _install(root)

@@ -21,9 +21,5 @@ class FrontendHook(BuildHookInterface):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the pages if their sources changed."""
-        try:
-            frontend.build(Path(self.root))
-        except frontend.NoPackagesError as error:
-            if version != "editable":
-                raise
-            self.app.display_warning(f"{error}; build the pages of 'truepose app' later with: make frontend")
+        if warning := frontend.build_for(version, Path(self.root)):
+            self.app.display_warning(warning)
