@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Sequence
 from itertools import chain, takewhile
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Any, Final, TextIO
 
 import numpy as np
 
@@ -216,14 +216,34 @@ def _text(path: Path) -> TextIO:
 
 
 def hashes_of(path: Path) -> list[tuple[str, str]]:
-    """Return the hashes before and after of a record's files; targets, which may be a million, are not read."""
+    """Return the hashes before and after of a record's files."""
+    try:
+        return [(entry["sha256_before"], entry["sha256_after"]) for entry in head_of(path)["files"]]
+    except (KeyError, TypeError):
+        raise _unreadable(path) from None
+
+
+def head_of(path: Path) -> dict[str, Any]:
+    """Return a record without its targets, which may be a million and are not read.
+
+    Raises
+    ------
+    FileError
+        If the file is no record.
+    """
     try:
         with _text(path) as lines:
             head = list(takewhile(lambda line: line.rstrip() != TARGETS, lines))
             more = "]}" if next(lines, None) is not None else ""
-        entries = json.loads("".join(head) + (f"{TARGETS}{more}" if more else ""))["files"]
-        return [(entry["sha256_before"], entry["sha256_after"]) for entry in entries]
+        found = json.loads("".join(head) + (f"{TARGETS}{more}" if more else ""))
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise FileError(path, "is no readable record of corrections; move it away if it is not one") from None
+    except (ValueError, RecursionError):
+        raise _unreadable(path) from None
+    if not isinstance(found, dict):
+        raise _unreadable(path)
+    return found
+
+
+def _unreadable(path: Path) -> FileError:
+    return FileError(path, "is no readable record of corrections; move it away if it is not one")
