@@ -13,7 +13,7 @@ export default defineConfig({
     target: 'es2023',
     assetsInlineLimit: 0, // no data: URLs, which the Content-Security-Policy refuses
     modulePreload: { polyfill: false }, // nothing inline
-    license: { fileName: 'licenses.md' }, // of the packages whose code is in the files
+    license: { fileName: 'assets/licenses.md' }, // of the packages whose code is in the files
     cssCodeSplit: false, // one style sheet
     reportCompressedSize: false, // compress.js prints the sizes
     chunkSizeWarningLimit: 1000,

@@ -27,8 +27,12 @@ export interface Job {
   warnings: string[]
 }
 
+/** Browsers open six connections to a server; progress may hold some of them, the rest is asked for. */
+const MOST_STREAMS = 2
 const ACTIVE = new Set(['queued', 'running'])
 const list = $state<{ jobs: Job[] }>({ jobs: [] })
+const followed = new Set<string>()
+let streams = 0
 
 /** All jobs of the workspace, newest first (reactive). */
 export const jobs = {
@@ -82,27 +86,50 @@ export async function runJob(
   }
 }
 
+/** Whether a page waits for this job and tells its end itself. */
+export function isFollowed(job: Job): boolean {
+  return followed.has(job.id)
+}
+
 /** Report a job's states until it ends; resolves with the ended job. */
-export function follow(job: Job, onProgress?: (job: Job) => void): Promise<Job> {
-  remember(job)
-  onProgress?.(job)
-  if (!isActive(job)) return Promise.resolve(job)
-  return new Promise((resolve, reject) => {
-    const source = new EventSource(`/api/v1/jobs/${job.id}/events`)
-    const take = (news: Job) => {
-      remember(news)
-      onProgress?.(news)
-      if (isActive(news)) return
-      source.close()
-      resolve(news)
+export async function follow(job: Job, onProgress?: (job: Job) => void): Promise<Job> {
+  const take = (news: Job) => {
+    remember(news)
+    onProgress?.(news)
+  }
+  followed.add(job.id)
+  take(job)
+  if (!isActive(job)) return job
+  return streams < MOST_STREAMS ? listen(job, take) : poll(job, take)
+}
+
+function listen(job: Job, take: (job: Job) => void): Promise<Job> {
+  streams++
+  const source = new EventSource(`/api/v1/jobs/${job.id}/events`)
+  const ended = new Promise<Job>((resolve, reject) => {
+    source.onmessage = (event: MessageEvent<string>) => {
+      const news = JSON.parse(event.data) as Job
+      take(news)
+      if (!isActive(news)) resolve(news)
     }
-    source.onmessage = (event: MessageEvent<string>) => take(JSON.parse(event.data) as Job)
     source.onerror = () => {
       // the browser connects again on its own, unless the server refused or stopped
-      if (source.readyState !== EventSource.CLOSED) return
-      raw<Job>('get', '/api/v1/jobs/{id}', { path: { id: job.id } }).then(take, reject)
+      if (source.readyState === EventSource.CLOSED) poll(job, take).then(resolve, reject)
     }
   })
+  return ended.finally(() => {
+    source.close()
+    streams--
+  })
+}
+
+async function poll(job: Job, take: (job: Job) => void): Promise<Job> {
+  for (;;) {
+    const news = await raw<Job>('get', '/api/v1/jobs/{id}', { path: { id: job.id } })
+    take(news)
+    if (!isActive(news)) return news
+    await new Promise((resolve) => setTimeout(resolve, 1000))
+  }
 }
 
 export async function cancelJob(job: Job): Promise<void> {
@@ -112,7 +139,6 @@ export async function cancelJob(job: Job): Promise<void> {
 /** Run a finished, failed, cancelled or interrupted job again, as a new job. */
 export async function runAgain(job: Job): Promise<Job> {
   const fresh = await raw<Job>('post', '/api/v1/jobs/{id}/run', { path: { id: job.id } })
-  void follow(fresh)
   return fresh
 }
 

@@ -9,14 +9,19 @@ export interface Notice {
 }
 
 const list = $state<Notice[]>([])
+const session = $state({ lost: false })
 let last = 0
 
 export const notices: readonly Notice[] = list
 
+/** Whether the server does not know this browser (any more): only the start address helps. */
+export const sessionLost = (): boolean => session.lost
+
 /** Show what went wrong: title, detail, file and line, remedy. Aborted requests are no problem. */
 export function showProblem(error: unknown): void {
   if (error instanceof DOMException && error.name === 'AbortError') return
-  if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
+  if (error instanceof ApiError && error.status === 401) session.lost = true
+  else if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
   else add({ kind: 'problem', title: error instanceof Error ? error.message : String(error) })
 }
 
