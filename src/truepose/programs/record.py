@@ -74,10 +74,12 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
         if done.differences:
             differs[:] = [done.differences.get(first + i, np.nan) for i in range(len(columns))]
         bends = np.column_stack([path.bend[here], path.direction[here], path.spacing[here], differs])
+        base = _in_base(columns, before[:, :3], after[:, :3])
         if done.joints is not None:
             before, after = _with_joints(done.joints, here, before, after)
+            base = np.where(np.isfinite(base), base, np.hstack([before[:, :3], after[:, :3]]))
         xyz = [before[:, :3], after[:, :3], done.e[here], done.std[here], bends, after[:, :3] - before[:, :3], size]
-        texts = _texts(np.concatenate([*xyz, before[:, 3:], after[:, 3:]], axis=1))
+        texts = _texts(np.concatenate([*xyz, base, before[:, 3:], after[:, 3:]], axis=1))
         joints = None if done.joints is None else _texts(_joints(done.joints, here, columns), 9)
         kinds, which = columns.shared()
         templates = [_templates(kind, k - 3, len(_joint_columns(done))) for kind in kinds]
@@ -92,11 +94,18 @@ def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str]
             filled = [number or "null" for number in (status, turn, *row)]
             more = "" if joints is None else _json_joints(joints[i], kinds[kind])
             lines.append(json_form % (line, _quoted(name), *filled, more, verdict, _quoted(reason), _quoted(note)))
-            shown = (*row[:16], *row[20:], *(() if joints is None else joints[i]))
+            shown = (*row[:16], *row[26:], *(() if joints is None else joints[i]))
             cells.append(
                 csv_form % (line, csv_cell(name), status, turn, *shown, verdict, csv_cell(reason), csv_cell(note))
             )
         yield lines, cells
+
+
+def _in_base(columns: TargetColumns, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the positions before and after in the robot's base frame, (n, 6) [mm]; NaN where no frame is known."""
+    tf = columns.tf_base_frame()
+    both = np.stack([before, after], axis=1)
+    return (np.einsum("nij,nkj->nki", tf[:, :3, :3], both) + tf[:, None, :3, 3]).reshape(-1, 6)
 
 
 def _with_joints(
@@ -150,7 +159,8 @@ def _templates(target: Target, angles: int, joints: int) -> tuple[str, str]:
         f'"tool": {_quoted(tool)}, "configuration": {_quoted(configuration)}, "status": %s, "turn": %s, '
         f'"before_mm": {three}, "after_mm": {three}, "e_mm": {three}, "std_xyz_mm": {three}, '
         f'"bend_mm": %s, "turn_deg": %s, "spacing_mm": %s, "difference_mm": %s, "correction_mm": {three}, '
-        f'"std_mm": %s{oriented}%s, "verdict": "%s", "reason": %s, "note": %s}}'
+        f'"std_mm": %s, "base_mm": {three}, "base_after_mm": {three}{oriented}%s, '
+        f'"verdict": "%s", "reason": %s, "note": %s}}'
     )
     head = f"{csv_cell(file)},%s,%s,{csv_cell(motion)},{csv_cell(frame)},{csv_cell(tool)},%s,%s,"
     return json_form, head + ",".join(["%s"] * (16 + 2 * angles + joints + 3)) + "\n"
