@@ -161,6 +161,11 @@ def test_write_leaves_every_file_and_the_record(path: Path, frames: FrameTable, 
     assert [row["name"] for row in rows] == [t["name"] for t in record["targets"]]
     assert float(rows[-1]["x_after_mm"]) == record["targets"][-1]["after_mm"][0]
     assert rows[-1]["motion"] == "LIN"
+    assert home["base_mm"] == [None] * 3
+    for entry, k in zip(record["targets"][1:], corrected.program.correctable(), strict=True):
+        tf = corrected.program.targets[int(k)].tf_base_frame
+        for when, base in (("before_mm", "base_mm"), ("after_mm", "base_after_mm")):
+            np.testing.assert_allclose(entry[base], (tf @ [*entry[when], 1.0])[:3], atol=2e-6)
 
 
 def test_a_corrected_program_is_not_corrected_again(

@@ -57,6 +57,11 @@ ReportPath = Annotated[
 ]
 
 
+NoTargets = Annotated[
+    bool, typer.Option("--no-targets", help="With --json: leave out the targets, of which there may be a million.")
+]
+
+
 class Ambiguous(StrEnum):
     """The policy for a point whose use is ambiguous."""
 
@@ -189,12 +194,13 @@ def check(
     reading: Reading = _READING,
     report: ReportPath = None,
     force: Force = False,
+    no_targets: NoTargets = False,
     as_json: Json = False,
 ) -> None:
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
     from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing, show_options
     from truepose.programs import Coverage, read_programs
-    from truepose.programs.used_frames import by_controller
+    from truepose.programs.used_frames import by_controller, missing_lines
 
     _allow_report(report, force)
     with working("Reading the programs", quiet=as_json):
@@ -202,13 +208,15 @@ def check(
         found = read_programs(paths, given, reading.options(), controllers=reading.controllers or ())
         coverage = Coverage.of_programs(found.programs, found.unreadable)
         _write_report(coverage, report)
+        used = [rows for _, _, rows in by_controller(found.programs, found.backups, given)]
     if as_json:
         emit_json(
             {
                 "backups": [backup.to_dict() for backup in found.backups],
                 "coverage": coverage.total.to_dict(),
                 "programs": [{"file": p.path, **p.counts(), "following": p.following} for p in found.programs],
-                "targets": [target.to_dict() for program in found.programs for target in program.targets],
+                "missing_frames": [line for rows in used for line in missing_lines(rows)],
+                **({} if no_targets else {"targets": [t.to_dict() for one in found.programs for t in one.targets]}),
                 "unreadable": [str(error) for error in found.unreadable],
             }
         )
@@ -216,7 +224,7 @@ def check(
         show_backups(found.backups)
         for program in found.programs:
             show_checked(program)
-        for _, _, rows in by_controller(found.programs, found.backups, given):
+        for rows in used:
             show_missing(rows)
         show_options(coverage)
         say_total(found.programs, len(found.unreadable))
@@ -252,6 +260,7 @@ def correct(
     xlsx: Annotated[bool, typer.Option("--xlsx", help="Write each record as a workbook, too.")] = False,
     report: ReportPath = None,
     force: Force = False,
+    no_targets: NoTargets = False,
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; write the programs and a record of every target."""
@@ -301,7 +310,7 @@ def correct(
         written += [] if report is None else [report]
     if as_json:
         backups = [backup.to_dict() for backup in found.backups]
-        emit_json({"written": written, "backups": backups, **batch.to_dict()})
+        emit_json({"written": written, "backups": backups, **batch.to_dict(targets=not no_targets)})
     else:
         show_backups(found.backups)
         _show_batch(batch, written, "" if in_place else f" into {out}", dry_run=dry_run)

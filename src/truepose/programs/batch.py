@@ -79,11 +79,11 @@ class CorrectedBatch:
         """The number of motion targets of the corrected programs, and of those that are corrected."""
         return CorrectedShare.of(program.targets for program in self.corrected)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the records and the refused programs, for JSON."""
+    def to_dict(self, *, targets: bool = True) -> dict[str, Any]:
+        """Return the records, without their targets if these are not wanted, and the refused programs, for JSON."""
         return {
             "coverage": self.coverage._asdict(),
-            "programs": [program.to_dict() for program in self.corrected],
+            "programs": [program.to_dict() if targets else program.head() for program in self.corrected],
             "refused": [one.to_dict() for one in self.refused],
         }
 

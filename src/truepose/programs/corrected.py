@@ -100,9 +100,9 @@ class CorrectedProgram:
         Positions and corrections are in each target's own frame, predicted errors and deviations in the base frame.
         """
         targets = [json.loads(line) for lines, _ in rows(self.targets, self.continuity) for line in lines]
-        return {**self._head(), "targets": targets}
+        return {**self.head(), "targets": targets}
 
-    def _head(self) -> dict[str, Any]:
+    def head(self) -> dict[str, Any]:
         """Return the record without the targets."""
         return {
             "format": FORMAT,
@@ -129,7 +129,7 @@ class CorrectedProgram:
 
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
         """Write both records, some thousand targets at a time; the JSON has one line per target."""
-        head = json.dumps(self._head(), indent=1, ensure_ascii=False)
+        head = json.dumps(self.head(), indent=1, ensure_ascii=False)
         json_file.write(_encoded(head.removesuffix("\n}") + f",\n{TARGETS}\n"))
         csv_file.write(_encoded(head_csv(self.targets)))
         between = ""

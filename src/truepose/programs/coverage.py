@@ -48,7 +48,8 @@ class CoverageReason:
         """Return it for JSON."""
         remedy = self.remedy
         option, assumption = ("", "") if remedy is None else (remedy.option, remedy.assumption)
-        return {"reason": self.reason, "count": self.count, "option": option, "assumption": assumption}
+        found = {"reason": self.reason, "count": self.count, "option": option, "assumption": assumption}
+        return found | ({"example": self.example} if self.example not in ("", self.reason) else {})
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,40 @@ class Coverage:
         """Return what is corrected of programs by a map."""
         lines = [line for one in outcomes for line in _lines(one.program, one.moved, one.why)]
         return cls(tuple(lines), True, tuple(map(str, unreadable)))
+
+    @classmethod
+    def of_counts(
+        cls, programs: Iterable[tuple[str, int, Mapping[str, int]]], unreadable: Iterable[object] = ()
+    ) -> Coverage:
+        """Return what is corrected of programs whose targets were counted.
+
+        Of each program: its name, the number of its motion targets, and how many of them each reason leaves as they
+        are.
+        """
+        lines = []
+        for name, targets, left in programs:
+            counts = _Counts()
+            for reason, n in left.items():
+                counts.add(reason, n)
+            lines.append(CoverageLine(name, targets, targets - sum(left.values()), counts.reasons()))
+        return cls(tuple(lines), True, tuple(map(str, unreadable)))
+
+    @classmethod
+    def from_dict(cls, known: Mapping[str, Any], unreadable: Iterable[object] = ()) -> Coverage:
+        """Return the coverage that `to_dict` made JSON of."""
+        lines = [
+            CoverageLine(
+                str(line["program"]),
+                int(line["targets"]),
+                int(line["correctable"]),
+                tuple(
+                    CoverageReason(str(one["reason"]), int(one["count"]), str(one.get("example", one["reason"])))
+                    for one in line["reasons"]
+                ),
+            )
+            for line in known["programs"]
+        ]
+        return cls(tuple(lines), bool(known["corrected"]), tuple(map(str, unreadable)))
 
     @property
     def total(self) -> CoverageLine:

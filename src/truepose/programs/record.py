@@ -105,7 +105,8 @@ def _in_base(columns: TargetColumns, before: FloatArray, after: FloatArray) -> F
     """Return the positions before and after in the robot's base frame, (n, 6) [mm]; NaN where no frame is known."""
     tf = columns.tf_base_frame()
     both = np.stack([before, after], axis=1)
-    return (np.einsum("nij,nkj->nki", tf[:, :3, :3], both) + tf[:, None, :3, 3]).reshape(-1, 6)
+    base: FloatArray = np.einsum("nij,nkj->nki", tf[:, :3, :3], both) + tf[:, None, :3, 3]
+    return base.reshape(-1, 6)
 
 
 def _with_joints(

@@ -9,7 +9,19 @@ from typing import Any
 from fastapi import APIRouter, FastAPI
 
 from truepose import __version__
-from truepose.web import arms, cells, maps, measure, pages, problems, programs, reports, session, verifications
+from truepose.web import (
+    arms,
+    cells,
+    corrections,
+    maps,
+    measure,
+    pages,
+    problems,
+    programs,
+    reports,
+    session,
+    verifications,
+)
 from truepose.web.security import Guard
 from truepose.web.workspace import Workspace
 
@@ -43,7 +55,7 @@ def create_app(workspace: Workspace, guard: Guard) -> FastAPI:
     app.state.workspace, app.state.guard = workspace, guard
     problems.install(app)
     api = APIRouter(prefix=API)
-    for routes in (session, cells, arms, measure, maps, programs, verifications, reports):
+    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports):
         api.include_router(routes.router)
     app.include_router(api)
     app.include_router(session.health)

@@ -25,6 +25,7 @@ from truepose.programs.core.target import Target
 DONE: Final = ("skip", "correct", "clip", "refuse", "below uncertainty")
 """Verdicts of outcomes by their codes."""
 _CORRECTED: Final = (1, 2)
+_FOLLOWS: Final = ": gets the correction of that point"
 _GAP: Final = 1 << 16
 """Number of bytes without a correction that are a piece of their own."""
 
@@ -200,7 +201,7 @@ class Outcomes(Sequence[Outcome]):
         for i, follow in targets.follows.items():
             names = ", ".join(dict.fromkeys(targets[j].name for j in follow.sources))
             if moved[i]:
-                self.why[i] = f"derived from {names}: gets the correction of that point"
+                self.why[i] = f"derived from {names}{_FOLLOWS}"
                 continue
             j = next(j for j in follow.sources if DONE[self.code[j]] not in ("correct", "clip"))
             cause = targets[j]
@@ -283,6 +284,11 @@ class Outcomes(Sequence[Outcome]):
             spans, texts = np.concatenate([spans, more[0]]), np.concatenate([texts, more[1]])
         order = np.argsort(spans[:, 0], kind="stable")
         return [(a, b) for a, b in spans[order].tolist()], texts[order].tolist()
+
+
+def follows_corrected(reason: str) -> bool:
+    """Return whether a reason says that a target gets the corrections of the points that it is derived from."""
+    return reason.endswith(_FOLLOWS)
 
 
 def _end(span: Span) -> int:

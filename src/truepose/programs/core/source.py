@@ -95,7 +95,7 @@ class Source:
         """Read a file; see `truepose._io.files.read_bytes` for the errors, and `replaced`."""
         contents = _REPLACED.get() or {}
         source = cls(Path(path), contents[Path(path)] if Path(path) in contents else files.read_bytes(path))
-        starts = np.frombuffer(source._line_starts, np.uint32 if source._line_starts.typecode == "I" else np.uint64)
+        starts = np.frombuffer(source.line_starts, np.uint32 if source.line_starts.typecode == "I" else np.uint64)
         length = np.diff(starts, append=starts.dtype.type(len(source.data)))
         if length.max() > LONGEST_LINE:
             line = int(length.argmax()) + 1
@@ -112,7 +112,8 @@ class Source:
         yield from text
 
     @cached_property
-    def _line_starts(self) -> array[int]:
+    def line_starts(self) -> array[int]:
+        """The first byte of each line; lines end at LF, CR LF or CR."""
         starts = array("I" if len(self.data) < 2**32 else "Q", [0])
         text = np.frombuffer(self.data, np.uint8)
         for start in range(0, len(text), _BLOCK):  # one byte more than the block, which shows whether LF follows CR
@@ -127,7 +128,7 @@ class Source:
 
     def line(self, offset: int) -> int:
         """Return the line of a byte, counted from 1; lines end at LF, CR LF or CR."""
-        return bisect.bisect_right(self._line_starts, offset)
+        return bisect.bisect_right(self.line_starts, offset)
 
     def lines(self, start: int = 0, end: int | None = None) -> Iterator[tuple[int, int, int]]:
         """Yield each line's number, start and end, without its line end; `start` and `end` are starts of lines."""
