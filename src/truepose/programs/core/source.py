@@ -234,7 +234,7 @@ def moved_token(token: bytes, delta: float, resolution: float) -> bytes:
     text = f"{value:f}"
     whole, _, fraction = text.partition(".")
     fraction = fraction.rstrip("0").ljust(kept, "0")
-    if re.match(rb"[+-]?\.", digits) and whole in ("0", "-0"):
+    if fraction and re.match(rb"[+-]?\.", digits) and whole in ("0", "-0"):
         whole = whole[:-1]
     sign = "+" if number.startswith(b"+") and value >= 0 else ""
     written = f"{sign}{whole}.{fraction}" if fraction else f"{sign}{whole}"
