@@ -346,6 +346,16 @@ def test_links_lead_nowhere(client: TestClient, root: Path, cell: str, tmp_path:
     assert client.get(f"{API}/cells/{cell}/files").json() == []
 
 
+def test_the_picture_of_an_unsaved_text_writes_nothing(client: TestClient, root: Path, cell: str) -> None:
+    before = (root / "hall 3" / "cell.toml").read_bytes()
+    text = template(ROBOT) + "\n[obstacles.post]\nx_mm = [1.0, 2.0]\ny_mm = [0.0, 1.0]\nz_mm = [0.0, 1.0]\n"
+    picture = client.post(f"{API}/cells/{cell}/arm", json={"text": text}).json()
+    assert [box["name"] for box in picture["obstacles"]] == ["post"]
+    assert client.get(f"{API}/cells/{cell}/arm").json()["obstacles"] == []
+    assert client.post(f"{API}/cells/{cell}/arm", json={"text": "[robot"}).status_code == 422
+    assert (root / "hall 3" / "cell.toml").read_bytes() == before
+
+
 def test_files_are_found_by_what_they_are_and_sent_as_downloads(client: TestClient, root: Path, cell: str) -> None:
     folder = root / "hall 3"
     (folder / "deep" / "er").mkdir(parents=True)

@@ -190,6 +190,42 @@ def plan(
     )
 
 
+def expected_accuracy(cell: Cell, q: ArrayLike, *, rng: int = 0) -> list[dict[str, float]]:
+    """Return the accuracy to expect after measuring configurations, and fewer or more of them.
+
+    Parameters
+    ----------
+    cell : Cell
+        The cell, with a ``[region]``.
+    q : (n, dof) array [rad]
+        The configurations of a plan.
+    rng : int
+        The seed of the targets in the region.
+
+    Returns
+    -------
+    list of dict
+        As `Plan.expected`.
+
+    Raises
+    ------
+    DataError, RobotError
+        If the cell states no region, or nothing of it can be measured.
+
+    Examples
+    --------
+    >>> from truepose import VirtualCell
+    >>> cell = VirtualCell("paper").cell
+    >>> found = plan(cell, 12, "sobol")
+    >>> expected_accuracy(cell, found.q) == found.expected
+    True
+    """
+    space = work_region(cell)
+    targets = space.spread(_TARGETS, rng + 1).q
+    joints = space.collision.robot.check_joints(q)
+    return _expected(_prior(cell, space, targets, rng, None), joints, targets, space, rng)
+
+
 def _prior(cell: Cell, space: MeasurementSpace, targets: FloatArray, rng: int, after: ErrorMap | None) -> Prior:
     anchors = np.random.default_rng(rng).permutation(targets)[:_ANCHORS]
     if after is None:

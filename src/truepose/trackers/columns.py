@@ -126,6 +126,12 @@ class Columns:
         except (DataError, TypeError) as error:
             raise FileError(path, str(error)) from None
 
+    def places(self) -> list[tuple[str, Column]]:
+        """Return the quantities and their columns; of several columns, the quantity of each."""
+        single = [(what, getattr(self, what)) for what in ("x", "y", "z", "name", "time")]
+        several = [(what, column) for what in ("rotation", "std") for column in getattr(self, what)]
+        return [(what, column) for what, column in (*single, *several) if column is not None]
+
     def save(self, path: str | Path) -> None:
         """Write the columns as .toml."""
         kept = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) not in (None, (), "")}
@@ -182,6 +188,7 @@ def read_columns(text: str, path: str | Path, columns: Columns) -> Readings:
         source=str(path),
         unit=columns.unit,
         notes=notes,
+        columns=tuple((what, _place(table, column) + 1) for what, column in columns.places()),
         **optional,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from truepose._io.units import millimetres_per
 from truepose._typing import BoolArray, FloatArray, IntArray
 from truepose.errors import FileError
 from truepose.samples import looks_like_metres, name_points
+
+_OF_FILE: Final = ("layout", "source", "unit", "unit_stated", "frame", "notes", "columns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class Readings:
         The name of the frame, if the file states one.
     notes : tuple of str
         Sentences for the import summary about data that were left out.
+    columns : tuple of (str, int)
+        The quantities and their columns in the file, from 1; empty for a layout without columns.
     """
 
     p: FloatArray
@@ -62,15 +66,14 @@ class Readings:
     unit_stated: bool = True
     frame: str = ""
     notes: tuple[str, ...] = ()
+    columns: tuple[tuple[str, int], ...] = ()
 
     def __len__(self) -> int:
         return len(self.p)
 
     def __getitem__(self, index: NDArray[Any] | slice) -> Self:
         """Return the readings selected by a mask, an index array or a slice."""
-        names = [
-            f.name for f in fields(self) if f.name not in ("layout", "source", "unit", "unit_stated", "frame", "notes")
-        ]
+        names = [f.name for f in fields(self) if f.name not in _OF_FILE]
         return replace(self, **{name: value[index] for name in names if (value := getattr(self, name)) is not None})
 
     @property

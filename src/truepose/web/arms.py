@@ -8,6 +8,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
+from truepose._io.files import LARGEST_CONFIG
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.errors import DataError
@@ -73,7 +74,22 @@ def robot_arm(robot: str, q: Joints = None) -> ArmPicture:
 @router.get("/cells/{cell}/arm")
 def cell_arm(cell: InCell, q: Joints = None) -> ArmPicture:
     """Return the picture of a cell: arm and tool, work region, obstacles, and the tracker's station if it is stated."""
-    stated = cell.load()
+    return _of_cell(cell.load(), q)
+
+
+class CellFileText(BaseModel):
+    """The text of a cell file that is not saved."""
+
+    text: str = Field(max_length=LARGEST_CONFIG)
+
+
+@router.post("/cells/{cell}/arm")
+def unsaved_arm(cell: InCell, unsaved: CellFileText) -> ArmPicture:
+    """Return the picture of a cell whose file is being edited; nothing is written."""
+    return _of_cell(Cell.from_toml(unsaved.text, folder=cell.folder, source=cell.file.name), None)
+
+
+def _of_cell(stated: Cell, q: str | None) -> ArmPicture:
     robot = stated.load_robot()
     home = None if stated.region is None else np.deg2rad(stated.region.home_deg)
     picture = _picture(robot, stated.tf_flange_tool, _joints(robot, q, home))
