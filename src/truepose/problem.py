@@ -85,6 +85,7 @@ def _file_name(error: OSError) -> str:
 
 
 def _kind(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.errno in _NO_SPACE:
+    cause = error.__cause__ if isinstance(error, FileError) else error
+    if isinstance(cause, OSError) and cause.errno in _NO_SPACE:
         return "DiskFullError"
     return next((one.__name__ for one in type(error).__mro__ if one.__name__ in _KINDS), "InternalError")

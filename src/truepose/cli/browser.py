@@ -16,6 +16,7 @@ def app(
         Path, typer.Argument(metavar="WORKSPACE", help="Folder of the cells; created if needed.")
     ] = Path(),
     port: Annotated[int, typer.Option("--port", help="Port of the server; 0: a free one.", min=0, max=65535)] = 8765,
+    workers: Annotated[int, typer.Option("--workers", help="Number of jobs that run at once.", min=1)] = 1,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     demo: Annotated[bool, typer.Option("--demo", help="Add a virtual cell if the workspace holds no cell.")] = False,
 ) -> None:
@@ -36,4 +37,4 @@ def app(
     def announce(url: str) -> None:
         say(f"Open {url}", "Stop with Ctrl-C.")
 
-    serve(workspace, port=port, browser=browser, announce=announce)
+    serve(workspace, port=port, workers=workers, browser=browser, announce=announce)

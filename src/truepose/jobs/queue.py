@@ -244,8 +244,7 @@ class JobQueue:
         UnknownJobError
             If there is no such job.
         """
-        with self._changed:
-            return self._known(job_id).revision
+        return self._known(job_id).revision  # without the lock, which is held while a job is written
 
     def wait(self, job_id: str, *, after: int | None = None, timeout: float | None = None) -> Job:
         """Return a job when it has ended, its revision is not `after` any more, or the timeout [s] is over."""

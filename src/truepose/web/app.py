@@ -9,10 +9,12 @@ from typing import Any
 from fastapi import APIRouter, FastAPI
 
 from truepose import __version__
+from truepose.jobs import JobQueue
 from truepose.web import (
     arms,
     cells,
     corrections,
+    jobs,
     maps,
     measure,
     pages,
@@ -28,7 +30,7 @@ from truepose.web.workspace import Workspace
 API = "/api/v1"
 
 
-def create_app(workspace: Workspace, guard: Guard) -> FastAPI:
+def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1) -> FastAPI:
     """Return the application of a workspace.
 
     Parameters
@@ -37,11 +39,15 @@ def create_app(workspace: Workspace, guard: Guard) -> FastAPI:
         The folder of cells that the pages show and write.
     guard : Guard
         The start-up token, and the addresses that the server answers.
+    workers : int
+        The largest number of jobs that run at once.
     """
+    queue = JobQueue(workspace.root, workers=workers)
 
     @asynccontextmanager
     async def running(_app: FastAPI) -> AsyncIterator[dict[str, Any]]:
-        yield {}
+        with queue:
+            yield {}
 
     app = FastAPI(
         title="truepose",
@@ -52,10 +58,10 @@ def create_app(workspace: Workspace, guard: Guard) -> FastAPI:
         openapi_url=f"{API}/openapi.json",
         generate_unique_id_function=lambda route: route.name,
     )
-    app.state.workspace, app.state.guard = workspace, guard
+    app.state.workspace, app.state.guard, app.state.jobs = workspace, guard, queue
     problems.install(app)
     api = APIRouter(prefix=API)
-    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports):
+    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports, jobs):
         api.include_router(routes.router)
     app.include_router(api)
     app.include_router(session.health)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import logging
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Final
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from truepose.errors import FileError, RefusedError, TrueposeError
+from truepose.errors import TrueposeError
+from truepose.problem import document, problem
 
 _LOG = logging.getLogger(__name__)
-_NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
 class WebError(TrueposeError):
@@ -53,31 +52,14 @@ def problem_response(
 
 def problem_of(error: Exception) -> Response:
     """Return the answer to a request that ended with an error."""
-    cause = error.__cause__ if isinstance(error, FileError) else error
-    if isinstance(cause, OSError) and cause.errno in _NO_SPACE:
-        return problem_response(507, "Disk full", "the disk is full; nothing was written; free some space and repeat")
-    if isinstance(error, WebError):
-        return problem_response(error.status, error.title, str(error))
-    if isinstance(error, TrueposeError):
-        place: dict[str, Any] = {}
-        if isinstance(error, FileError):
-            place = {"file": str(error.path), "line": error.line}
-        status = 409 if isinstance(error, RefusedError) else 422
-        detail = "; ".join([str(error), *getattr(error, "__notes__", [])])
-        return problem_response(status, _TITLES.get(type(error).__name__, "Not possible"), detail, **place)
-    _LOG.error("internal error", exc_info=error)
-    detail = f"internal error ({type(error).__name__}); the server's terminal shows more; please report it"
-    return problem_response(500, "Internal error", detail)
-
-
-_TITLES: Final = {
-    "FileError": "File not accepted",
-    "DataError": "Data not accepted",
-    "RobotError": "Robot",
-    "IdentifiabilityError": "Not identifiable",
-    "KrigingError": "Kriging",
-    "RefusedError": "Refused",
-}
+    made = problem(error)
+    if made["type"] == "DiskFullError":
+        made["detail"] = "the disk is full; nothing was written; free some space and repeat"
+    elif not isinstance(error, TrueposeError):
+        _LOG.error("internal error", exc_info=error)
+        made = document("InternalError", f"internal error ({type(error).__name__})")
+        made["detail"] += "; the server's terminal shows more; please report it"
+    return problem_response(**made)
 
 
 def install(app: FastAPI) -> None:

@@ -17,6 +17,7 @@ from fastapi import Depends, Request
 from truepose.cell import Cell, load_cell
 from truepose.error_map import ErrorMap, load_map
 from truepose.errors import FileError
+from truepose.jobs import JobQueue
 from truepose.programs.record import SUFFIX as RECORD_SUFFIX
 from truepose.web.problems import missing
 from truepose.web.uploads import safe_name
@@ -308,7 +309,14 @@ def _cell_folder(request: Request, cell: str) -> CellFolder:
     return _workspace(request).cell(cell)
 
 
+def _jobs(request: Request) -> JobQueue:
+    jobs: JobQueue = request.app.state.jobs
+    return jobs
+
+
 InWorkspace = Annotated[Workspace, Depends(_workspace)]
 """The workspace, as a parameter of a route."""
 InCell = Annotated[CellFolder, Depends(_cell_folder)]
 """The cell of the path parameter ``cell``, as a parameter of a route."""
+InJobs = Annotated[JobQueue, Depends(_jobs)]
+"""The queue of jobs, as a parameter of a route."""
