@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -56,6 +57,31 @@ def rng() -> np.random.Generator:
 def ur10() -> Path:
     """The folder of a UR10's measurements: samples.csv, and README.md with its source."""
     return Path(truepose.__file__).parent / "samples" / "data" / "ur10"
+
+
+@pytest.fixture(scope="session")
+def virtual_cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of ``truepose demo``, made once for all test workers; copy it, and change the copy only."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder, done = folder / "virtual-cell", folder / "virtual-cell.done"
+    try:
+        folder.mkdir()
+    except FileExistsError:  # another worker makes it
+        while not done.exists():
+            time.sleep(0.1)
+        assert not done.read_text("utf-8"), done.read_text("utf-8")
+        return folder
+    problem = "another test worker did not make the virtual cell"
+    try:
+        from truepose.studies.demo import run_demo
+
+        run_demo(folder, progress=lambda _: None)
+        problem = ""
+    finally:
+        done.write_text(problem, "utf-8")
+    return folder
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from truepose.web import (
     arms,
     cells,
     corrections,
+    history,
     jobs,
     maps,
     measure,
@@ -61,7 +62,7 @@ def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1) -> FastA
     app.state.workspace, app.state.guard, app.state.jobs = workspace, guard, queue
     problems.install(app)
     api = APIRouter(prefix=API)
-    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports, jobs):
+    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports, history, jobs):
         api.include_router(routes.router)
     app.include_router(api)
     app.include_router(session.health)

@@ -1,0 +1,36 @@
+/** What `truepose verify --json` prints, as far as the page shows it. */
+export type DecisionKind = 'pass' | 'undecided' | 'fail'
+
+export interface VerifiedTarget {
+  name: string
+  file: string
+  line: number
+  correction: string
+  nominal_mm: [number, number, number]
+  measured_mm: [number, number, number]
+  error_mm: number
+  uncertainty_mm: number
+  before_mm: number | null
+  readings: number
+  decision: DecisionKind
+}
+
+export interface Figures {
+  n: number
+  mean_mm: number
+  max_mm: number
+}
+
+export interface ProgramVerification {
+  decision: DecisionKind
+  counts: Record<DecisionKind, number>
+  figures: { before?: Figures; after: Figures }
+  rule: string
+  program: string
+  readings: string
+  tolerance_mm: number
+  tolerance_origin: string
+  station: string
+  before: '' | 'measured' | 'predicted'
+  targets: VerifiedTarget[]
+}

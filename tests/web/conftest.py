@@ -1,0 +1,43 @@
+"""A workspace with the virtual cell, and a client that opened its start URL."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+
+from truepose.web import Workspace, create_app
+from truepose.web.security import CSRF_HEADER, Guard
+
+BASE = "http://127.0.0.1:8765"
+
+
+@pytest.fixture
+def workspace(virtual_cell: Path, tmp_path: Path) -> Workspace:
+    shutil.copytree(virtual_cell, tmp_path / "work" / "drilling")
+    return Workspace(tmp_path / "work")
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> Iterator[TestClient]:
+    guard = Guard(port=8765)
+    with TestClient(create_app(workspace, guard), base_url=BASE, headers={CSRF_HEADER: guard.csrf}) as opened:
+        opened.cookies.set(guard.cookie, guard.session)
+        yield opened
+
+
+@pytest.fixture
+def cell(workspace: Workspace) -> str:
+    """The address of the cell."""
+    return f"/api/v1/cells/{workspace.cells()[0].id}"
+
+
+def ended(client: TestClient, answer: Any) -> dict[str, Any]:
+    """Return the job of an answer when it has ended."""
+    assert answer.status_code == 202, answer.text
+    job = client.app.state.jobs.wait(answer.json()["id"], timeout=120)  # type: ignore[attr-defined]
+    return client.get(f"/api/v1/jobs/{job.id}").json()  # type: ignore[no-any-return]
