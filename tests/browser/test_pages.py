@@ -1,0 +1,42 @@
+"""Every page in every language, width and theme: no complaint, nothing wider than the window, nothing inaccessible."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.browser.opening import PAGES, Browser, Server
+
+AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
+
+
+@pytest.fixture(scope="session")
+def axe(browser: Browser) -> str:
+    assert AXE.is_file(), "axe-core is missing; run 'npm ci' in frontend"
+    return AXE.read_text("utf-8")
+
+
+@pytest.mark.parametrize("language", ["en", "de", "zh"])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 390])
+def test_every_page_fits_its_window(
+    browser: Browser, server: Server, pictures: Path, width: int, theme: str, language: str
+) -> None:
+    found = []
+    with browser.opened(server, width=width, height=900 if width > 600 else 844, language=language, theme=theme) as app:
+        for page in PAGES:
+            app.go(page)
+            found += [f"{page}: {one}" for one in app.overflow()]
+            app.page.screenshot(path=pictures / f"{page}-{width}-{theme}-{language}.png")
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 390])
+def test_every_page_is_accessible(browser: Browser, server: Server, axe: str, width: int, theme: str) -> None:
+    found = []
+    with browser.opened(server, width=width, theme=theme) as app:
+        for page in PAGES:
+            app.go(page)
+            found += [f"{page}: {one}" for one in app.axe(axe)]
+    assert not found, "\n".join(found)
