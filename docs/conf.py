@@ -24,6 +24,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "public_names",
     "rooms",
+    "screens",
     "shown_commands",
     "theory_links",
 ]
