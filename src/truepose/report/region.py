@@ -95,8 +95,8 @@ def plane_at(error_map: ErrorMap, i: int, j: int, at: float, steps: int) -> Plan
 def predict_positions(error_map: ErrorMap, p: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return predicted errors and their standard deviation at positions, both (n, 3) [mm], base frame.
 
-    Rows are NaN where a position is out of reach. A map that predicts from joints is evaluated at the joints that reach the positions with the orientation of the
-    sample nearest to the mean orientation.
+    Rows are NaN where a position is out of reach. A map that predicts from joints is evaluated at the joints that reach
+    the positions with the orientation of the sample nearest to the mean orientation.
 
     Parameters
     ----------
