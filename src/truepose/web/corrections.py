@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
+import numpy as np
 from fastapi import APIRouter, Depends, Query, Request
 from pydantic import BaseModel
 from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
@@ -144,6 +145,8 @@ class TargetPage(BaseModel):
     total: int
     offset: int
     rows: list[TargetRow]
+    place: int | None = None
+    """Where the row that was asked for stands in the view."""
 
 
 class DifferenceRow(BaseModel):
@@ -233,12 +236,14 @@ def targets(
     verdict: Annotated[list[str] | None, Query(max_length=len(VERDICTS))] = None,
     kind: Annotated[int | None, Query(ge=0)] = None,
     search: Annotated[str, Query(max_length=200)] = "",
+    row: Annotated[int | None, Query(ge=0)] = None,
 ) -> TargetPage:
-    """Return some targets of a correction, sorted and filtered."""
+    """Return some targets of a correction, sorted and filtered; with `row` also where that target stands."""
     shown = tuple(sorted(one for one in verdict or () if one in VERDICTS))
     rows = table.rows(View(sort, descending, shown, kind, search.strip()))
     page = [TargetRow.model_validate(one) for one in table.page(rows[offset : offset + limit])]
-    return TargetPage(total=len(rows), offset=offset, rows=page)
+    place = next(iter(np.flatnonzero(rows == row).tolist()), None) if row is not None else None
+    return TargetPage(total=len(rows), offset=offset, rows=page, place=place)
 
 
 @router.get("/corrections/{id}/path.bin", response_class=Response)

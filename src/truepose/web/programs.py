@@ -8,10 +8,12 @@ from anyio import to_thread
 from fastapi import APIRouter, Request
 from pydantic import BaseModel
 
-from truepose.web import stored_programs
+from truepose.jobs import Job
+from truepose.web import program_commands, stored_programs
 from truepose.web.multipart import received
+from truepose.web.program_commands import CorrectionOptions, ReadingOptions
 from truepose.web.stored_programs import StoredProgram
-from truepose.web.workspace import CellFolder, InCell
+from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
 router = APIRouter(tags=["programs"])
 _SHOWN: Final = 200
@@ -47,9 +49,11 @@ class ProgramEntry(BaseModel):
     size: int
     modified: float
     languages: list[str]
+    given: list[str]
+    """The paths that a command in the cell's folder is given."""
 
     @classmethod
-    def of(cls, one: StoredProgram) -> ProgramEntry:
+    def of(cls, cell: CellFolder, one: StoredProgram) -> ProgramEntry:
         """Return the entry of an upload; of very many files the first ones."""
         base = one.path if one.path.is_dir() else one.path.parent
         shown = [file.relative_to(base).as_posix() for file in one.files[:_SHOWN]]
@@ -61,13 +65,14 @@ class ProgramEntry(BaseModel):
             size=one.size,
             modified=one.modified,
             languages=one.languages,
+            given=[cell.relative(path) for path in one.given()],
         )
 
 
 @router.get("/cells/{cell}/programs")
 def programs(cell: InCell) -> list[ProgramEntry]:
     """Return the uploaded programs of a cell, newest first."""
-    return [ProgramEntry.of(one) for one in stored_programs.stored_programs(cell)]
+    return [ProgramEntry.of(cell, one) for one in stored_programs.stored_programs(cell)]
 
 
 @router.post("/cells/{cell}/programs", status_code=201, openapi_extra=FORM)
@@ -78,4 +83,39 @@ async def upload_programs(request: Request, cell: InCell) -> ProgramEntry:
 
 
 def _kept(cell: CellFolder, upload: Any) -> ProgramEntry:
-    return ProgramEntry.of(stored_programs.keep(cell, upload))
+    return ProgramEntry.of(cell, stored_programs.keep(cell, upload))
+
+
+class CheckRequest(BaseModel):
+    """The options of a check."""
+
+    options: ReadingOptions = ReadingOptions()
+
+
+class CorrectionRequest(BaseModel):
+    """What to correct with which map, and how."""
+
+    map: str
+    """The SHA-256 of the map."""
+    program: str
+    """The id of the upload."""
+    name: str = ""
+    """The name of the folder of the results; by default that of the upload."""
+    options: CorrectionOptions = CorrectionOptions()
+
+
+@router.post("/cells/{cell}/programs/{id}/check", status_code=202)
+def check_program(cell: InCell, jobs: InJobs, id: str, wanted: CheckRequest) -> Job:  # noqa: A002 - as in the address
+    """Begin to list which targets of an upload can be corrected; needs no map."""
+    program = stored_programs.stored_program(cell, id)
+    command = program_commands.check_command(cell, program, wanted.options)
+    return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Check {program.name}")
+
+
+@router.post("/cells/{cell}/corrections", status_code=202)
+def correct_program(cell: InCell, workspace: InWorkspace, jobs: InJobs, wanted: CorrectionRequest) -> Job:
+    """Begin to correct an upload with a map, into a new folder below ``corrected/``; or show what would change."""
+    program = stored_programs.stored_program(cell, wanted.program)
+    _, file, _ = workspace.map(wanted.map)
+    command = program_commands.correct_command(cell, program, file.path, wanted.name, wanted.options)
+    return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Correct {program.name}")
