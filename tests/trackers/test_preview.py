@@ -43,7 +43,7 @@ def test_a_file_of_unknown_layout_shows_its_rows_and_the_remedy(tmp_path: Path) 
     assert shown.readings is None
     assert "--columns" in str(shown.problem)
     assert shown.rows[2] == (3, ["P1", "x", "1", "1", "7.5", "-1"])
-    chosen = preview(path, columns=Columns(x=3, y=4, z=5, name=1, skip=2, delimiter=";"))
+    chosen = preview(path, columns=Columns(x=3, y=4, z=5, name=1, skip=shown.skip))
     assert chosen.problem is None
     assert chosen.columns == {"x": [3], "y": [4], "z": [5], "name": [1]}
 

@@ -32,10 +32,12 @@ export const virtualCell = $state<{ job: Job | null }>({ job: null })
 
 /** Make the virtual cell (or find the one that exists) and open it. */
 export async function openVirtualCell(): Promise<void> {
+  let job: Job
   try {
-    await runJob(raw<Job>('post', '/api/v1/cells/virtual'), { onProgress: (job) => (virtualCell.job = job) })
+    job = await runJob(raw<Job>('post', '/api/v1/cells/virtual'), { onProgress: (job) => (virtualCell.job = job) })
   } finally {
     virtualCell.job = null
   }
   await loadCells()
+  go({ cell: job.cell })
 }

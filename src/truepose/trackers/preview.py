@@ -28,6 +28,8 @@ class FilePreview:
     ----------
     rows : list of (int, list of str)
         The first rows of the file: the line, and its fields.
+    skip : int
+        The number of lines before the first row with numbers, for `Columns`.
     readings : Readings, optional
         The readings; None if the file cannot be read.
     problem : TrueposeError, optional
@@ -35,6 +37,7 @@ class FilePreview:
     """
 
     rows: list[tuple[int, list[str]]]
+    skip: int
     readings: Readings | None
     problem: TrueposeError | None
 
@@ -66,6 +69,7 @@ class FilePreview:
             }
         return {
             "rows": [{"line": line, "fields": fields} for line, fields in self.rows],
+            "skip": self.skip,
             "columns": self.columns,
             "readings": readings or None,
             "problem": None if self.problem is None else str(self.problem),
@@ -107,21 +111,23 @@ def preview(
     ({'x': [2], 'y': [3], 'z': [4], 'name': [1]}, 'm', (2, ['P1', '1,5', '0,25', '0,75']))
     """
     text, _ = read_tabular(path)
-    rows = _first_rows(text, "" if columns is None else columns.delimiter)
+    rows, skip = _first_rows(text, "" if columns is None else columns.delimiter)
     try:
         readings = read_measurement(path, columns=columns, unit=unit, reflectors=reflectors, keep=keep)
     except TrueposeError as error:
-        return FilePreview(rows, None, error)
-    return FilePreview(rows, readings, None)
+        return FilePreview(rows, skip, None, error)
+    return FilePreview(rows, skip, readings, None)
 
 
-def _first_rows(text: str, delimiter: str) -> list[tuple[int, list[str]]]:
-    """Return the first rows that are not blank, split at the delimiter of the first row with numbers."""
+def _first_rows(text: str, delimiter: str) -> tuple[list[tuple[int, list[str]]], int]:
+    """Return the first rows that are not blank, split as the first row with numbers is, and the lines before that."""
     lines = [(number, line) for number, line in enumerate(text.splitlines()[: 4 * TITLES], start=1) if line.strip()]
-    if not delimiter:
-        data = next((line for _, line in lines if sum(map(is_number, _split(line, find_delimiter(line)))) >= 3), "")
-        delimiter = find_delimiter(data or "".join(line for _, line in lines[:1]))
-    return [(number, _split(line, delimiter)[:_MOST_FIELDS]) for number, line in lines[:_SHOWN]]
+    first = next(
+        ((number, line) for number, line in lines if sum(map(is_number, _split(line, find_delimiter(line)))) >= 3),
+        lines[0] if lines else (1, ""),
+    )
+    delimiter = delimiter or find_delimiter(first[1])
+    return [(number, _split(line, delimiter)[:_MOST_FIELDS]) for number, line in lines[:_SHOWN]], first[0] - 1
 
 
 def _split(line: str, delimiter: str) -> list[str]:

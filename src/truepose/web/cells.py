@@ -15,16 +15,18 @@ from starlette.responses import FileResponse
 from truepose._io.files import LARGEST_CONFIG, read_bytes, read_text, write_atomic
 from truepose.cell import ANGLE_KEYS, Cell, write_template
 from truepose.errors import FileError, TrueposeError, one_line
+from truepose.jobs import Job
 from truepose.robots import list_robots, load_robot
 from truepose.robots.io.library import ROBOT_FILES
 from truepose.web.cell_text import Change, KeyProblem, as_file, cell_schema, changed, etag_of, problems_in, values_of
 from truepose.web.problems import WebError, problem_response
 from truepose.web.uploads import safe_name
-from truepose.web.workspace import CellFolder, InCell, InWorkspace, Kind
+from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace, Kind
 
 router = APIRouter(tags=["cells"])
 _SAVING: Final = threading.Lock()
 _ROBOT_FILE: Final = "robot"
+_VIRTUAL: Final = "virtual-cell"
 
 
 class CellSummary(BaseModel):
@@ -139,6 +141,13 @@ def new_cell(
         shutil.rmtree(cell.folder, ignore_errors=True)
         raise
     return _summary(cell)
+
+
+@router.post("/cells/virtual", status_code=202)
+def virtual_cell(workspace: InWorkspace, jobs: InJobs) -> Job:
+    """Start to make a virtual cell, whose errors are known, with the whole workflow of ``truepose demo``."""
+    cell = workspace.new_cell(_VIRTUAL)
+    return jobs.submit(["demo", cell.name], folder=workspace.root, cell=cell.id, title="Virtual cell")
 
 
 def _robot_file(cell: CellFolder, file: UploadFile) -> Path:

@@ -2,6 +2,274 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+from anyio import to_thread
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, Field
+from scipy.spatial.transform import Rotation
+from starlette.responses import JSONResponse
+
+from truepose.cell import Cell
+from truepose.errors import DataError, TrueposeError, one_line
+from truepose.jobs import Job, JobQueue
+from truepose.planning import METHODS, expected_accuracy, measuring_program
+from truepose.samples import Poses, Samples
+from truepose.samples.tidy import read_all_samples
+from truepose.trackers import read_plan
+from truepose.web.multipart import Upload, received
+from truepose.web.previews import ReadingsPreview, preview_readings
+from truepose.web.problems import WebError
+from truepose.web.reading_form import ReadingForm
+from truepose.web.uploads import LARGEST_READINGS, largest_file
+from truepose.web.workspace import CellFolder, InCell, InJobs, StoredFile
 
 router = APIRouter(tags=["measure"])
+_MOST_ROWS: Final = 20_000
+FORM: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {
+                        "file": {"type": "string", "format": "binary", "description": "The measurement file."},
+                        "plan": {"type": "string", "format": "binary", "description": "A plan that is not stored yet."},
+                        "options": {"type": "string", "description": "ReadingForm as JSON."},
+                    },
+                }
+            }
+        },
+    }
+}
+Number = float | None
+
+
+class PlanRequest(BaseModel):
+    """A plan to make."""
+
+    n: int = Field(ge=1, le=5000)
+    method: str = "posterior"
+    seed: int = Field(0, ge=0, le=2**31)
+
+
+class PoseRow(BaseModel):
+    """A pose of a plan, or of a table of samples."""
+
+    row: int
+    name: str
+    q_deg: list[float]
+    p_mm: list[float] = Field(description="commanded position, base frame; of the stated tool if there are joints")
+    rpy_deg: list[float] = []
+    p_meas_mm: list[float] = Field([], description="measured position, tracker frame")
+    p_std_mm: list[float] = []
+    masked: str = Field("", description="the reason why the sample is left out")
+
+
+class TableEntry(BaseModel):
+    """A plan or a table of samples."""
+
+    id: str
+    name: str
+    modified: float
+    count: int | None = Field(description="rows; null if the file cannot be read")
+    masked: int = 0
+    problem: str | None = None
+
+
+class PoseTable(BaseModel):
+    """The rows of a plan or of a table of samples."""
+
+    id: str
+    name: str
+    total: int
+    masked: int
+    rows: list[PoseRow]
+
+
+class ExpectedRow(BaseModel):
+    """The accuracy to expect after so many poses."""
+
+    n: int
+    mean_mm: float
+
+
+class ExpectedAccuracy(BaseModel):
+    """The accuracy to expect of a plan: the mean length by which a reading differs from its prediction."""
+
+    n: int
+    rows: list[ExpectedRow]
+
+
+@router.get("/plan-methods")
+def plan_methods() -> list[str]:
+    """Return the methods that choose poses."""
+    return list(METHODS)
+
+
+@router.post("/cells/{cell}/plans", status_code=202)
+def make_plan(cell: InCell, jobs: InJobs, wanted: PlanRequest) -> Job:
+    """Start the choice of poses."""
+    if wanted.method not in METHODS:
+        raise WebError(422, "Request not accepted", f"method: expected one of {', '.join(METHODS)}")
+    folder = cell.new("plans", f"{wanted.method}-{wanted.n}")
+    command = ["plan", cell.file.name, "--n", str(wanted.n), "--method", wanted.method, "--seed", str(wanted.seed)]
+    command += ["--out", cell.relative(folder)]
+    return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Plan of {wanted.n} poses")
+
+
+@router.get("/cells/{cell}/plans")
+def plans(cell: InCell) -> list[TableEntry]:
+    """Return the plans of a cell, newest first."""
+    return [_entry(file, lambda path: (len(read_plan(path)), 0)) for file in cell.files("plan")]
+
+
+@router.get("/cells/{cell}/samples")
+def sample_tables(cell: InCell) -> list[TableEntry]:
+    """Return the tables of samples of a cell, newest first."""
+    return [_entry(file, _count) for file in cell.files("samples")]
+
+
+def _count(path: Path) -> tuple[int, int]:
+    samples, reasons = read_all_samples(path)
+    return len(samples), int((reasons != "").sum())
+
+
+def _entry(file: StoredFile, count: Callable[[Path], tuple[int, int]]) -> TableEntry:
+    entry = TableEntry(id=file.id, name=one_line(file.name), modified=file.modified, count=None)
+    try:
+        entry.count, entry.masked = count(file.path)
+    except TrueposeError as error:
+        entry.problem = str(error).replace(f"{file.path.parent}/", "")
+    return entry
+
+
+@router.get("/cells/{cell}/plans/{file}")
+def plan_table(
+    cell: InCell, file: str, offset: int = Query(0, ge=0), limit: int = Query(_MOST_ROWS, ge=1)
+) -> PoseTable:
+    """Return the poses of a plan."""
+    stored = cell.get(file, "plan")
+    return _table(stored, cell.load(), read_plan(stored.path), None, slice(offset, offset + min(limit, _MOST_ROWS)))
+
+
+@router.get("/cells/{cell}/samples/{file}")
+def sample_table(
+    cell: InCell, file: str, offset: int = Query(0, ge=0), limit: int = Query(_MOST_ROWS, ge=1)
+) -> PoseTable:
+    """Return the rows of a table of samples, with the masked ones."""
+    stored = cell.get(file, "samples")
+    samples, reasons = read_all_samples(stored.path)
+    rows = slice(offset, offset + min(limit, _MOST_ROWS))
+    return _table(stored, cell.load(), samples, reasons.tolist(), rows)
+
+
+def _table(stored: StoredFile, cell: Cell, poses: Poses, reasons: list[str] | None, rows: slice) -> PoseTable:
+    part = poses[rows]
+    assert part.row is not None
+    n, p, rotation = len(part), part.p_cmd, part.rotation_cmd
+    if part.q is not None:
+        tf = cell.load_robot().forward(part.q, tool=cell.tf_flange_tool)
+        p, rotation = tf[:, :3, 3], Rotation.from_matrix(tf[:, :3, :3])
+    assert p is not None  # Poses holds one of them
+    q = [[]] * n if part.q is None else np.rad2deg(part.q).tolist()
+    rpy = [[]] * n if rotation is None else rotation.as_euler("ZYX", degrees=True)[:, ::-1].tolist()
+    measured, std = (part.p_meas, part.p_std) if isinstance(part, Samples) else (None, None)
+    names = [""] * n if part.name is None else part.name.tolist()
+    why = [""] * n if reasons is None else reasons[rows]
+    found = [
+        PoseRow(
+            row=part.row[i],
+            name=names[i],
+            q_deg=q[i],
+            p_mm=p[i].tolist(),
+            rpy_deg=rpy[i],
+            p_meas_mm=[] if measured is None else measured[i].tolist(),
+            p_std_mm=[] if std is None else std[i].tolist(),
+            masked=why[i],
+        )
+        for i in range(n)
+    ]
+    masked = sum(map(bool, reasons or []))
+    return PoseTable(id=stored.id, name=one_line(stored.name), total=len(poses), masked=masked, rows=found)
+
+
+@router.get("/cells/{cell}/plans/{file}/expected")
+def expected(cell: InCell, file: str) -> ExpectedAccuracy:
+    """Return the accuracy to expect after a plan, and after fewer or more poses."""
+    q = _joints(cell.get(file, "plan"))
+    return ExpectedAccuracy.model_validate({"n": len(q), "rows": expected_accuracy(cell.load(), q)})
+
+
+def _joints(stored: StoredFile) -> Any:
+    poses = read_plan(stored.path)
+    if poses.q is None:
+        raise DataError(f"{stored.name}: has no joints (q1_deg …)")
+    return poses.q
+
+
+@router.get("/cells/{cell}/plans/{file}/program", response_class=Response)
+def program(cell: InCell, file: str) -> Response:
+    """Return the measuring program of a plan, to be saved."""
+    ending, text = measuring_program(cell.load(), read_plan(cell.get(file, "plan").path))
+    headers = {"Content-Disposition": f'attachment; filename="measure{ending}"'}
+    return Response(text.encode(), media_type="application/octet-stream", headers=headers)
+
+
+@router.post("/cells/{cell}/readings", status_code=202, openapi_extra=FORM, responses={200: {"model": ReadingsPreview}})
+async def send_readings(request: Request, cell: InCell, jobs: InJobs, preview: bool = False) -> Job:
+    """Keep a measurement file and start its import; as a preview, only tell what would come of it."""
+    async with received(request, cell.folder / "readings", largest=_largest) as upload:
+        form = ReadingForm.parse(upload.fields.get("options", ""))
+        if not preview:
+            return await to_thread.run_sync(_import, cell, jobs, upload, form)
+        found = await to_thread.run_sync(_preview, cell, upload, form)
+        return JSONResponse(found.model_dump(mode="json"))  # type: ignore[return-value]  # the answer 200
+
+
+def _largest(name: PurePosixPath) -> int:
+    return max(LARGEST_READINGS, largest_file(name))
+
+
+def _files(cell: CellFolder, upload: Upload, form: ReadingForm) -> tuple[Path, Path | None]:
+    """Return the measurement file and the plan of an upload, where they are now."""
+    plan = None
+    if form.plan is not None:
+        plan = cell.get(form.plan, "plan").path
+    elif form.plan_file is not None:
+        named = [upload.folder / name for name, given in upload.files.items() if given == form.plan_file]
+        if not named:
+            raise WebError(422, "Request not accepted", f"the upload holds no file {form.plan_file}")
+        plan = named[0]
+    others = [path for path in upload.paths() if path != plan]
+    if len(others) != 1:
+        raise WebError(422, "Request not accepted", f"expected one measurement file, got {len(others)}")
+    return others[0], plan
+
+
+def _preview(cell: CellFolder, upload: Upload, form: ReadingForm) -> ReadingsPreview:
+    readings, plan = _files(cell, upload, form)
+    return preview_readings(cell.load(), readings, plan, form, folder=upload.folder)
+
+
+def _import(cell: CellFolder, jobs: JobQueue, upload: Upload, form: ReadingForm) -> Job:
+    readings, plan = _files(cell, upload, form)
+    if plan is None:
+        raise WebError(422, "Request not accepted", "choose the plan that was measured")
+    mask = form.points()
+    kept = upload.keep(cell.new("readings", readings.name), PurePosixPath(readings.relative_to(upload.folder)))
+    if upload.folder in plan.parents:
+        plan = upload.keep(cell.new("readings", plan.name), PurePosixPath(plan.relative_to(upload.folder)))
+    name = readings.name.rpartition(".")[0] or readings.name
+    command = ["import", cell.file.name, cell.relative(kept), "--plan", cell.relative(plan)]
+    command += ["--out", cell.relative(cell.new("samples", f"{name}.csv")), *form.options()]
+    if mask is not None:
+        path = cell.new("samples", f"{name}.mask.csv")
+        mask.write(path)
+        command += ["--mask", cell.relative(path)]
+    return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Import of {one_line(kept.name)}")

@@ -12,7 +12,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -67,7 +67,13 @@ class Upload:
 
 
 @asynccontextmanager
-async def received(request: Request, parent: Path, *, least: int = 1) -> AsyncIterator[Upload]:
+async def received(
+    request: Request,
+    parent: Path,
+    *,
+    least: int = 1,
+    largest: Callable[[PurePosixPath], int] = largest_file,
+) -> AsyncIterator[Upload]:
     """Receive a multipart body into a hidden folder in `parent`; what the block does not keep is removed.
 
     Parameters
@@ -78,6 +84,8 @@ async def received(request: Request, parent: Path, *, least: int = 1) -> AsyncIt
         The folder of the final files; made if it does not exist.
     least : int
         The least number of files.
+    largest : callable
+        The largest size in bytes of a file of a name.
 
     Raises
     ------
@@ -88,7 +96,7 @@ async def received(request: Request, parent: Path, *, least: int = 1) -> AsyncIt
     """
     folder = await to_thread.run_sync(_draft, parent)
     try:
-        writer = _Writer(Upload(folder), _boundary(request))
+        writer = _Writer(Upload(folder), _boundary(request), largest)
         try:
             await _feed(request, writer)
             await to_thread.run_sync(_check, writer.upload, least)
@@ -157,8 +165,8 @@ def _check(upload: Upload, least: int) -> None:
 class _Writer:
     """Writes the files of a multipart body while it arrives."""
 
-    def __init__(self, upload: Upload, boundary: bytes) -> None:
-        self.upload, self.ended = upload, False
+    def __init__(self, upload: Upload, boundary: bytes, largest: Callable[[PurePosixPath], int]) -> None:
+        self.upload, self.ended, self._largest = upload, False, largest
         self._file: BinaryIO | None = None
         self._room, self._size = 0, 0
         self._field = ""
@@ -222,7 +230,7 @@ class _Writer:
         except (FileExistsError, NotADirectoryError, IsADirectoryError):
             detail = f"two files of the upload have the name {name}, or names that differ in case only; rename one"
             raise WebError(422, "File not accepted", detail) from None
-        self._room = largest_file(name)
+        self._room = self._largest(name)
         self.upload.files[name] = given
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:

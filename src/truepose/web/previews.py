@@ -79,6 +79,7 @@ class ReadingsPreview(BaseModel):
     """What an import would give."""
 
     rows: list[FileRow]
+    skip: int = Field(description="lines before the first row with numbers")
     columns: dict[str, list[int]] = Field(description="columns of the quantities, from 1")
     readings: Understood | None
     matched: Matched | None = None

@@ -26,6 +26,7 @@ class ColumnChoice(BaseModel):
     time: _Column | None = Field(None, ge=1)
     rotation: list[_Column] = Field([], max_length=4)
     std: list[_Column] = Field([], max_length=3)
+    skip: int = Field(0, ge=0, le=1000, description="lines before the first row")
     angle_unit: Literal["deg", "rad", "mrad"] | None = None
     angles: str | None = Field(None, pattern="^([xyz]{3}|[XYZ]{3})$")
 
@@ -72,10 +73,12 @@ class ReadingForm(BaseModel):
             If it is no such form.
         """
         try:
-            return cls.model_validate_json(text or "{}")
+            form = cls.model_validate_json(text or "{}")
         except ValidationError as error:
             words = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
             raise WebError(422, "Request not accepted", words) from None
+        form.points()
+        return form
 
     def reading(self) -> dict[str, Any]:
         """Return the settings of `truepose.trackers.read_measurement`."""

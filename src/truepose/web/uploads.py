@@ -23,6 +23,7 @@ _LARGEST: Final = {
     "/meshes": LARGEST_FILE,
 }
 _NOT_IN_NAMES: Final = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
+_SHEET: Final = re.compile(r"(?i)(\.xls[xm])#")  # what follows would be taken for a sheet of a workbook
 _RESERVED: Final = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
 _LONGEST_NAME: Final = 150
 _DEEPEST: Final = 20
@@ -57,7 +58,7 @@ def safe_name(name: str) -> str:
     ('passwd', 'a_b_.src', 'file')
     """
     last = PurePosixPath(unicodedata.normalize("NFC", name).replace("\\", "/")).name
-    clean = _NOT_IN_NAMES.sub("_", last).strip(" .")[-_LONGEST_NAME:]
+    clean = _SHEET.sub(r"\1_", _NOT_IN_NAMES.sub("_", last)).strip(" .")[-_LONGEST_NAME:]
     return "file" if not clean else f"_{clean}" if _RESERVED.match(clean) else clean
 
 

@@ -1,0 +1,375 @@
+"""Measuring in the browser: plans, previews and imports say what the command line says, for any file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from truepose import VirtualCell
+from truepose.error_map.importing import import_samples
+from truepose.planning import expected_accuracy
+from truepose.samples import Mask, Poses, Samples, read_samples, write_samples
+from truepose.trackers import read_plan, write_readings
+from truepose.web import Workspace, create_app
+from truepose.web.security import CSRF_HEADER, Guard
+
+API = "/api/v1"
+BASE = "http://127.0.0.1:8765"
+N = 24
+GROSS = 11
+REASON = 'beam was cut, "twice"'
+
+
+@dataclass
+class Bench:
+    """A client, and the folder of a cell with a plan and a measurement file that is not sent yet."""
+
+    client: TestClient
+    cell: str
+    folder: Path
+    readings: Path
+    plan: str
+    virtual: VirtualCell
+
+    def get(self, path: str, **options: Any) -> Any:
+        answer = self.client.get(f"{API}/cells/{self.cell}/{path}", **options)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def send(
+        self, *, preview: bool = True, content: bytes | None = None, name: str = "tracker.csv", **form: Any
+    ) -> Any:
+        files = {"file": (name, self.readings.read_bytes() if content is None else content)}
+        options = {"plan": self.plan, **form}
+        return self.client.post(
+            f"{API}/cells/{self.cell}/readings",
+            params={"preview": preview},
+            files=files,
+            data={"options": json.dumps({key: value for key, value in options.items() if value is not None})},
+        )
+
+    def left(self) -> list[str]:
+        """Return the files below the cell's folder."""
+        return sorted(path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*") if path.is_file())
+
+
+@pytest.fixture(scope="module")
+def virtual() -> VirtualCell:
+    return VirtualCell("paper")
+
+
+@pytest.fixture
+def bench(tmp_path: Path, virtual: VirtualCell) -> Iterator[Bench]:
+    folder = tmp_path / "work" / "hall"
+    (folder / "plans").mkdir(parents=True)
+    text = virtual.cell.to_toml()
+    if virtual.cell.region is None:
+        home = np.rad2deg(virtual.design(1)[0]).round(3).tolist()
+        text += f"\n[region]\nx_mm = 1600.0\nz_mm = 900.0\nsize_mm = [400.0, 400.0, 300.0]\nhome_deg = {home}\n"
+    (folder / "cell.toml").write_text(text, "utf-8")
+    measured = virtual.measure(virtual.design(N))
+    names = np.array([f"P{i:03d}" for i in range(N)])
+    write_samples(folder / "plans" / "plan.csv", Poses(q=measured.q, name=names))
+    p = measured.p_meas.copy()
+    p[GROSS] += [25.0, -15.0, 10.0]
+    readings = tmp_path / "tracker.csv"
+    write_readings(readings, Samples(p, q=measured.q, name=names), "tidy")
+    guard = Guard(port=8765)
+    app = create_app(Workspace(tmp_path / "work"), guard)
+    with TestClient(app, base_url=BASE, raise_server_exceptions=False) as client:
+        client.cookies.set(guard.cookie, guard.session)
+        client.headers[CSRF_HEADER] = guard.csrf
+        (cell,) = client.get(f"{API}/cells").json()
+        (plan,) = client.get(f"{API}/cells/{cell['id']}/plans").json()
+        yield Bench(client, cell["id"], folder, readings, plan["id"], virtual)
+
+
+def wait(bench: Bench, answer: Any) -> Any:
+    """Return a job that has ended."""
+    assert answer.status_code == 202, answer.text
+    return bench.client.app.state.jobs.wait(answer.json()["id"], timeout=120)  # type: ignore[attr-defined]
+
+
+def test_a_preview_says_what_the_import_says_and_writes_nothing(bench: Bench) -> None:
+    before = bench.left()
+    answer = bench.send()
+    assert answer.status_code == 200, answer.text
+    preview = answer.json()
+    plan = read_plan(bench.folder / "plans" / "plan.csv")
+    found = import_samples(bench.virtual.cell, bench.readings, plan)
+    assert preview["problem"] is None
+    assert preview["readings"]["count"] == N
+    assert preview["matched"]["by_name"] is True
+    assert preview["registered"]["mean_mm"] == pytest.approx(found.figures["mean_mm"])
+    assert [row["outlier"] for row in preview["registered"]["rows"]] == [row["outlier"] for row in found.rows()]
+    shown = [row["residual_mm"] for row in preview["registered"]["rows"]]
+    np.testing.assert_allclose(shown, [row["residual_mm"] for row in found.rows()])
+    assert bench.left() == before
+    assert ".upload-" not in answer.text
+
+
+def test_a_masked_point_is_left_out_with_its_reason_and_stays_in_the_samples(bench: Bench) -> None:
+    mask = [{"row": GROSS, "point": f"P{GROSS:03d}", "reason": REASON}]
+    shown = bench.send(mask=mask).json()["registered"]
+    plan = read_plan(bench.folder / "plans" / "plan.csv")
+    found = import_samples(bench.virtual.cell, bench.readings, plan, mask=Mask({GROSS: REASON}))
+    assert shown["mean_mm"] == pytest.approx(found.figures["mean_mm"])
+    assert shown["rows"][GROSS]["masked"] == REASON
+    job = wait(bench, bench.send(preview=False, mask=mask))
+    assert job.state == "done", job.problem
+    samples = read_samples(bench.folder / job.result["samples"])
+    assert len(samples) == N - 1
+    assert [(one["point"], one["reason"]) for one in samples.excluded] == [(f"P{GROSS:03d}", f"masked: {REASON}")]
+    (entry,) = bench.get("samples")
+    assert (entry["count"], entry["masked"]) == (N, 1)
+    table = bench.get(f"samples/{entry['id']}")
+    assert table["rows"][GROSS]["masked"] == REASON
+    np.testing.assert_allclose(table["rows"][0]["p_meas_mm"], samples.p_meas[0])
+    part = bench.get(f"samples/{entry['id']}", params={"offset": GROSS, "limit": 2})
+    assert [row["name"] for row in part["rows"]] == [f"P{GROSS:03d}", f"P{GROSS + 1:03d}"]
+    assert part["total"] == N
+
+
+def test_an_import_never_writes_over_another(bench: Bench) -> None:
+    first = wait(bench, bench.send(preview=False))
+    second = wait(bench, bench.send(preview=False, name="TRACKER.CSV"))
+    assert first.state == second.state == "done", second.problem
+    names = [name.lower() for name in bench.left()]
+    assert len(set(names)) == len(names)
+    assert first.result["samples"].lower() != second.result["samples"].lower()
+
+
+def test_columns_and_unit_are_chosen_where_a_file_is_not_understood(bench: Bench) -> None:
+    measured = bench.virtual.measure(bench.virtual.design(N))
+    rows = "".join(
+        f"x|P{i:03d};{'7' * 3};{x / 1e3:.7f};{y / 1e3:.7f};{z / 1e3:.7f};ok;2\n"
+        for i, (x, y, z) in enumerate(measured.p_meas)
+    )
+    content = ("today\n" + rows).encode()
+    unknown = bench.send(content=content).json()
+    assert unknown["readings"] is None
+    assert "--columns" in unknown["problem"]
+    assert unknown["rows"][1]["fields"][1] == "777"
+    chosen = {"x": 3, "y": 4, "z": 5, "skip": unknown["skip"]}
+    known = bench.send(content=content, columns=chosen, unit="m").json()
+    assert known["problem"] is None, known["problem"]
+    assert known["columns"] == {"x": [3], "y": [4], "z": [5]}
+    assert known["matched"]["by_name"] is False
+    job = wait(bench, bench.send(preview=False, content=content, columns=chosen, unit="m"))
+    assert job.state == "done", job.problem
+    assert "--columns" in job.command
+    assert len(read_samples(bench.folder / job.result["samples"])) == N
+
+
+def test_what_the_import_would_refuse_is_said_with_its_remedy(bench: Bench) -> None:
+    lines = bench.readings.read_text("utf-8").splitlines(keepends=True)
+    content = "".join(lines[:4] + lines[5:]).encode()
+    refused = bench.send(content=content).json()
+    assert "--missing" in refused["problem"]
+    assert len(refused["matched"]["missing"]) == 1  # what it would be with the permission
+    allowed = bench.send(content=content, missing=True).json()
+    assert allowed["problem"] is None
+    job = wait(bench, bench.send(preview=False, content=content))
+    assert job.state == "failed"
+    assert "--missing" in job.problem["detail"]
+
+
+@pytest.mark.parametrize("ends", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_encodings_and_line_ends_make_no_difference(bench: Bench, encoding: str, ends: bytes) -> None:
+    text = bench.readings.read_text("utf-8").replace("\n", ends.decode())
+    same, other = bench.send().json(), bench.send(content=text.encode(encoding)).json()
+    assert other["problem"] is None
+    assert other["registered"] == same["registered"]
+
+
+NAMES = [
+    "../../../outside.csv",
+    "/etc/cron.d/x.csv",
+    "C:\\temp\\x.csv",
+    "..",
+    "<img src=x onerror=alert(1)>.csv",
+    "a;rm -rf ~;.csv",
+    "--force.csv",
+    "-x.csv",
+    "セル.csv",
+    "x" * 400 + ".csv",
+    "nul.csv",
+    " .csv",
+    "a\nb.csv",
+    "file.xlsx#Sheet.csv",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_files_are_never_paths_or_options(bench: Bench, name: str) -> None:
+    outside = set(bench.folder.parent.parent.iterdir())
+    job = wait(bench, bench.send(preview=False, name=name)) if name in ("-x.csv", "セル.csv") else None
+    answer = bench.send(name=name)
+    assert answer.status_code == 200, answer.text
+    assert set(bench.folder.parent.parent.iterdir()) == outside
+    if job is not None:
+        assert job.state == "done", job.problem
+        assert all(not word.startswith("-") for word in job.command[2::2] if "/" in word)
+
+
+def test_a_name_in_the_bytes_of_shift_jis_is_taken(bench: Bench) -> None:
+    name = "計測.csv".encode("shift-jis")
+    body = b'--b\r\nContent-Disposition: form-data; name="options"\r\n\r\n' + json.dumps({"plan": bench.plan}).encode()
+    body += b'\r\n--b\r\nContent-Disposition: form-data; name="file"; filename="' + name + b'"\r\n\r\n'
+    body += bench.readings.read_bytes() + b"\r\n--b--\r\n"
+    headers = {"Content-Type": "multipart/form-data; boundary=b"}
+    address = f"{API}/cells/{bench.cell}/readings"
+    assert bench.client.post(address, params={"preview": True}, content=body, headers=headers).status_code == 200
+    job = wait(bench, bench.client.post(address, content=body, headers=headers))
+    assert job.state == "done", job.problem
+
+
+@pytest.mark.parametrize("cut", [0.3, 0.9, 0.999])
+def test_an_upload_that_is_cut_off_leaves_nothing(bench: Bench, cut: float) -> None:
+    before = bench.left()
+    body = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.csv"\r\n\r\n'
+    body += bench.readings.read_bytes() + b"\r\n--b--\r\n"
+    answer = bench.client.post(
+        f"{API}/cells/{bench.cell}/readings",
+        content=body[: int(cut * len(body))],
+        headers={"Content-Type": "multipart/form-data; boundary=b"},
+    )
+    assert answer.status_code == 400
+    assert "upload again" in answer.json()["detail"]
+    assert bench.left() == before
+
+
+def test_two_gigabytes_are_refused_by_their_stated_and_their_true_size(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = bench.left()
+    address = f"{API}/cells/{bench.cell}/readings"
+    headers = {"Content-Type": "multipart/form-data; boundary=b", "Content-Length": str(2 << 30)}
+    assert bench.client.post(address, content=b"--b", headers=headers).status_code == 413
+    monkeypatch.setattr("truepose.web.measure.LARGEST_READINGS", 1000)
+    monkeypatch.setattr("truepose.web.measure.largest_file", lambda name: 0)
+    answer = bench.send(preview=False)
+    assert answer.status_code == 413
+    assert bench.left() == before
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        '{"mask": [{"row": NaN, "reason": "x"}]}',
+        '{"mask": [{"row": 1, "reason": ""}]}',
+        '{"mask": [{"row": 1, "reason": "\\ud800"}]}',
+        '{"mask": [{"row": -1, "reason": "x"}]}',
+        '{"columns": {"x": 0, "y": 1, "z": 2}}',
+        '{"columns": {"x": 1, "y": 2}}',
+        '{"columns": {"x": 1, "y": 2, "z": 3, "unit": "m, name=1"}}',
+        '{"unit": "furlong"}',
+        '{"plan": "../../plan"}',
+        '{"plan": "000000000000"}',
+        '{"plan_file": "../plans/plan.csv"}',
+        '{"out": "/etc/passwd"}',
+        "[1, 2]",
+        "{",
+        "NaN",
+    ],
+)
+def test_statements_that_make_no_sense_are_refused(bench: Bench, options: str) -> None:
+    before = bench.left()
+    for preview in (True, False):
+        answer = bench.client.post(
+            f"{API}/cells/{bench.cell}/readings",
+            params={"preview": preview},
+            files={"file": ("a.csv", bench.readings.read_bytes())},
+            data={"options": options},
+        )
+        assert answer.status_code in (404, 422), answer.text
+        assert answer.headers["content-type"] == "application/problem+json"
+    assert bench.left() == before
+
+
+def test_a_plan_may_come_with_the_readings(bench: Bench) -> None:
+    plan = (bench.folder / "plans" / "plan.csv").read_bytes()
+    (bench.folder / "plans" / "plan.csv").unlink()
+    files = [("file", ("tracker.csv", bench.readings.read_bytes())), ("file", ("today.csv", plan))]
+    options = {"options": json.dumps({"plan_file": "today.csv"})}
+    address = f"{API}/cells/{bench.cell}/readings"
+    assert bench.client.post(address, params={"preview": True}, files=files, data=options).json()["problem"] is None
+    job = wait(bench, bench.client.post(address, files=files, data=options))
+    assert job.state == "done", job.problem
+    assert {"readings/today.csv", "readings/tracker.csv", "samples/tracker.csv"} <= set(bench.left())
+
+
+def test_a_plan_is_that_of_the_command_line(bench: Bench) -> None:
+    answer = bench.client.post(f"{API}/cells/{bench.cell}/plans", json={"n": 8, "method": "sobol", "seed": 3})
+    job = wait(bench, answer)
+    assert job.state == "done", job.problem
+    assert job.command[:2] == ("plan", "cell.toml")
+    made = next(plan for plan in bench.get("plans") if plan["id"] != bench.plan)
+    assert made["count"] == 8
+    table = bench.get(f"plans/{made['id']}")
+    q = np.array([row["q_deg"] for row in table["rows"]])
+    poses = read_plan(bench.folder / made["name"])
+    assert poses.q is not None
+    assert poses.p_cmd is not None
+    np.testing.assert_allclose(np.deg2rad(q), poses.q)
+    np.testing.assert_allclose([row["p_mm"] for row in table["rows"]], poses.p_cmd, atol=1e-6)
+    expected = bench.get(f"plans/{made['id']}/expected")
+    assert expected["n"] == 8
+    cell = Workspace(bench.folder.parent).cell(bench.cell).load()
+    assert expected["rows"] == expected_accuracy(cell, poses.q)
+    program = bench.client.get(f"{API}/cells/{bench.cell}/plans/{made['id']}/program")
+    assert program.headers["content-disposition"].startswith("attachment")
+    beside = next((bench.folder / made["name"]).parent.glob("measure.*"))
+    motions = [line for line in beside.read_text("utf-8").splitlines() if "P001" in line]
+    assert [line for line in program.text.splitlines() if "P001" in line] == motions
+
+
+@pytest.mark.parametrize("body", ['{"n": 0}', '{"n": 8, "method": "<b>"}', '{"n": NaN}', '{"n": 8, "seed": -1}', "{}"])
+def test_a_plan_that_makes_no_sense_starts_nothing(bench: Bench, body: str) -> None:
+    headers = {"Content-Type": "application/json"}
+    answer = bench.client.post(f"{API}/cells/{bench.cell}/plans", content=body, headers=headers)
+    assert answer.status_code == 422
+    assert bench.client.get(f"{API}/jobs").json() == []
+
+
+def test_a_table_that_cannot_be_read_is_listed_with_the_reason(bench: Bench) -> None:
+    (bench.folder / "bad.csv").write_text("row,q1_deg,x_meas_mm,y_meas_mm,z_meas_mm\n0,1,x,0,0\n", "utf-8")
+    (entry,) = bench.get("samples")
+    assert entry["count"] is None
+    assert "is not a number" in entry["problem"]
+    assert bench.client.get(f"{API}/cells/{bench.cell}/samples/{entry['id']}").status_code == 422
+
+
+def test_a_link_in_place_of_a_folder_leads_nowhere(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "outside").mkdir()
+    for folder in ("readings", "samples"):
+        (bench.folder / folder).symlink_to(tmp_path / "outside")
+    answer = bench.send(preview=False)
+    assert answer.status_code == 422, answer.text
+    assert list((tmp_path / "outside").iterdir()) == []
+
+
+def test_the_virtual_cell_is_a_job_of_the_command_line(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[Any] = []
+    queue = bench.client.app.state.jobs  # type: ignore[attr-defined]
+    submit = queue.submit
+
+    def instead(command: Any, **options: Any) -> Any:
+        started.append((command, options))
+        return submit(["robots"], **options)
+
+    monkeypatch.setattr(queue, "submit", instead)
+    answer = bench.client.post(f"{API}/cells/virtual")
+    assert answer.status_code == 202
+    ((command, options),) = started
+    assert command == ["demo", "virtual-cell"]
+    assert options["folder"] == bench.folder.parent
+    wait(bench, answer)
