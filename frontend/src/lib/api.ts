@@ -73,7 +73,7 @@ export interface Answer<T> {
   etag: string | null
 }
 
-export interface AnyOptions {
+interface AnyOptions {
   path?: Record<string, unknown>
   query?: Record<string, unknown>
   body?: unknown
@@ -158,12 +158,6 @@ export async function upload<P extends PathWith<'post'>>(
     options.signal?.addEventListener('abort', () => http.abort())
     http.send(options.body)
   })
-}
-
-/** Call an address that the contract does not list (a link in an answer). */
-export async function raw<T>(verb: Verb, path: string, options: AnyOptions = {}): Promise<T> {
-  const text = await (await request(verb, path, options)).text()
-  return (text ? JSON.parse(text) : undefined) as T
 }
 
 async function request(verb: Verb, path: string, options: unknown): Promise<Response> {

@@ -1,5 +1,5 @@
 /** The cells of the workspace, shared by the picker and the pages. Call `loadCells` after making or renaming one. */
-import { get, raw, type Schemas } from './api'
+import { get, post, type Schemas } from './api'
 import { runJob, type Job } from './jobs.svelte'
 import { go, route } from './router.svelte'
 
@@ -30,14 +30,17 @@ export async function loadCells(): Promise<void> {
 /** The job that makes the virtual cell, while it runs. */
 export const virtualCell = $state<{ job: Job | null }>({ job: null })
 
-/** Make the virtual cell (or find the one that exists) and open it. */
+/** Open the virtual cell; make one if the workspace holds none. */
 export async function openVirtualCell(): Promise<void> {
-  let job: Job
-  try {
-    job = await runJob(raw<Job>('post', '/api/v1/cells/virtual'), { onProgress: (job) => (virtualCell.job = job) })
-  } finally {
-    virtualCell.job = null
+  let id = state.list.find((cell) => cell.name === 'virtual-cell')?.id
+  if (id === undefined) {
+    try {
+      const job = await runJob(post('/api/v1/cells/virtual'), { onProgress: (news) => (virtualCell.job = news) })
+      id = job.cell
+    } finally {
+      virtualCell.job = null
+    }
   }
   await loadCells()
-  go({ cell: job.cell })
+  go({ cell: id, rest: [] })
 }

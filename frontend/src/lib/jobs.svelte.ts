@@ -7,25 +7,9 @@
  * A job that fails throws the `ApiError` of its problem; a cancelled one throws `JobStopped`.
  */
 import { commandLine } from './command'
-import { ApiError, raw, type Problem } from './api'
+import { address, ApiError, del, get, post, type Problem, type Schemas } from './api'
 
-export interface Job {
-  id: string
-  command: string[]
-  folder: string
-  cell: string
-  title: string
-  state: 'queued' | 'running' | 'done' | 'failed' | 'cancelled' | 'interrupted'
-  step?: string | null
-  done?: number | null
-  total?: number | null
-  created?: string | null
-  started?: string | null
-  ended?: string | null
-  result?: unknown
-  problem?: unknown
-  warnings: string[]
-}
+export type Job = Schemas['Job']
 
 /** Browsers open six connections to a server; progress may hold some of them, the rest is asked for. */
 const MOST_STREAMS = 2
@@ -65,7 +49,7 @@ export function share(job: Job): number | null {
 
 /** Read the list of jobs again. */
 export async function loadJobs(): Promise<void> {
-  list.jobs = await raw('get', '/api/v1/jobs')
+  list.jobs = await get('/api/v1/jobs')
 }
 
 /** Follow a job that was just started until it ends. Cancelled through `signal`, the job is stopped too. */
@@ -79,7 +63,7 @@ export async function runJob(
   try {
     const ended = await follow(job, onProgress)
     if (ended.state === 'done') return ended
-    if (ended.problem) throw new ApiError(ended.problem as Problem)
+    if (ended.problem) throw new ApiError(ended.problem as unknown as Problem)
     throw new JobStopped(ended)
   } finally {
     signal?.removeEventListener('abort', stop)
@@ -105,7 +89,7 @@ export async function follow(job: Job, onProgress?: (job: Job) => void): Promise
 
 function listen(job: Job, take: (job: Job) => void): Promise<Job> {
   streams++
-  const source = new EventSource(`/api/v1/jobs/${job.id}/events`)
+  const source = new EventSource(address('/api/v1/jobs/{job}/events', { path: { job: job.id } }))
   const ended = new Promise<Job>((resolve, reject) => {
     source.onmessage = (event: MessageEvent<string>) => {
       const news = JSON.parse(event.data) as Job
@@ -125,7 +109,7 @@ function listen(job: Job, take: (job: Job) => void): Promise<Job> {
 
 async function poll(job: Job, take: (job: Job) => void): Promise<Job> {
   for (;;) {
-    const news = await raw<Job>('get', '/api/v1/jobs/{id}', { path: { id: job.id } })
+    const news = await get('/api/v1/jobs/{job}', { path: { job: job.id } })
     take(news)
     if (!isActive(news)) return news
     await new Promise((resolve) => setTimeout(resolve, 1000))
@@ -133,12 +117,12 @@ async function poll(job: Job, take: (job: Job) => void): Promise<Job> {
 }
 
 export async function cancelJob(job: Job): Promise<void> {
-  remember(await raw<Job>('delete', '/api/v1/jobs/{id}', { path: { id: job.id } }))
+  remember(await del('/api/v1/jobs/{job}', { path: { job: job.id } }))
 }
 
 /** Run a finished, failed, cancelled or interrupted job again, as a new job. */
 export async function runAgain(job: Job): Promise<Job> {
-  const fresh = await raw<Job>('post', '/api/v1/jobs/{id}/run', { path: { id: job.id } })
+  const fresh = await post('/api/v1/jobs/{job}/run', { path: { job: job.id } })
   return fresh
 }
 

@@ -147,6 +147,7 @@ def new_cell(
 def virtual_cell(workspace: InWorkspace, jobs: InJobs) -> Job:
     """Start to make a virtual cell, whose errors are known, with the whole workflow of ``truepose demo``."""
     cell = workspace.new_cell(_VIRTUAL)
+    cell.folder.mkdir()  # the name is taken from now on
     return jobs.submit(["demo", cell.name], folder=workspace.root, cell=cell.id, title="Virtual cell")
 
 
