@@ -18,6 +18,7 @@ from truepose.errors import FileError, RobotError
 from truepose.geometry.transforms import make_transform
 
 _TURNING: Final = ("revolute", "continuous")
+_MOST_TAGS: Final = 2_000_000
 TIPS: Final = ("tool0", "flange")
 """Names of the last frame in ROS (REP 199), preferred first."""
 
@@ -50,6 +51,8 @@ def read_xml(path: str | Path, largest: int = LARGEST_FILE) -> ET.Element:
     # entities are declared in a DOCTYPE: without one nothing can be expanded
     if "<!doctype" in text.lower() or "<!entity" in text.lower():
         raise FileError(path, "has a DOCTYPE or ENTITY declaration, which is not supported; remove it")
+    if text.count("<") > _MOST_TAGS:
+        raise FileError(path, f"has more than {_MOST_TAGS:,} tags; export a simpler file")
     try:
         return ET.fromstring(text)
     except ET.ParseError as error:
