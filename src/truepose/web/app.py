@@ -18,6 +18,7 @@ from truepose.web import (
     jobs,
     maps,
     measure,
+    meshes,
     pages,
     problems,
     programs,
@@ -62,7 +63,20 @@ def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1) -> FastA
     app.state.workspace, app.state.guard, app.state.jobs = workspace, guard, queue
     problems.install(app)
     api = APIRouter(prefix=API)
-    for routes in (session, cells, arms, measure, maps, programs, corrections, verifications, reports, history, jobs):
+    for routes in (
+        session,
+        cells,
+        arms,
+        meshes,
+        measure,
+        maps,
+        programs,
+        corrections,
+        verifications,
+        reports,
+        history,
+        jobs,
+    ):
         api.include_router(routes.router)
     app.include_router(api)
     app.include_router(session.health)

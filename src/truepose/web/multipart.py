@@ -16,7 +16,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 from anyio import CancelScope, to_thread
 from python_multipart import MultipartParser
@@ -31,6 +31,27 @@ from truepose.web.uploads import MB, MOST_FILES, check_zip, largest_file, safe_p
 
 DRAFT: Final = ".upload-"
 """How the names of hidden folders begin."""
+FORM: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["files"],
+                    "properties": {
+                        "files": {
+                            "type": "array",
+                            "items": {"type": "string", "format": "binary"},
+                            "description": "Files; the relative path of a dropped folder is the file name.",
+                        }
+                    },
+                }
+            }
+        },
+    }
+}
+"""The body of an upload in the contract, since the routes read it themselves."""
 _FORGOTTEN_S: Final = 3600.0
 _LARGEST_FIELD, _MOST_FIELDS = 1 << 16, 100
 _PIECE: Final = 1 << 20

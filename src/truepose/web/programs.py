@@ -10,33 +10,13 @@ from pydantic import BaseModel
 
 from truepose.jobs import Job
 from truepose.web import program_commands, stored_programs
-from truepose.web.multipart import received
+from truepose.web.multipart import FORM, received
 from truepose.web.program_commands import CorrectionOptions, ReadingOptions
 from truepose.web.stored_programs import StoredProgram
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
 router = APIRouter(tags=["programs"])
 _SHOWN: Final = 200
-FORM: Final[dict[str, Any]] = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["files"],
-                    "properties": {
-                        "files": {
-                            "type": "array",
-                            "items": {"type": "string", "format": "binary"},
-                            "description": "Files; the relative path of a dropped folder is the file name.",
-                        }
-                    },
-                }
-            }
-        },
-    }
-}
 
 
 class ProgramEntry(BaseModel):

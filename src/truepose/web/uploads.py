@@ -20,7 +20,7 @@ _LARGEST: Final = {
     "/programs": LARGEST_ZIP,
     "/readings": LARGEST_READINGS,
     "/verifications": LARGEST_READINGS,
-    "/meshes": LARGEST_FILE,
+    "/meshes": LARGEST_READINGS,
 }
 _NOT_IN_NAMES: Final = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
 _SHEET: Final = re.compile(r"(?i)(\.xls[xm])#")  # what follows would be taken for a sheet of a workbook
