@@ -130,6 +130,16 @@ def script(name: str, *arguments: object) -> str:
     return done.stdout
 
 
+def test_a_command_is_followed(practice: Path, tmp_path: Path) -> None:
+    cell, samples = practice / "cell.toml", practice / "fit_samples.csv"
+    told = script("follow.py", "fit", cell, samples, "--predictor", "idw", "--out", tmp_path / "map.truepose")
+    assert "step: Fitting idw" in told
+    assert told.splitlines()[-1].startswith("result: ")
+    assert (tmp_path / "map.truepose").is_file()
+    refused = script("follow.py", "fit", cell, cell, "--out", tmp_path / "other.truepose")
+    assert refused.splitlines()[-1].startswith(f"File not accepted: {cell}")
+
+
 def test_the_control_loop(tmp_path: Path) -> None:
     told = script("control_loop.py", tmp_path)
     assert told.startswith("<FrozenMap of kuka-kr210-r2700-extra: kinematic-kriging, within 0.")

@@ -11,8 +11,8 @@ import rich.progress
 from truepose.cli import app
 from truepose.cli.output import working
 
-QUICK = {"robots", "init", "check-point"}
-"""Commands that never take long."""
+QUICK = {"robots", "init", "check-point", "app"}
+"""Commands that never take long before they answer."""
 VIRTUAL = {"demo": "truepose.studies.demo.run_demo", "study": "truepose.studies.paper.run_study"}
 """Commands that are too long for a test, and the function in which they spend their time."""
 
