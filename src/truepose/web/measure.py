@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -126,27 +126,32 @@ def make_plan(cell: InCell, jobs: InJobs, wanted: PlanRequest) -> Job:
 @router.get("/cells/{cell}/plans")
 def plans(cell: InCell) -> list[TableEntry]:
     """Return the plans of a cell, newest first."""
-    return [_entry(file, lambda path: (len(read_plan(path)), 0)) for file in cell.files("plan")]
+    return [_entry(file) for file in cell.files("plan")]
 
 
 @router.get("/cells/{cell}/samples")
 def sample_tables(cell: InCell) -> list[TableEntry]:
     """Return the tables of samples of a cell, newest first."""
-    return [_entry(file, _count) for file in cell.files("samples")]
+    return [_entry(file) for file in cell.files("samples")]
 
 
-def _count(path: Path) -> tuple[int, int]:
-    samples, reasons = read_all_samples(path)
-    return len(samples), int((reasons != "").sum())
-
-
-def _entry(file: StoredFile, count: Callable[[Path], tuple[int, int]]) -> TableEntry:
+def _entry(file: StoredFile) -> TableEntry:
+    """Return the entry of a file; the rows of a file that has not changed are counted once."""
     entry = TableEntry(id=file.id, name=one_line(file.name), modified=file.modified, count=None)
     try:
-        entry.count, entry.masked = count(file.path)
+        entry.count, entry.masked = _count(file, file.path.stat().st_mtime_ns)
     except TrueposeError as error:
         entry.problem = str(error).replace(f"{file.path.parent}/", "")
     return entry
+
+
+@lru_cache(maxsize=1000)
+def _count(file: StoredFile, _changed: int) -> tuple[int, int]:
+    """Return the number of rows of a table, and of masked ones."""
+    if file.kind == "plan":
+        return len(read_plan(file.path)), 0
+    samples, reasons = read_all_samples(file.path)
+    return len(samples), int((reasons != "").sum())
 
 
 @router.get("/cells/{cell}/plans/{file}")
