@@ -42,7 +42,7 @@ void main() {
   float head = min(0.45 * whole, uHead);
   // position.z: 0 at the tail, 1 at the neck, 2 at the tip; x, y: around, 1 for the shaft's radius
   float at = position.z < 1.5 ? position.z * (whole - head) : whole;
-  float radius = uLines ? 0.3 * head : 0.11 * head;
+  float radius = uLines ? 0.3 * head : 0.14 * head;
   vec3 out_ = across * position.x + side * position.y;
   vNormal = normalMatrix * (normal.x * across + normal.y * side + normal.z * along);
   gl_Position = projectionMatrix * modelViewMatrix * vec4(aPoint + along * at + out_ * radius, 1.0);
@@ -65,6 +65,7 @@ export class ArrowField {
   private lines: LineSegments | undefined
   private few: Int32Array | undefined
   private readonly scale: number
+  private readonly largest: number
 
   constructor(
     private readonly arrows: Arrows,
@@ -72,7 +73,9 @@ export class ArrowField {
     extent: number,
   ) {
     this.total = arrows.before.length / ROW
-    this.scale = arrows.scale ?? longest(arrows.before)
+    const lengths = sizes(arrows.before)
+    this.largest = lengths.at(-1) ?? 0
+    this.scale = arrows.scale ?? lengths[Math.floor(0.98 * (lengths.length - 1))] ?? 0
     this.colours = new DataTexture(cividisBytes(), 256, 1)
     this.colours.needsUpdate = true
     this.material = new ShaderMaterial({
@@ -82,7 +85,7 @@ export class ArrowField {
       uniforms: {
         uAfter: { value: 0 },
         uFactor: { value: 1 },
-        uHead: { value: extent / 60 },
+        uHead: { value: extent / 45 },
         uScale: { value: this.scale || 1 },
         uLines: { value: false },
         uColours: { value: this.colours },
@@ -100,6 +103,11 @@ export class ArrowField {
   /** Length in mm at the end of the colour scale. */
   get end(): number {
     return this.scale
+  }
+
+  /** Whether some lengths are beyond the end of the colour scale. */
+  get beyond(): boolean {
+    return this.largest > this.scale
   }
 
   set factor(value: number) {
@@ -183,13 +191,15 @@ export class ArrowField {
   }
 }
 
-function longest(rows: Float32Array): number {
-  let square = 0
+/** Lengths of the errors in rising order, without those that are not known. */
+function sizes(rows: Float32Array): Float32Array {
+  const found = new Float32Array(rows.length / ROW)
+  let n = 0
   for (let k = 3; k < rows.length; k += ROW) {
-    const size = rows[k]! ** 2 + rows[k + 1]! ** 2 + rows[k + 2]! ** 2
-    if (size > square) square = size
+    const size = Math.sqrt(rows[k]! ** 2 + rows[k + 1]! ** 2 + rows[k + 2]! ** 2)
+    if (size >= 0) found[n++] = size
   }
-  return Math.sqrt(square)
+  return found.subarray(0, n).sort()
 }
 
 function instances(geometry: InstancedBufferGeometry, before: Float32Array, after?: Float32Array) {
@@ -223,7 +233,7 @@ function cone(): InstancedBufferGeometry {
     }
   }
   join(ring(3, 1, 0, 0), ring(3, 1, 1, 0), 3)
-  const base = ring(SIDES, 2.6, 1, 0.35)
+  const base = ring(SIDES, 2.5, 1, 0.35)
   const tip = ring(SIDES, 0, 2, 0.35)
   for (let k = 0; k < SIDES; k++) index.push(base + k, base + ((k + 1) % SIDES), tip + k)
   for (let k = 1; k < SIDES - 1; k++) index.push(base, base + k, base + k + 1)

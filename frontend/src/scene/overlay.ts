@@ -5,7 +5,7 @@ import type { SceneWords } from './types'
 
 /** What the legend says. */
 export interface Legend {
-  error: number | null
+  error: { end: number; beyond: boolean } | null
   field: { title: string; scale: number } | null
   factor: number
   grid: number
@@ -49,8 +49,8 @@ export class Overlay {
     this.last = text
     const { words } = this
     const lines: HTMLElement[] = []
-    if (legend.error !== null) lines.push(this.scale(words.error, legend.error))
-    if (legend.field !== null) lines.push(this.scale(legend.field.title, legend.field.scale))
+    if (legend.error !== null) lines.push(this.scale(words.error, legend.error.end, legend.error.beyond))
+    if (legend.field !== null) lines.push(this.scale(legend.field.title, legend.field.scale, false))
     if (legend.error !== null) lines.push(make('span', words.magnified(legend.factor)))
     if (legend.shown < legend.total) {
       const shown = make('strong', words.shown(legend.shown, legend.total))
@@ -87,13 +87,14 @@ export class Overlay {
     for (const part of [this.legend, this.tip, this.lost, ...this.axes]) part.remove()
   }
 
-  private scale(title: string, end: number): HTMLElement {
+  private scale(title: string, end: number, beyond: boolean): HTMLElement {
     const scale = make('div')
     scale.className = 'scene-scale'
     const bar = make('span')
     bar.className = 'scene-bar'
     bar.style.background = cividisGradient()
-    scale.append(make('span', title), make('span', this.words.number(0)), bar, make('span', this.words.number(end)))
+    const last = beyond ? this.words.orMore(end) : this.words.number(end)
+    scale.append(make('span', title), make('span', this.words.number(0)), bar, make('span', last))
     return scale
   }
 

@@ -12,7 +12,7 @@ export interface Arrows {
   before: Float32Array
   /** Errors that are left, in the same order; without it, `before` only. */
   after?: Float32Array
-  /** Length at the end of the colour scale in mm; by default the largest of `before`. */
+  /** Length at the end of the colour scale in mm; by default the largest but the top 2 % of `before`. */
   scale?: number
 }
 
@@ -84,6 +84,8 @@ export interface SceneWords {
   grid: (step: number) => string
   shown: (shown: number, total: number) => string
   magnified: (factor: number) => string
+  /** The end of a scale that some values exceed. */
+  orMore: (value: number) => string
   /** A number of a scale in the language of the page. */
   number: (value: number) => string
 }

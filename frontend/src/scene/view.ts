@@ -381,7 +381,7 @@ export class SceneView implements SceneHandle {
 
   private legend(): void {
     this.overlay.show({
-      error: this.arrows ? this.arrows.end : null,
+      error: this.arrows ? { end: this.arrows.end, beyond: this.arrows.beyond } : null,
       field: this.slice || this.cloud ? this.field : null,
       factor: this.factor,
       grid: this.floor.step,

@@ -14,6 +14,7 @@ export function sceneWords(label: string): SceneWords {
     grid: (step) => t('map.scene_grid', { step: number(step) }),
     shown: (shown, total) => t('map.scene_shown', { shown: number(shown), total: number(total) }),
     magnified: (factor) => t('map.scene_magnified', { factor: significant(factor, 3) }),
+    orMore: (value) => t('map.scene_or_more', { value: significant(value, 3) }),
     number: (value) => significant(value, 3),
   }
 }

@@ -41,7 +41,7 @@ export function usualFactor(rows: Float32Array, size: number): number {
   const lengths = Array.from({ length: rows.length / ROW }, (_, k) => length(rows, ROW * k + 3)).sort((a, b) => a - b)
   const typical = lengths[Math.floor(0.9 * (lengths.length - 1))] ?? 0
   if (!typical || !size) return 100
-  const about = (0.09 * size) / typical
+  const about = (0.12 * size) / typical
   const power = 10 ** Math.floor(Math.log10(about))
   const share = about / power
   return Math.min(10_000, Math.max(1, power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10)))
