@@ -62,3 +62,12 @@ def test_two_servers_have_two_tokens_and_two_cookies() -> None:
     one, other = Guard(port=1), Guard(port=2)
     assert len({one.token, other.token, one.session, other.session, one.csrf, other.csrf}) == 6
     assert one.cookie != other.cookie
+
+
+def test_small_answers_are_sent_at_once() -> None:
+    """asyncio switches the delay of small packets off only for sockets that state their protocol."""
+    with server._listen(0) as listening, socket.create_connection(listening.getsockname()) as client:
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.proto == socket.IPPROTO_TCP
+            client.close()

@@ -83,6 +83,8 @@ def _serve(root: Path, port: int, workers: int, browser: bool, announce: Callabl
 def _listen(port: int) -> socket.socket:
     """Return a socket that listens already, so that the start URL works as soon as it is shown."""
     try:
-        return socket.create_server((HOST, port))
+        listening = socket.create_server((HOST, port))
     except OSError as error:
         raise DataError(f"port {port} of {HOST} cannot be used: {error.strerror}; choose another with --port") from None
+    # asyncio sends small answers at once only if the socket states its protocol; else each waits for 40 ms
+    return socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=listening.detach())
