@@ -1,0 +1,48 @@
+/** The path of a program in the base frame, as path.bin holds it. */
+import { SHAPE_OF_CODE } from './verdicts'
+
+export interface ProgramPath {
+  /** Number of targets with a known position; more than there are points, if some were left out. */
+  known: number
+  /** Positions before the correction [mm]. */
+  before: Float32Array
+  /** Corrections [mm]. */
+  change: Float32Array
+  /** Row of each point in the record, ascending. */
+  rows: Uint32Array
+  /** The shape of each point. */
+  shapes: Uint8Array
+}
+
+export function pathOf(buffer: ArrayBuffer): ProgramPath {
+  const [n = 0, known = 0] = new Uint32Array(buffer, 0, 2)
+  return {
+    known,
+    before: new Float32Array(buffer, 8, 3 * n),
+    change: new Float32Array(buffer, 8 + 12 * n, 3 * n),
+    rows: new Uint32Array(buffer, 8 + 24 * n, n),
+    shapes: new Uint8Array(buffer, 8 + 28 * n, n).map((code) => SHAPE_OF_CODE[code] ?? 0),
+  }
+}
+
+/** The arrows of the corrections: position, correction, no deviation. */
+export function arrowsOf(path: ProgramPath): Float32Array {
+  const n = path.rows.length
+  const arrows = new Float32Array(7 * n)
+  for (let k = 0; k < n; k++) {
+    arrows.set(path.before.subarray(3 * k, 3 * k + 3), 7 * k)
+    arrows.set(path.change.subarray(3 * k, 3 * k + 3), 7 * k + 3)
+  }
+  return arrows
+}
+
+/** The point of a row; of rows that are not in the path the nearest before it, −1 for none. */
+export function pointOf(path: ProgramPath, row: number): number {
+  let [low, high] = [0, path.rows.length]
+  while (low < high) {
+    const middle = (low + high) >> 1
+    if (path.rows[middle]! <= row) low = middle + 1
+    else high = middle
+  }
+  return low - 1
+}
