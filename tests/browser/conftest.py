@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from tests.browser.opening import Browser, Server, chromium_path
@@ -45,10 +45,16 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session")
-def server(browser: Browser, virtual_cell: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A server of a workspace with the virtual cell, for tests that only look."""
+def server(
+    browser: Browser, virtual_cell: Path, tmp_path_factory: pytest.TempPathFactory, run: Callable[..., Any]
+) -> Iterator[Server]:
+    """A server of a workspace with the virtual cell and a verification in it, for tests that only look."""
     workspace = tmp_path_factory.mktemp("shown")
-    shutil.copytree(virtual_cell, workspace / "virtual-cell")
+    cell = shutil.copytree(virtual_cell, workspace / "virtual-cell")
+    (cell / "verifications").mkdir()
+    readings = [cell / "panel_corrected_readings.txt", "--before", cell / "panel_original_readings.txt"]
+    out = cell / "verifications" / "panel.json"
+    assert run("verify", cell / "map.truepose", cell / "corrected" / "panel.src", *readings, "--out", out).code == 0
     with Server.started(workspace) as running:
         yield running
 
