@@ -9,13 +9,17 @@ export { PAGES, type Destination, type PageName, type Route } from './addresses'
 const current = $state({ route: parseAddress(location.hash) })
 addEventListener('hashchange', () => (current.route = parseAddress(location.hash)))
 
+// a page is not made again when only the rest of the address changes
+const page = $derived(current.route.page)
+const cell = $derived(current.route.cell)
+
 /** The route shown now. Its properties are reactive. */
 export const route: Readonly<Route> = {
   get page() {
-    return current.route.page
+    return page
   },
   get cell() {
-    return current.route.cell
+    return cell
   },
   get rest() {
     return current.route.rest
