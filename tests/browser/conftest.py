@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
 from tests.browser.opening import Browser, Server, chromium_path
@@ -18,29 +20,31 @@ from tests.browser.opening import Browser, Server, chromium_path
 from truepose.web.pages import STATIC
 
 PICTURES = Path(__file__).parents[2] / "build" / "screens"
-_HOW = "'apt-get install chromium' and 'make setup', which builds the pages"
 
 
-def _cannot(reason: str) -> NoReturn:
-    """Skip the browser tests; fail where they are required, as in CI."""
-    text = f"no browser tests: {reason}; get them with {_HOW}"
+def pytest_runtest_setup() -> None:
+    """Skip a test where there is no browser, with one line for all; fail where they are required, as in CI."""
+    if not (reason := _obstacle()):
+        return
+    text = f"no browser tests: {reason}; get them with 'apt-get install chromium' and 'make frontend'"
     if os.environ.get("TRUEPOSE_BROWSER_TESTS") == "require":
         pytest.fail(text, pytrace=False)
     pytest.skip(text)
 
 
+@cache
+def _obstacle() -> str:
+    if chromium_path() is None:
+        return "chromium is not installed"
+    if not (STATIC / "index.html").is_file():
+        return "the pages are not built"
+    return "" if find_spec("playwright") else "playwright is not installed"
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """The browser of this test worker."""
-    if (found := chromium_path()) is None:
-        _cannot("chromium is not installed")
-    if not (STATIC / "index.html").is_file():
-        _cannot("the pages are not built")
-    try:
-        import playwright  # noqa: F401
-    except ModuleNotFoundError:
-        _cannot("playwright is not installed")
-    with Browser.launched(found) as opened:
+    with Browser.launched(chromium_path() or "") as opened:
         yield opened
 
 
