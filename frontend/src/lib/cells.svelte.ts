@@ -20,11 +20,10 @@ export const cells = {
   },
 }
 
-/** Read the list again; chooses the first cell when the address names none that exists. */
+/** Read the list again. */
 export async function loadCells(): Promise<void> {
   state.list = await get('/api/v1/cells')
   state.loaded = true
-  if (!cells.current) go({ cell: state.list[0]?.id ?? null }, { replace: true })
 }
 
 /** The job that makes the virtual cell, while it runs. */
