@@ -12,7 +12,7 @@ from fastapi import APIRouter, Form, Header, Response, UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse
 
-from truepose._io.files import LARGEST_CONFIG, read_bytes, read_text, write_atomic
+from truepose._io.files import LARGEST_CONFIG, read_bytes, write_atomic
 from truepose.cell import ANGLE_KEYS, Cell, write_template
 from truepose.errors import FileError, TrueposeError, one_line
 from truepose.jobs import Job
@@ -168,8 +168,9 @@ def read_cell(cell: InCell, response: Response) -> CellDocument:
 
 
 def _document(cell: CellFolder, response: Response) -> CellDocument:
-    response.headers["ETag"] = etag_of(read_bytes(cell.file, LARGEST_CONFIG))
-    shown = _shown(cell, read_text(cell.file, LARGEST_CONFIG).replace("\r\n", "\n"))
+    content = read_bytes(cell.file, LARGEST_CONFIG)
+    response.headers["ETag"] = etag_of(content)
+    shown = _shown(cell, _decoded(content, cell.file).replace("\r\n", "\n"))
     model = (shown.values or {}).get("robot", {})
     model = model.get("model") if isinstance(model, dict) else None
     command = f"truepose init {_quoted(one_line(cell.name))} --robot {_quoted(str(model or 'ROBOT'))}"
@@ -204,7 +205,7 @@ def _shown(cell: CellFolder, text: str) -> CellText:
 @router.post("/cells/{cell}/check")
 def check_cell(cell: InCell, edit: Edit) -> CellText:
     """Return a text with some keys changed, and its errors; nothing is written."""
-    text = read_text(cell.file, LARGEST_CONFIG) if edit.text is None else edit.text
+    text = _decoded(read_bytes(cell.file, LARGEST_CONFIG), cell.file) if edit.text is None else edit.text
     return _shown(cell, changed(text, edit.changes).replace("\r\n", "\n") if edit.changes else text)
 
 
@@ -227,7 +228,7 @@ def save_cell(
         content = as_file(text, before)
         if content != before:
             write_atomic(cell.file, content)
-    return _document(cell, response)
+        return _document(cell, response)
 
 
 def _new_text(edit: Edit, before: bytes, path: Path) -> str:
@@ -235,10 +236,14 @@ def _new_text(edit: Edit, before: bytes, path: Path) -> str:
         raise WebError(422, "Nothing to save", "send the text, or changes of it")
     if edit.text is not None:
         return changed(edit.text, edit.changes) if edit.changes else edit.text
+    return changed(_decoded(before, path), edit.changes)
+
+
+def _decoded(content: bytes, path: Path) -> str:
     try:
-        return changed(before.decode("utf-8-sig"), edit.changes)
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise FileError(path, "is not UTF-8 text; save it as UTF-8") from None
+        raise FileError(path.name, "is not UTF-8 text; save it as UTF-8") from None
 
 
 def _conflict(yours: str, now: bytes) -> Response:

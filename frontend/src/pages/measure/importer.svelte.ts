@@ -22,6 +22,10 @@ export class Importer {
   readonly cell: string
   file = $state.raw<PathFile | null>(null)
   plan = $state('')
+  /** A plan that is sent with the readings, instead of one of the cell. */
+  planFile = $state.raw<PathFile | null>(null)
+  reflectors = $state<number | null>(null)
+  keep = $state<number | null>(null)
   /** Columns that the user states; null: those that were recognised. */
   columns = $state.raw<Columns | null>(null)
   unit = $state('')
@@ -52,6 +56,7 @@ export class Importer {
     this.file = file
     this.columns = null
     this.unit = ''
+    this.reflectors = this.keep = null
     this.permissions = new Set()
     this.masked = []
     this.#undone = []
@@ -136,17 +141,25 @@ export class Importer {
     if (!file) throw new Error('no file')
     body.append('options', JSON.stringify(this.#options()))
     body.append('file', file.file, file.file.name)
+    if (this.planFile) body.append('plan', this.planFile.file, this.planName)
     return upload('/api/v1/cells/{cell}/readings', { path: { cell: this.cell }, query: { preview }, body, signal })
   }
 
   #options(): Record<string, unknown> {
     return {
-      ...(this.plan ? { plan: this.plan } : {}),
+      ...(this.planFile ? { plan_file: this.planName } : this.plan ? { plan: this.plan } : {}),
+      ...(this.reflectors ? { reflectors: this.reflectors, ...(this.keep ? { keep: this.keep } : {}) } : {}),
       ...(this.columns && this.complete ? { columns: { ...this.columns, skip: this.preview?.skip ?? 0 } } : {}),
       ...(this.unit ? { unit: this.unit } : {}),
       ...Object.fromEntries([...this.permissions].map((permission) => [permission, true])),
       mask: this.masked,
     }
+  }
+
+  /** The name under which the plan is sent; never that of the readings. */
+  get planName(): string {
+    const name = this.planFile?.file.name ?? ''
+    return name.toLowerCase() === this.file?.file.name.toLowerCase() ? `plan of ${name}` : name
   }
 
   /** The command line that does the same. */
@@ -155,10 +168,12 @@ export class Importer {
     const stated = this.columns && { ...this.columns, ...(this.preview?.skip ? { skip: this.preview.skip } : {}) }
     const columns = Object.entries(stated ?? {}).map(([what, column]) => `${what}=${column}`)
     return [
-      ...['import', 'cell.toml', `readings/${name}`, '--plan', plan || 'PLAN'],
+      ...['import', 'cell.toml', `readings/${name}`, '--plan', this.planFile ? `readings/${this.planName}` : plan || 'PLAN'],
       ...['--out', `samples/${name.replace(/\.[^.]*$/, '')}.csv`],
       ...(columns.length ? ['--columns', columns.join(', ')] : []),
       ...(this.unit ? ['--unit', this.unit] : []),
+      ...(this.reflectors ? ['--reflectors', String(this.reflectors)] : []),
+      ...(this.reflectors && this.keep ? ['--keep', String(this.keep)] : []),
       ...PERMISSIONS.filter((one) => this.permissions.has(one)).map((one) => `--${one.replaceAll('_', '-')}`),
       ...(this.masked.length ? ['--mask', `samples/${name.replace(/\.[^.]*$/, '')}.mask.csv`] : []),
     ]
