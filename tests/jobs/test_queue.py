@@ -108,9 +108,8 @@ def test_two_workers_run_two_jobs_at_once_and_share_the_processors(
         queue.cancel(jobs[0].id)
         until(lambda: queue.get(jobs[2].id).state == "running")
     assert threads == ["3"] * 3
-    monkeypatch.setattr(JobQueue, "_dispatch", lambda _: None)
     with JobQueue(workspace, workers=1, ready=False) as queue:
-        assert queue._threads() is None
+        assert queue._processes._threads() is None
 
 
 def test_the_order_does_not_depend_on_the_clock(
@@ -283,7 +282,6 @@ def test_a_large_result_stays_in_its_file(
     queue: JobQueue, submit: Submit, monkeypatch: pytest.MonkeyPatch, run: Any
 ) -> None:
     monkeypatch.setattr(job_folder, "LARGEST_RESULT", 100)
-    monkeypatch.setattr("truepose.jobs.queue.LARGEST_RESULT", 100)
     job = queue.wait(submit(*QUICK).id, timeout=LONG)
     assert (job.state, job.result) == ("done", None)
     path = queue.result_file(job.id)
@@ -477,16 +475,16 @@ def test_a_removed_folder_of_jobs_is_made_again(queue: JobQueue, submit: Submit,
 
 def test_a_process_that_waits_ready_runs_the_next_job(workspace: Path) -> None:
     with JobQueue(workspace) as queue:
-        spare = queue._spare
+        spare = queue._processes._spare
         assert spare is not None
         job = queue.submit(SLOW, folder=workspace, cell="", title="")
         with_step(queue, job)
         assert queue._running[job.id].process is spare
         assert queue.cancel(job.id).state == "cancelled"
-        until(lambda: queue._spare is not None)
-        spare = queue._spare
+        until(lambda: queue._processes._spare is not None)
+        spare = queue._processes._spare
         spare._process.kill()
         spare._process.wait()
         assert queue.wait(queue.submit(QUICK, folder=workspace, cell="", title="").id, timeout=LONG).state == "done"
-        last = queue._spare
+        last = queue._processes._spare
     assert last is None or last._process.returncode is not None

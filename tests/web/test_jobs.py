@@ -144,7 +144,7 @@ def test_a_running_job_has_two_events_a_second_without_any_change(
     while queue.get(job).step is None:
         revision = queue.wait(job, after=revision, timeout=LONG).revision
     with monkeypatch.context() as patch:
-        patch.setattr(JobQueue, "_take", lambda *_: None)
+        patch.setattr("truepose.jobs.run.Run.take", lambda *_: {})
         seconds, text = anyio.run(_first, queue, job, None, 5)
     assert seconds < 4.0  # 2 s on a machine with nothing else to do
     assert len({one for one, _ in events(text)}) < 5

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,6 +49,7 @@ class JobFolder:
         except OSError as error:
             raise FileError(path, f"cannot be written: {error.strerror}; choose another workspace") from None
         if not lock(descriptor):
+            os.lseek(descriptor, 0, os.SEEK_SET)
             holder = os.read(descriptor, 32).decode("ascii", "replace").strip() or "unknown"
             os.close(descriptor)
             raise FileError(
@@ -112,6 +114,13 @@ class JobFolder:
             raise
         except (ValueError, RecursionError):
             raise FileError(path, "is not JSON") from None
+
+    def has_result(self, job: Job, size: int) -> bool:
+        """Return whether a job's command wrote JSON; this is checked if it is small enough to be part of the job."""
+        try:
+            return size > LARGEST_RESULT or self.result(replace(job, result_bytes=size)) is not None
+        except FileError:
+            return False
 
     def _files(self) -> list[Path]:
         if not self._folder.is_dir():

@@ -5,37 +5,24 @@ from __future__ import annotations
 import os
 import secrets
 import threading
-import time
 from collections import deque
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from truepose.errors import DataError, FileError, RefusedError
-from truepose.jobs.folder import LARGEST_RESULT, JobFolder
+from truepose.jobs.folder import JobFolder
 from truepose.jobs.job import Job, State, UnknownJobError, check_command
-from truepose.jobs.process import CommandProcess
-from truepose.problem import document, problem
+from truepose.jobs.run import Run, interrupted
+from truepose.jobs.spare import Processes
+from truepose.problem import problem
 
 _GRACE: Final = 0.5
 """Seconds that an interrupted command has before it is killed."""
 _END: Final = 2.0
 """Seconds that a killed command may need to be gone."""
-_MOST_WARNINGS: Final = 100
-_STOPPED: Final = "the application ended before this command had ended; run it again"
-
-
-@dataclass
-class _Run:
-    """A job that runs."""
-
-    process: CommandProcess | None = None
-    stopped: Literal["cancelled", "interrupted"] | None = None
-    began: float = field(default_factory=time.monotonic)
-    warnings: list[str] = field(default_factory=list)
-    problem: dict[str, Any] | None = None
 
 
 class JobQueue:
@@ -64,13 +51,12 @@ class JobQueue:
             raise DataError(f"workers must be at least 1, got {workers}")
         self._workspace = Path(os.path.realpath(workspace))
         self._store = JobFolder(self._workspace / ".truepose" / "jobs")
-        self._workers, self._ready = workers, ready
+        self._workers, self._processes = workers, Processes(workers, ready)
         self._changed = threading.Condition(threading.RLock())
         self._jobs: dict[str, Job] = {}
         self._waiting: deque[str] = deque()
-        self._running: dict[str, _Run] = {}
+        self._running: dict[str, Run] = {}
         self._unsaved: set[str] = set()
-        self._spare: CommandProcess | None = None
         self._open = False
 
     def __enter__(self) -> JobQueue:
@@ -92,12 +78,16 @@ class JobQueue:
             if self._open:
                 return
             self._store.lock()
-            self._jobs = {job.id: job for job in self._store.load()}
+            try:
+                self._jobs = {job.id: job for job in self._store.load()}
+            except BaseException:
+                self._store.unlock()
+                raise
             self._open = True
             for job in [job for job in self._jobs.values() if job.active]:
                 self._store.output(job).unlink(missing_ok=True)
-                self._set(replace(job, state="interrupted", problem=document("Interrupted", _STOPPED)))
-            self._make_spare()
+                self._set(replace(job, state="interrupted", problem=interrupted()))
+            self._processes.prepare()
 
     def stop(self) -> None:
         """Interrupt all jobs, wait for their end, and give the workspace free."""
@@ -106,15 +96,10 @@ class JobQueue:
                 return
             self._open = False
             for job_id in self._waiting:
-                self._set(replace(self._jobs[job_id], state="interrupted", problem=document("Interrupted", _STOPPED)))
+                self._set(replace(self._jobs[job_id], state="interrupted", problem=interrupted()))
             self._waiting.clear()
-            if self._spare is not None:
-                self._spare.interrupt()
             self._stop_runs(list(self._running), "interrupted")
-            if self._spare is not None:
-                self._spare.kill()
-                self._spare.wait()
-                self._spare = None
+            self._processes.close()
             self._store.unlock()
 
     def submit(self, command: Sequence[str], *, folder: Path, cell: str, title: str) -> Job:
@@ -265,7 +250,7 @@ class JobQueue:
     def _shown(self, job_id: str) -> Job:
         job = self._known(job_id)
         run = self._running.get(job_id)
-        return job if run is None else replace(job, seconds=time.monotonic() - run.began)
+        return job if run is None else replace(job, seconds=run.seconds)
 
     def _change(self, job: Job) -> None:
         """Take a new version of a job."""
@@ -289,7 +274,7 @@ class JobQueue:
         """Start waiting jobs while fewer than `workers` run."""
         while self._open and self._waiting and len(self._running) < self._workers:
             job_id = self._waiting.popleft()
-            self._running[job_id] = _Run()
+            self._running[job_id] = Run()
             self._change(replace(self._jobs[job_id], state="running", started=_now()))
             threading.Thread(target=self._work, args=(job_id,), name=f"truepose-job-{job_id}", daemon=True).start()
 
@@ -299,8 +284,8 @@ class JobQueue:
         try:
             outcome = self._outcome(job_id, run)
         except Exception as error:
+            run.kill()
             if run.process is not None:
-                run.process.kill()
                 run.process.wait()
             outcome = {"state": "failed", "problem": problem(error)}
         with self._changed:
@@ -308,7 +293,7 @@ class JobQueue:
                 replace(
                     self._jobs[job_id],
                     ended=_now(),
-                    seconds=time.monotonic() - run.began,
+                    seconds=run.seconds,
                     warnings=tuple(run.warnings),
                     **outcome,
                 )
@@ -316,118 +301,41 @@ class JobQueue:
             del self._running[job_id]
             self._changed.notify_all()
             self._dispatch()
-            if not self._running:
-                self._make_spare()
+            if self._open and not self._running:
+                self._processes.prepare()
 
-    def _outcome(self, job_id: str, run: _Run) -> dict[str, Any]:
+    def _outcome(self, job_id: str, run: Run) -> dict[str, Any]:
         """Run the command of a job, and return what changes by its end."""
         job = self._jobs[job_id]
         self._store.save(job)
-        process, output = self._begin(job), self._store.output(job)
+        folder = self._workspace / job.folder
+        if not folder.is_dir():
+            raise FileError(job.folder, "no such folder")
+        process = self._processes.begin(job.command, folder, self._store.output(job))
         with self._changed:
             run.process = process
             if run.stopped is not None:
-                process.interrupt()
+                process.kill()
         for event in process.events():
             with self._changed:
-                self._take(job_id, run, event)
+                if changed := run.take(event):
+                    self._change(replace(self._jobs[job_id], **changed))
         code = process.wait()
-        size = output.stat().st_size if output.exists() else 0
-        ended = replace(job, result_bytes=size)
-        if size and not _is_result(self._store, ended):
-            size = 0
-        if not size or (code != 0 and run.stopped):
-            output.unlink(missing_ok=True)
-            size = 0
-        return {"result_bytes": size or None, **_state(run, code, size > 0, process)}
-
-    def _begin(self, job: Job) -> CommandProcess:
-        """Let the process that waits begin the job's command, or a new one."""
-        folder, output = self._workspace / job.folder, self._store.output(job)
-        if not folder.is_dir():
-            raise FileError(job.folder, "no such folder")
-        with self._changed:
-            spare, self._spare = self._spare, None
-        for process in (spare, None):
-            process = process or CommandProcess(threads=self._threads())
-            try:
-                process.begin(job.command, folder, output)
-            except OSError:  # it has ended meanwhile
-                process.kill()
-                process.wait()
-                if spare is None:
-                    raise
-                spare = None
-                continue
-            return process
-        raise AssertionError  # the loop returns or raises
-
-    def _make_spare(self) -> None:
-        """Start the process that waits for the next job."""
-        if self._ready and self._open and self._spare is None:
-            try:
-                self._spare = CommandProcess(threads=self._threads(), ready=True)
-            except OSError:  # the next job tries again, and tells why
-                self._spare = None
-
-    def _threads(self) -> int | None:
-        from truepose.numerics.threads import cores
-
-        return None if self._workers == 1 else max(1, cores() // self._workers)
-
-    def _take(self, job_id: str, run: _Run, event: dict[str, Any]) -> None:
-        """Take an event of the command."""
-        job, kind = self._jobs[job_id], event.pop("event")
-        if kind == "step":
-            self._change(replace(job, step=str(event.get("step")), done=None, total=None))
-        elif kind == "count":
-            self._change(replace(job, done=int(event.get("done", 0)), total=int(event.get("total", 0))))
-        elif kind == "warning":
-            if len(run.warnings) < _MOST_WARNINGS:
-                run.warnings.append(str(event.get("message")))
-                self._change(replace(job, warnings=tuple(run.warnings)))
-        elif kind == "problem":
-            run.problem = event
+        return run.outcome(job, code, self._store, process.last_words(code))
 
     def _stop_runs(self, job_ids: Sequence[str], why: Literal["cancelled", "interrupted"]) -> None:
         """Interrupt jobs that run, kill them after a grace time, and wait for their end."""
         runs = [self._running[job_id] for job_id in job_ids]
         for run in runs:
-            run.stopped = run.stopped or why
-            if run.process is not None:
-                run.process.interrupt()
+            run.interrupt(why)
 
         def gone() -> bool:
             return not any(job_id in self._running for job_id in job_ids)
 
         if not self._changed.wait_for(gone, _GRACE):
             for run in runs:
-                if run.process is not None:
-                    run.process.kill()
+                run.kill()
             self._changed.wait_for(gone, _END)
-
-
-def _state(run: _Run, code: int, has_result: bool, process: CommandProcess) -> dict[str, Any]:
-    """Return the state and the problem of a job whose process has ended."""
-    if code == 0 and has_result:
-        return {"state": "done", "problem": None}
-    if run.stopped is not None:
-        if run.problem is not None:
-            run.warnings.append(str(run.problem.get("detail")))
-        stopped = document("Interrupted", _STOPPED) if run.stopped == "interrupted" else None
-        return {"state": run.stopped, "problem": stopped}
-    if run.problem is not None:
-        return {"state": "failed", "problem": run.problem}
-    if code == 1 and has_result:  # a negative verdict, such as that of verify
-        return {"state": "done", "problem": None}
-    return {"state": "failed", "problem": document("ProcessError", process.last_words(code))}
-
-
-def _is_result(store: JobFolder, job: Job) -> bool:
-    try:
-        return (job.result_bytes or 0) > LARGEST_RESULT or store.result(job) is not None
-    except FileError:
-        return False
 
 
 def _now() -> str:

@@ -32,7 +32,7 @@ from truepose.web.workspace import Workspace
 API = "/api/v1"
 
 
-def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1) -> FastAPI:
+def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1, ready: bool = False) -> FastAPI:
     """Return the application of a workspace.
 
     Parameters
@@ -43,8 +43,10 @@ def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1) -> FastA
         The start-up token, and the addresses that the server answers.
     workers : int
         The largest number of jobs that run at once.
+    ready : bool
+        Whether a process waits for the next job with its modules imported.
     """
-    queue = JobQueue(workspace.root, workers=workers)
+    queue = JobQueue(workspace.root, workers=workers, ready=ready)
 
     @asynccontextmanager
     async def running(_app: FastAPI) -> AsyncIterator[dict[str, Any]]:

@@ -64,7 +64,7 @@ def serve(root: Path, *, port: int, workers: int, browser: bool, announce: Calla
 def _serve(root: Path, port: int, workers: int, browser: bool, announce: Callable[[str], None]) -> None:
     listening = _listen(port)
     guard = Guard(port=listening.getsockname()[1])
-    app = create_app(Workspace(root), guard, workers=workers)
+    app = create_app(Workspace(root), guard, workers=workers, ready=True)
     how = uvicorn.Config(
         app,
         log_level="warning",
