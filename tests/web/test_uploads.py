@@ -94,6 +94,12 @@ def test_a_dropped_folder_keeps_its_files_together(client: TestClient, cell: str
     assert [(one["id"], one["languages"]) for one in listed] == [(answer.json()["id"], ["krl"])]
 
 
+def test_loose_files_get_a_folder_that_is_named_after_a_program(client: TestClient, cell: str, root: Path) -> None:
+    files = [("$config.dat", b"DEFDAT $CONFIG\nENDDAT\n"), ("list.txt", b""), ("weld.src", KRL), ("weld.dat", b"")]
+    assert send(client, cell, files).json()["name"] == "weld"
+    assert len(tree(root)) == 4
+
+
 def test_an_upload_never_replaces_an_earlier_one(client: TestClient, cell: str, root: Path) -> None:
     names = [send(client, cell, [("a.src", KRL + bytes([65 + k]))]).json()["name"] for k in range(3)]
     names.append(send(client, cell, [("A.SRC", KRL)]).json()["name"])  # one folder on some systems

@@ -101,14 +101,19 @@ def keep(cell: CellFolder, upload: Upload) -> StoredProgram:
     if len(tops) == 1 and len(names[0].parts) > 1:
         part, name = PurePosixPath(names[0].parts[0]), names[0].parts[0]
     else:
-        part, name = PurePosixPath(), min(names, key=lambda one: (len(one.parts), one.name.lower())).parts[0]
-        name = Path(name).stem if len(names[0].parts) == 1 else name
+        part, first = PurePosixPath(), min(names, key=_rank)
+        name = Path(first).stem if len(first.parts) == 1 else first.parts[0]
     with _KEEPING:  # so that no other upload takes the name meanwhile
         goal = upload.keep(cell.new(FOLDER, name), part)
     kept = _stored(cell, goal)
     if kept is None:
         raise missing("this upload")
     return kept
+
+
+def _rank(name: PurePosixPath) -> tuple[bool, int, str]:
+    """Return what makes a file stand for an upload: a program before a list of frames, an outer file before others."""
+    return name.name.startswith("$") or not language_of(Path(name)), len(name.parts), name.name.lower()
 
 
 def _stored(cell: CellFolder, path: Path) -> StoredProgram | None:

@@ -36,6 +36,23 @@ export function arrowsOf(path: ProgramPath): Float32Array {
   return arrows
 }
 
+/** A magnification that makes the longest correction about a twelfth of the path's extent; of 1 to 1,000. */
+export function magnificationOf(path: ProgramPath): number {
+  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]]
+  let longest = 0
+  for (let k = 0; k < path.rows.length; k++) {
+    for (let axis = 0; axis < 3; axis++) {
+      const p = path.before[3 * k + axis]!
+      low[axis] = Math.min(low[axis]!, p)
+      high[axis] = Math.max(high[axis]!, p)
+    }
+    longest = Math.max(longest, Math.hypot(path.change[3 * k]!, path.change[3 * k + 1]!, path.change[3 * k + 2]!))
+  }
+  const extent = Math.hypot(...high.map((value, axis) => value - low[axis]!))
+  if (!longest || !Number.isFinite(extent)) return 100
+  return Number(Math.min(1000, Math.max(1, extent / longest / 12)).toPrecision(2))
+}
+
 /** The point of a row; of rows that are not in the path the nearest before it, −1 for none. */
 export function pointOf(path: ProgramPath, row: number): number {
   let [low, high] = [0, path.rows.length]
