@@ -9,11 +9,11 @@ const CELLS = 16
 export function most(rows: Float32Array, row: number, count: number): Int32Array {
   const n = rows.length / row
   if (n <= count) return Int32Array.from({ length: n }, (_, k) => k)
-  const size = new Float32Array(n)
+  const size = new Float32Array(n) // squares: only their order counts
   for (let k = 0; k < n; k++) {
     const at = row * k + 3
-    const length = Math.hypot(rows[at]!, rows[at + 1]!, rows[at + 2]!)
-    size[k] = Number.isFinite(length) ? length : -1
+    const square = rows[at]! ** 2 + rows[at + 1]! ** 2 + rows[at + 2]! ** 2
+    size[k] = square >= 0 ? square : -1
   }
   const half = count >> 1
   const limit = size.slice().sort()[n - half]!

@@ -33,12 +33,12 @@ export function sampleRows(before: Float32Array, after: Float32Array): SampleRow
 }
 
 export function length(values: Float32Array, at: number): number {
-  return Math.hypot(values[at]!, values[at + 1]!, values[at + 2]!)
+  return Math.sqrt(values[at]! ** 2 + values[at + 1]! ** 2 + values[at + 2]! ** 2) // hypot takes ten times as long
 }
 
 /** A magnification of 1, 2 or 5 times a power of ten at which most arrows are well seen beside a size in mm. */
 export function usualFactor(rows: Float32Array, size: number): number {
-  const lengths = Array.from({ length: rows.length / ROW }, (_, k) => length(rows, ROW * k + 3)).sort((a, b) => a - b)
+  const lengths = Float32Array.from({ length: rows.length / ROW }, (_, k) => length(rows, ROW * k + 3)).sort()
   const typical = lengths[Math.floor(0.9 * (lengths.length - 1))] ?? 0
   if (!typical || !size) return 100
   const about = (0.12 * size) / typical
