@@ -310,6 +310,7 @@ def test_a_full_disk_fails_what_cannot_be_written_and_the_queue_lives(
     assert "No space left" in job.problem["detail"]
     assert queue.wait(submit(*QUICK).id, timeout=LONG).state == "done"
     assert len(queue.list()) == 3
+    assert queue.get(before.id).warnings == ()
     kept = {path.stem: json.loads(path.read_text()) for path in (queue._workspace / ".truepose/jobs").glob("*.json")}
     assert kept[before.id]["state"] == "cancelled"  # written later
     assert kept[waiting.id]["state"] == "failed"

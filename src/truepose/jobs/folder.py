@@ -91,7 +91,14 @@ class JobFolder:
         """
         data = {"format": _FORMAT, **job.to_dict()}
         del data["result"]
-        write_atomic(self._folder / f"{job.id}.json", json.dumps(data, indent=1, ensure_ascii=False) + "\n")
+        path = self._folder / f"{job.id}.json"
+        try:
+            write_atomic(path, json.dumps(data, indent=1, ensure_ascii=False) + "\n")
+        except FileError as error:
+            reason = getattr(error.__cause__, "strerror", None) or error
+            raise FileError(
+                path, f"cannot be written: {reason}; free some space, or allow truepose to write there"
+            ) from error.__cause__
 
     def output(self, job: Job) -> Path:
         """Return the file for the JSON that a job's command writes."""

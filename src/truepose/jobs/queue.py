@@ -56,7 +56,7 @@ class JobQueue:
         self._jobs: dict[str, Job] = {}
         self._waiting: deque[str] = deque()
         self._running: dict[str, Run] = {}
-        self._unsaved: set[str] = set()
+        self._unsaved: dict[str, str] = {}  # why, by job
         self._open = False
 
     def __enter__(self) -> JobQueue:
@@ -249,8 +249,11 @@ class JobQueue:
 
     def _shown(self, job_id: str) -> Job:
         job = self._known(job_id)
-        run = self._running.get(job_id)
-        return job if run is None else replace(job, seconds=run.seconds)
+        if (run := self._running.get(job_id)) is not None:
+            job = replace(job, seconds=run.seconds)
+        if why := self._unsaved.get(job_id):
+            job = replace(job, warnings=(*job.warnings, f"this state of the job is not kept: {why}"))
+        return job
 
     def _change(self, job: Job) -> None:
         """Take a new version of a job."""
@@ -260,15 +263,12 @@ class JobQueue:
     def _set(self, job: Job) -> None:
         """Take a new version of a job, and write it; a version that cannot be written is written later."""
         self._change(job)
-        self._unsaved.add(job.id)
-        try:
-            for job_id in sorted(self._unsaved):
+        for job_id in dict.fromkeys([job.id, *self._unsaved]):
+            try:
                 self._store.save(self._jobs[job_id])
-                self._unsaved.discard(job_id)
-        except FileError as error:
-            told = f"the job cannot be written: {error}"
-            if told not in self._jobs[job.id].warnings:
-                self._change(replace(self._jobs[job.id], warnings=(*job.warnings, told)))
+                self._unsaved.pop(job_id, None)
+            except FileError as error:
+                self._unsaved[job_id] = str(error)
 
     def _dispatch(self) -> None:
         """Start waiting jobs while fewer than `workers` run."""
