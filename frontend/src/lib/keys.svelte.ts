@@ -36,7 +36,7 @@ export function useKeys(added: Key[]): void {
 export function pressed(event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return
   const target = event.target as HTMLElement
-  if (target.closest('input:not([type=checkbox], [type=radio], [type=range]), select, textarea, [contenteditable], [role=dialog]')) return
+  if (target.closest('input:not([type=checkbox], [type=radio], [type=range]), select, textarea, [contenteditable], dialog')) return
   const key = keys.list.findLast((candidate) => candidate.key === event.key && candidate.run)
   if (!key?.run) return
   event.preventDefault()

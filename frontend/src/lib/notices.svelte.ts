@@ -46,6 +46,26 @@ export async function attempt<T>(work: () => Promise<T>): Promise<T | undefined>
   }
 }
 
+let region: HTMLElement | undefined
+const places: HTMLElement[] = []
+
+/** Attached to the element that shows the notices. */
+export function showNotices(element: HTMLElement): void {
+  region = element
+  if (element.parentElement) places.unshift(element.parentElement)
+}
+
+/** Attached to dialogs: an open dialog makes the rest of the page inert, so it holds the notices. */
+export function hostNotices(dialog: HTMLElement): () => void {
+  const settle = () => region && places.at(-1)?.append(region)
+  places.push(dialog)
+  settle()
+  return () => {
+    places.splice(places.indexOf(dialog), 1)
+    settle()
+  }
+}
+
 function add(notice: Omit<Notice, 'id'>): number {
   const same = list.find((other) => other.title === notice.title && other.problem?.detail === notice.problem?.detail)
   if (same) return same.id
