@@ -25,6 +25,7 @@ from truepose.cli.setup import init
 from truepose.geometry import euler, make_transform
 from truepose.programs import Coverage, FrameTable, ReadOptions, correct_program, correct_programs
 from truepose.web import Workspace, correction_index, create_app
+from truepose.web.corrections import DifferencePage, TargetPage
 from truepose.web.security import Guard
 from truepose.web.target_columns import ORDERS, VERDICTS
 
@@ -135,6 +136,7 @@ def test_a_correction_of_the_command_line_is_shown_with_its_counts(client: TestC
 def test_the_table_holds_what_the_record_holds(client: TestClient, root: Path) -> None:
     done = corrected(root, krl(60))
     found, targets = rows(client), done.to_dict()["targets"]
+    TargetPage.model_validate(of(client, "/targets").json(), strict=True, extra="forbid")
     assert len(found) == len(targets)
     for k, (row, target) in enumerate(zip(found, targets, strict=True)):
         assert row["row"] == k
@@ -239,6 +241,7 @@ def difference(client: TestClient, **query: Any) -> list[dict[str, Any]]:
 def test_the_difference_is_that_of_the_files_and_marks_the_changed_numbers(client: TestClient, root: Path) -> None:
     content = krl(30)
     done = corrected(root, content)
+    DifferencePage.model_validate(of(client, "/diff").json(), strict=True, extra="forbid")
     (new,) = done.files.values()
     lines = [text.decode("latin-1").split("\r\n") for text in (content, new)]
     changed = [k for k, (a, b) in enumerate(zip(*lines, strict=True), 1) if a != b]
