@@ -19,6 +19,7 @@ const DEGREE = Math.PI / 180
 
 export class Arm {
   readonly mesh: SkinnedMesh
+  private readonly index: readonly number[]
   private readonly bones: Bone[]
   private readonly fixed: Matrix4[]
   private readonly tip = new Matrix4()
@@ -32,7 +33,9 @@ export class Arm {
     for (let k = 1; k < this.bones.length; k++) this.bones[k - 1]!.add(this.bones[k]!)
     for (const bone of this.bones) bone.matrixAutoUpdate = false
     const material = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide })
-    this.mesh = new SkinnedMesh(shells(picture), material)
+    const geometry = shells(picture)
+    this.index = [...geometry.index!.array]
+    this.mesh = new SkinnedMesh(geometry, material)
     this.mesh.add(this.bones[0]!)
     this.mesh.frustumCulled = false
     this.mesh.bind(new Skeleton(this.bones, this.bones.map(() => new Matrix4())), new Matrix4())
@@ -68,6 +71,17 @@ export class Arm {
       for (let k = 0; k < each; k++) attribute.setXYZ(number * each + k, colour.r, colour.g, colour.b)
     })
     attribute.needsUpdate = true
+  }
+
+  /** Draw the shells without those of some bodies; the tool, which no mesh replaces, stays. */
+  hide(bodies: ReadonlySet<number>): void {
+    const { parts } = this.picture
+    const each = this.index.length / parts.length
+    const shown = parts.flatMap((part, number) =>
+      bodies.has(part.body) && part.kind !== 'tool' ? [] : this.index.slice(number * each, (number + 1) * each),
+    )
+    this.mesh.geometry.setIndex(shown)
+    this.mesh.visible = shown.length > 0
   }
 
   dispose(): void {

@@ -5,6 +5,7 @@
  *   import { sceneWords } from '../../scene/words'
  *   const scene = await mountScene(element, { words: sceneWords(t('cell.picture')) })
  *   scene.setArm(await get('/api/v1/cells/{cell}/arm', { path: { cell } }))
+ *   scene.setMeshes(meshesOf(cell))                     // meshes instead of its shells, if the cell has any
  *   scene.setJoints([0, -90, 90, 0, 45, 0])
  *   scene.setBoxes({ region: arm.region, obstacles: arm.obstacles })
  *   scene.setTracker(arm.tf_base_tracker)
@@ -69,6 +70,7 @@ function sentence(element: HTMLElement, options: SceneOptions): SceneHandle {
   const nothing = () => {}
   return {
     setArm: nothing,
+    setMeshes: nothing,
     setJoints: nothing,
     setBoxes: nothing,
     setTracker: nothing,

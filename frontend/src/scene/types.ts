@@ -1,5 +1,6 @@
 /** The data of a scene. Lengths in mm, base frame of the robot; angles in degrees. */
 import type { Schemas } from '../lib/api'
+import type { LoadedMeshes } from '../lib/meshes.svelte'
 import type { VerdictKind } from '../lib/verdicts'
 
 /** An arm as `GET /cells/{cell}/arm` and `GET /robots/{robot}/arm` give it. */
@@ -125,6 +126,8 @@ export type View = 'iso' | 'top' | 'front' | 'side'
 export interface SceneHandle {
   /** The arm, at the joints of its picture; null removes it. */
   setArm(arm: ArmPicture | null): void
+  /** Meshes instead of the shells of the arm, as `meshesOf` gives them; null shows the shells. */
+  setMeshes(meshes: LoadedMeshes | null): void
   /** Move the arm; degrees. */
   setJoints(q: readonly number[]): void
   setBoxes(boxes: { region?: WorkBox | null; obstacles?: readonly WorkBox[] }): void

@@ -19,10 +19,12 @@ import { palette } from './colours'
 import { cloudMesh, sliceMesh, type Drawn } from './field'
 import { FrameClock } from './frames'
 import { Marker } from './marker'
+import { Meshes } from './meshes'
 import { Orbit } from './orbit'
 import { Overlay } from './overlay'
 import { Paths } from './paths'
 import './scene.css'
+import type { LoadedMeshes } from '../lib/meshes.svelte'
 import { Boxes, Floor, Tracker } from './stage'
 import type {
   ArmPicture,
@@ -77,6 +79,7 @@ export class SceneView implements SceneHandle {
   private floor: Floor
   private arm: Arm | undefined
   private picture: ArmPicture | null = null
+  private meshes: Meshes | undefined
   private boxes: Boxes | undefined
   private boxesOf: { region?: WorkBox | null; obstacles?: readonly WorkBox[] } = {}
   private tracker: Tracker | undefined
@@ -142,12 +145,22 @@ export class SceneView implements SceneHandle {
     this.arm = arm ? new Arm(arm, this.colours) : undefined
     this.picture = arm
     if (this.arm) this.content.add(this.arm.mesh)
+    this.meshes?.wear(this.arm, arm)
     if (arm) {
       this.floor.dispose()
       this.floor = new Floor(arm.reach_mm, this.colours)
       this.scene.add(this.floor.lines)
     }
     if (first) this.fit()
+    this.invalidate()
+  }
+
+  setMeshes(meshes: LoadedMeshes | null): void {
+    this.meshes?.dispose()
+    this.arm?.hide(new Set())
+    this.meshes = meshes ? new Meshes(meshes, this.colours) : undefined
+    if (this.meshes) this.content.add(this.meshes.mesh)
+    this.meshes?.wear(this.arm, this.picture)
     this.invalidate()
   }
 
@@ -281,7 +294,7 @@ export class SceneView implements SceneHandle {
     cancelAnimationFrame(this.request)
     this.ending.abort()
     for (const one of this.watched) one.disconnect()
-    for (const one of [this.arm, this.boxes, this.tracker, this.arrows, this.slice, this.cloud, this.paths]) one?.dispose()
+    for (const one of [this.arm, this.meshes, this.boxes, this.tracker, this.arrows, this.slice, this.cloud, this.paths]) one?.dispose()
     this.floor.dispose()
     this.marker.dispose()
     this.orbit.dispose()
@@ -337,6 +350,7 @@ export class SceneView implements SceneHandle {
     this.colours = palette()
     this.renderer.setClearColor(this.colours.page)
     this.arm?.colour(this.colours)
+    this.meshes?.colour(this.colours)
     this.paths?.colour(this.colours)
     this.marker.colour(this.colours)
     const { picture } = this

@@ -10,7 +10,8 @@ from truepose._typing import FloatArray
 from truepose.robots.io.triangles import IntArray
 
 _TOLERATED: Final = 1.2
-_DOUBLINGS: Final = 40
+_FINEST: Final = 2048  # cubes along the longest side
+_DOUBLINGS: Final = 12
 
 
 def reduced(points: FloatArray, triangles: IntArray, most: int) -> tuple[FloatArray, IntArray]:
@@ -30,13 +31,20 @@ def reduced(points: FloatArray, triangles: IntArray, most: int) -> tuple[FloatAr
     """
     import fast_simplification  # compiled, and only needed here
 
-    points, triangles = welded(points, triangles)
+    points, triangles, most = *welded(points, triangles), max(most, 4)
     if len(triangles) <= most:
         return points, triangles
-    fewer, corners = fast_simplification.simplify(points, triangles, target_count=max(most, 4))
-    if np.isfinite(fewer).all() and 0 < len(corners) <= _TOLERATED * most:
-        return welded(fewer, corners)
-    return _clustered(points, triangles, most)
+    extent = float(np.ptp(points, axis=0).max())
+    coarse, corners = points, triangles
+    # edges of slivers and of triangles that do not hang together cannot collapse: then their points are merged first
+    for step in range(_DOUBLINGS):
+        fewer, left = fast_simplification.simplify(coarse, corners, target_count=most)
+        if 0 < len(left) <= _TOLERATED * most and np.isfinite(fewer).all():
+            return welded(fewer, left)
+        coarse, corners = _merged(points, triangles, extent / _FINEST * 2**step)
+        if len(corners) <= most:
+            break
+    return coarse, corners
 
 
 def welded(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
@@ -51,20 +59,13 @@ def welded(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArra
     return places[first[left]].astype(np.float64), kept.astype(np.int32).reshape(-1, 3)
 
 
-def _clustered(points: FloatArray, triangles: IntArray, most: int) -> tuple[FloatArray, IntArray]:
-    """Return a mesh whose points lie on a grid as fine as the number of triangles allows.
-
-    For triangles that do not hang together: they have no edge between two of them that could collapse.
-    """
-    low = points.min(axis=0)
-    cell = float(np.ptp(points, axis=0).max()) / 1024 or 1.0
-    for _ in range(_DOUBLINGS):
-        coarse, corners = welded(low + cell * np.round((points - low) / cell), triangles)
-        corners = corners[np.unique(np.sort(corners, axis=1), axis=0, return_index=True)[1]]
-        if len(corners) <= most:
-            return welded(coarse, corners)
-        cell *= 2
-    return points[:0], triangles[:0]
+def _merged(points: FloatArray, triangles: IntArray, cell: float) -> tuple[FloatArray, IntArray]:
+    """Return a mesh in which all points of a cube of a grid are one point, their mean."""
+    cubes = np.round((points - points.min(axis=0)) / cell).astype(np.int32)
+    number, count = np.unique(cubes.view("V12").ravel(), return_inverse=True, return_counts=True)[1:]
+    means = np.column_stack([np.bincount(number, axis) for axis in points.T]) / count[:, None]
+    coarse, corners = welded(means, number[triangles].astype(np.int32))
+    return coarse, corners[np.unique(np.sort(corners, axis=1), axis=0, return_index=True)[1]]
 
 
 def areas(points: FloatArray, triangles: IntArray) -> float:

@@ -3,13 +3,14 @@ import shell from './shell.json'
 import cell from './cell.json'
 import measure from './measure.json'
 import map from './map.json'
+import meshes from './meshes.json'
 import programs from './programs.json'
 import verify from './verify.json'
 import report from './report.json'
 import history from './history.json'
 import type { Messages, Surplus } from '../types'
 
-export const zh = { common, shell, cell, measure, map, programs, verify, report, history } satisfies Messages
+export const zh = { common, shell, cell, measure, map, meshes, programs, verify, report, history } satisfies Messages
 
 // a text that English does not have is an error here
 type None<T extends never> = T
