@@ -166,3 +166,17 @@ def test_a_handle_of_the_variogram_moves_by_keys_and_holds_its_parameter(app: Op
     assert f"--{key}" in command.inner_text()
     app.page.get_by_role("button", name="Fit all again").click()
     app.page.wait_for_function("() => !document.querySelector('main').innerText.includes('--hold')")
+
+
+def test_a_grid_is_asked_for_once_and_named_as_predicted(app: Opened) -> None:
+    asked: list[str] = []
+    app.page.on("request", lambda request: asked.append(request.url) if ".bin" in request.url else None)
+    app.page.locator(".controls select").first.select_option("grid")
+    app.page.wait_for_function("() => document.querySelector('.scene-legend').innerText.includes('predicted error')")
+    app.page.get_by_label("Cloud of the standard deviation").check()
+    app.page.wait_for_function(
+        "() => document.querySelector('.scene-legend').innerText.includes('standard deviation')", timeout=60_000
+    )
+    app.page.wait_for_timeout(500)
+    assert len(asked) == 2, asked
+    assert settled(app)["calls"] <= 20

@@ -100,6 +100,10 @@ export class ArrowField {
     return this.lines?.visible ? (this.few?.length ?? 0) : this.total
   }
 
+  get title(): string | undefined {
+    return this.arrows.title
+  }
+
   /** Length in mm at the end of the colour scale. */
   get end(): number {
     return this.scale

@@ -5,7 +5,7 @@ import type { SceneWords } from './types'
 
 /** What the legend says. */
 export interface Legend {
-  error: { end: number; beyond: boolean } | null
+  error: { title: string; end: number; beyond: boolean } | null
   field: { title: string; scale: number } | null
   factor: number
   grid: number
@@ -49,7 +49,7 @@ export class Overlay {
     this.last = text
     const { words } = this
     const lines: HTMLElement[] = []
-    if (legend.error !== null) lines.push(this.scale(words.error, legend.error.end, legend.error.beyond))
+    if (legend.error !== null) lines.push(this.scale(legend.error.title, legend.error.end, legend.error.beyond))
     if (legend.field !== null) lines.push(this.scale(legend.field.title, legend.field.scale, false))
     if (legend.error !== null) lines.push(make('span', words.magnified(legend.factor)))
     if (legend.shown < legend.total) {

@@ -15,6 +15,8 @@ export interface Arrows {
   after?: Float32Array
   /** Length at the end of the colour scale in mm; by default the largest but the top 2 % of `before`. */
   scale?: number
+  /** Title of the colour scale, with unit; by default that of `SceneWords`. */
+  title?: string
 }
 
 /** Values on a plane, in rows along `v`; NaN where there is none. */

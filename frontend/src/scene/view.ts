@@ -395,7 +395,7 @@ export class SceneView implements SceneHandle {
 
   private legend(): void {
     this.overlay.show({
-      error: this.arrows ? { end: this.arrows.end, beyond: this.arrows.beyond } : null,
+      error: this.arrows ? { title: this.arrows.title ?? this.words.error, end: this.arrows.end, beyond: this.arrows.beyond } : null,
       field: this.slice || this.cloud ? this.field : null,
       factor: this.factor,
       grid: this.floor.step,
