@@ -11,7 +11,6 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
-from starlette.responses import JSONResponse
 
 from truepose.cell import Cell
 from truepose.errors import DataError, TrueposeError, one_line
@@ -47,7 +46,6 @@ FORM: Final[dict[str, Any]] = {
         },
     }
 }
-Number = float | None
 
 
 class PlanRequest(BaseModel):
@@ -226,15 +224,21 @@ def program(cell: InCell, file: str) -> Response:
     return Response(text.encode(), media_type="application/octet-stream", headers=headers)
 
 
-@router.post("/cells/{cell}/readings", status_code=202, openapi_extra=FORM, responses={200: {"model": ReadingsPreview}})
-async def send_readings(request: Request, cell: InCell, jobs: InJobs, preview: bool = False) -> Job:
+@router.post(
+    "/cells/{cell}/readings",
+    status_code=202,
+    response_model=Job,
+    openapi_extra=FORM,
+    responses={200: {"model": ReadingsPreview}},
+)
+async def send_readings(request: Request, cell: InCell, jobs: InJobs, preview: bool = False) -> Job | Response:
     """Keep a measurement file and start its import; as a preview, only tell what would come of it."""
     async with received(request, cell.folder / "readings", largest=_largest) as upload:
         form = ReadingForm.parse(upload.fields.get("options", ""))
         if not preview:
             return await to_thread.run_sync(_import, cell, jobs, upload, form)
         found = await to_thread.run_sync(_preview, cell, upload, form)
-        return JSONResponse(found.model_dump(mode="json"))  # type: ignore[return-value]  # the answer 200
+        return Response(found.model_dump_json(), media_type="application/json")
 
 
 def _largest(name: PurePosixPath) -> int:
