@@ -1,12 +1,13 @@
 import { svelte } from '@sveltejs/vite-plugin-svelte'
 import { defineConfig } from 'vite'
 import { compress } from './compress.js'
+import { usedShaders } from './shaders.js'
 
 const server = process.env.TRUEPOSE_SERVER ?? 'http://127.0.0.1:8765'
 
 export default defineConfig({
   base: './',
-  plugins: [svelte(), compress({ limit: 300_000 })],
+  plugins: [svelte(), usedShaders(), compress({ limit: 300_000 })],
   build: {
     outDir: '../src/truepose/web/static',
     emptyOutDir: true,
