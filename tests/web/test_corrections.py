@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import hashlib
 import io
 import json
@@ -24,7 +25,7 @@ from fastapi.testclient import TestClient
 from truepose.cli.setup import init
 from truepose.geometry import euler, make_transform
 from truepose.programs import Coverage, FrameTable, ReadOptions, correct_program, correct_programs
-from truepose.web import Workspace, correction_index, create_app
+from truepose.web import Workspace, correction_index, create_app, differences
 from truepose.web.corrections import DifferencePage, TargetPage
 from truepose.web.security import Guard
 from truepose.web.target_columns import ORDERS, VERDICTS
@@ -292,6 +293,32 @@ def test_comments_are_shown_in_the_letters_of_their_controller(
     assert done.summary()["corrected"] == 1
     assert of(client, "/diff").json()["changed"] == 1
     assert "".join(difference(client)[-1]["parts"]) == f"'{comment}"  # the last line around the change
+
+
+def test_a_packed_program_is_compared_by_its_text(tmp_path: Path) -> None:
+    texts = [f'<a>\n <b x="{x}"/>\n</a>\n'.encode() for x in ("1.000", "1.25")]
+    pair = differences.Pair("a.urp", tmp_path / "a.urp", tmp_path / "b.urp")
+    for path, text in zip((pair.before, pair.after), texts, strict=True):
+        path.write_bytes(gzip.compress(text, mtime=0))
+    (entry,) = differences.write_differences([pair], tmp_path)
+    found = differences.Difference(tmp_path, 0, entry).page(0, 10)
+    assert [(row["kind"], row["line"]) for row in found][1:4] == [("context", 1), ("old", 2), ("new", 2)]
+    assert [row["parts"][1] for row in found[2:4]] == ["1.000", "1.25"]
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+@pytest.mark.parametrize("last", [b"", b"LIN 9"])
+def test_lines_end_as_the_readers_say(tmp_path: Path, end: bytes, last: bytes) -> None:
+    old = [b"LIN %d" % k for k in range(12)]
+    new = [b"LIN 5.5" if k == 5 else line for k, line in enumerate(old)]
+    pair = differences.Pair("a.src", tmp_path / "a.src", tmp_path / "b.src")
+    for path, lines in zip((pair.before, pair.after), (old, new), strict=True):
+        path.write_bytes(end.join([*lines, last]))
+    (entry,) = differences.write_differences([pair], tmp_path)
+    assert (entry["changed"], entry["lines"]) == (1, 12 + bool(last))
+    found = differences.Difference(tmp_path, 0, entry).page(0, 100)
+    assert ["".join(row["parts"]) for row in found if row["kind"] == "new"] == ["LIN 5.5"]
+    assert [row["line"] for row in found] == [3, 3, 4, 5, 6, 6, 7, 8, 9]
 
 
 def test_a_member_of_a_zip_has_its_difference(client: TestClient, root: Path) -> None:

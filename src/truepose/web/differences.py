@@ -12,9 +12,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,42 +204,38 @@ class Difference:
     def page(self, offset: int, limit: int) -> list[dict[str, Any]]:
         """Return some rows: kind, line from 1, and the text in parts, every second one of which changed."""
         rows = np.asarray(self._rows[offset : offset + limit]).astype(np.int64).tolist()
-        read = {"old": _Reader(self._entry["before"]), "new": _Reader(self._entry["after"])}
         found = []
-        for kind, line in rows:
-            parts: list[str] = []
-            if kind != HEADER:
-                old, new = (self._line(which, line, read[which]) for which in ("old", "new"))
-                parts = [new] if kind == CONTEXT else _marked(old, new)[kind == NEW]
-            found.append({"kind": KINDS[kind], "line": line + 1, "parts": parts})
+        with _opened(self._entry["before"]) as before, _opened(self._entry["after"]) as after:
+            for kind, line in rows:
+                parts: list[str] = []
+                if kind != HEADER:
+                    old, new = self._line("old", line, before), self._line("new", line, after)
+                    parts = [new] if kind == CONTEXT else _marked(old, new)[kind == NEW]
+                found.append({"kind": KINDS[kind], "line": line + 1, "parts": parts})
         return found
 
     def row_of(self, line: int) -> int:
         """Return the first row that shows a line, from 1, or one behind it."""
         return int(np.searchsorted(self._rows[:, 1], line - 1))
 
-    def _line(self, which: str, line: int, reader: _Reader) -> str:
+    def _line(self, which: str, line: int, file: BinaryIO) -> str:
         starts = self._starts[which]
         if line + 1 >= len(starts):
             return ""
-        data = reader.read(int(starts[line]), min(int(starts[line + 1]), int(starts[line]) + 4 * _LONGEST))
+        start = int(starts[line])
+        file.seek(start)
+        data = file.read(min(int(starts[line + 1]) - start, 4 * _LONGEST))
         text = data.rstrip(b"\r\n").decode(self._entry["encoding"], "replace")
         return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-class _Reader:
-    """Reads parts of a file; of a packed one, or one in a .zip, the whole once."""
-
-    def __init__(self, path: str) -> None:
-        self._path = Path(path)
-        self._plain = on_disk(self._path) == self._path and language_of(self._path) != "urp"
-
-    def read(self, start: int, end: int) -> bytes:
-        if not self._plain:
-            return _whole(self._path, on_disk(self._path).stat().st_mtime_ns)[start:end]
-        with self._path.open("rb") as file:
-            file.seek(start)
-            return file.read(end - start)
+def _opened(name: str) -> BinaryIO:
+    """Open the text of a file; that of a packed one, or one in a .zip, is held in memory."""
+    path = Path(name)
+    outer = on_disk(path)
+    if outer == path and language_of(path) != "urp":
+        return path.open("rb")
+    return BytesIO(_whole(path, outer.stat().st_mtime_ns))
 
 
 @lru_cache(maxsize=2)
