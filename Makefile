@@ -59,4 +59,4 @@ bench: setup
 	$(BIN)/python -m benchmarks
 
 clean:
-	rm -rf $(VENV) build
+	rm -rf $(VENV) build src/truepose/web/static frontend/node_modules
