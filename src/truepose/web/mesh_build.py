@@ -34,6 +34,7 @@ _MOST_URDF: Final = 20
 _LARGEST_URDF: Final = 2**24
 _MOST_BYTES: Final = 2**29  # of all meshes of an arm
 _TIMES_REACH: Final = 10.0
+_MEMORY: Final = 2**32
 
 
 class Task(BaseModel):
@@ -254,8 +255,19 @@ def _hex(colour: Colour) -> str:
     return "#" + "".join(f"{round(255 * value):02x}" for value in colour)
 
 
+def _limit_memory() -> None:
+    """Let this process end rather than the machine run out of memory; on Windows there is no such limit."""
+    if sys.platform != "win32":
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = _MEMORY if hard == resource.RLIM_INFINITY else min(_MEMORY, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+
+
 def main() -> None:
     """Do the task that comes on the standard input."""
+    _limit_memory()
     task = Task.model_validate_json(sys.stdin.buffer.read())
     try:
         with task.out.open("xb") as out:
