@@ -183,6 +183,27 @@ def test_a_command_ends_as_by_an_interrupt_when_its_parent_is_gone(study: subpro
     assert (last["event"], last["type"]) == ("problem", "Interrupted")
 
 
+def test_a_command_that_does_not_react_ends_a_little_later() -> None:
+    code = (
+        "import os, time; from truepose import cli, robots; from truepose.cli import events\n"
+        "os.environ[events.VARIABLE], events._GRACE = 'json', 0.2\n"
+        "def stuck():\n"
+        "    while True:\n"
+        "        try: print('begun', flush=True), time.sleep(60)\n"
+        "        except KeyboardInterrupt: pass\n"
+        "robots.list_robots = stuck; cli.main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "robots"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.stdin.close()
+        assert process.stdout.read() == "begun\n"  # the interrupt was ignored
+    assert process.returncode == 130
+
+
 def test_an_interrupt_that_compiled_code_ignores_ends_the_command() -> None:
     code = (
         "import ctypes, signal; from truepose import cli, robots\n"
