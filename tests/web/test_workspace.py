@@ -111,3 +111,8 @@ def test_a_name_is_never_a_path(given: str, kept: str) -> None:
 def test_a_very_long_name_keeps_its_ending() -> None:
     assert len(safe_name("x" * 400 + ".src")) == 150
     assert safe_name("x" * 400 + ".src").endswith(".src")
+
+
+@pytest.mark.parametrize(("typed", "name"), [("Hall 3/Cell 2", "Hall 3_Cell 2"), ("a\\b", "a_b"), ("../x", "_x")])
+def test_a_slash_in_the_name_of_a_cell_starts_no_folder(tmp_path: Path, typed: str, name: str) -> None:
+    assert Workspace(tmp_path).new_cell(typed).folder == tmp_path / name

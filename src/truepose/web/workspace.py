@@ -229,12 +229,10 @@ class Workspace:
 
     def new_cell(self, name: str) -> CellFolder:
         """Return the cell of a folder that does not exist yet; a name that is taken gets a number."""
-        name = safe_name(name)
-        taken = {one.lower() for one in _names(self.root)}
-        free = next(
-            one for n in range(1, _MOST_FILES) if (one := name if n == 1 else f"{name}-{n}").lower() not in taken
-        )
-        return self._cell(self.root / free)
+        name = safe_name(name.replace("/", "_").replace("\\", "_"))  # a slash that a person types starts no folder
+        taken = _names(self.root)
+        numbered = (name if number == 1 else f"{name}-{number}" for number in range(1, _MOST_FILES))
+        return self._cell(self.root / next(free for free in numbered if free.lower() not in taken))
 
     def maps(self) -> Iterator[tuple[CellFolder, StoredFile]]:
         """Yield the map files of all cells."""
