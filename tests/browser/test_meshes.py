@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from tests.browser.opening import Browser, Opened, Server
-from tests.web.test_meshes import GOOD, sphere, stl, urdf, visual
+from tests.web.arm_files import GOOD, sphere, stl, urdf, visual
 
 from truepose.cell import load_cell
 
