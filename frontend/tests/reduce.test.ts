@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict'
 import test from 'node:test'
-import { most } from '../src/scene/reduce.ts'
+import { most, nth } from '../src/scene/reduce.ts'
 
 const ROW = 7
 
@@ -37,4 +37,17 @@ test('rows of equal length, unknown ones among them, fill the number exactly', (
   const points = Array.from({ length: 1000 }, (_, k) => ({ p: [k % 10, k % 7, k], size: k % 3 ? 1 : Number.NaN }))
   const found = most(rows(points), ROW, 100)
   assert.equal(found.length, 100)
+})
+
+test('the value at a place is that of the sorted values', () => {
+  const values = Float32Array.from({ length: 2001 }, (_, k) => (k * 7919) % 613)
+  const sorted = values.slice().sort()
+  for (const place of [0, 1, 500, 1000, 1999, 2000]) assert.equal(nth(values, place), sorted[place])
+  assert.ok(Number.isNaN(nth(new Float32Array(0), 0)))
+})
+
+test('rows without a place are not spread', () => {
+  const points = Array.from({ length: 300 }, (_, k) => ({ p: k < 200 ? [k, 0, 0] : [Number.NaN, 0, 0], size: k < 10 ? 2 : 1 }))
+  const found = most(rows(points), ROW, 20)
+  assert.ok([...found].every((k) => k < 200))
 })

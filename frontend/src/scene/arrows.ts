@@ -15,7 +15,7 @@ import {
   type Object3D,
 } from 'three'
 import { cividisBytes } from './colours'
-import { most } from './reduce'
+import { most, nth, squares } from './reduce'
 import type { Arrows } from './types'
 
 /** Numbers of a row: p, e, length of the standard deviation. */
@@ -65,7 +65,7 @@ export class ArrowField {
   private lines: LineSegments | undefined
   private few: Int32Array | undefined
   private readonly scale: number
-  private readonly largest: number
+  private readonly size: Float32Array
 
   constructor(
     private readonly arrows: Arrows,
@@ -73,9 +73,10 @@ export class ArrowField {
     extent: number,
   ) {
     this.total = arrows.before.length / ROW
-    const lengths = sizes(arrows.before)
-    this.largest = lengths.at(-1) ?? 0
-    this.scale = arrows.scale ?? lengths[Math.floor(0.98 * (lengths.length - 1))] ?? 0
+    this.size = squares(arrows.before, ROW)
+    const unknown = this.size.reduce((count, one) => (one < 0 ? count + 1 : count), 0)
+    const usual = nth(this.size, unknown + Math.floor(0.98 * (this.total - unknown - 1)))
+    this.scale = arrows.scale ?? (Math.sqrt(usual) || 0)
     this.colours = new DataTexture(cividisBytes(), 256, 1)
     this.colours.needsUpdate = true
     this.material = new ShaderMaterial({
@@ -111,7 +112,8 @@ export class ArrowField {
 
   /** Whether some lengths are beyond the end of the colour scale. */
   get beyond(): boolean {
-    return this.largest > this.scale
+    const end = this.scale * (1 + 1e-6)
+    return this.size.some((one) => one > end * end)
   }
 
   set factor(value: number) {
@@ -183,7 +185,7 @@ export class ArrowField {
 
   private makeLines(): void {
     const { before, after } = this.arrows
-    this.few = most(before, ROW, MOST)
+    this.few = most(before, ROW, MOST, this.size)
     const part = (data: Float32Array) => {
       const rows = new Float32Array(ROW * this.few!.length)
       this.few!.forEach((row, k) => rows.set(data.subarray(ROW * row, ROW * (row + 1)), ROW * k))
@@ -193,17 +195,6 @@ export class ArrowField {
     this.lines.frustumCulled = false
     this.parent.add(this.lines)
   }
-}
-
-/** Lengths of the errors in rising order, without those that are not known. */
-function sizes(rows: Float32Array): Float32Array {
-  const found = new Float32Array(rows.length / ROW)
-  let n = 0
-  for (let k = 3; k < rows.length; k += ROW) {
-    const size = Math.sqrt(rows[k]! ** 2 + rows[k + 1]! ** 2 + rows[k + 2]! ** 2)
-    if (size >= 0) found[n++] = size
-  }
-  return found.subarray(0, n).sort()
 }
 
 function instances(geometry: InstancedBufferGeometry, before: Float32Array, after?: Float32Array) {
