@@ -191,7 +191,7 @@ class Browser:
         )
         try:
             opened = Opened(context.new_page(), server.origin)
-            opened.page.set_default_timeout(20_000)
+            opened.page.set_default_timeout(90_000)  # jobs on a machine that is busy
             opened.page.goto(server.start_url)
             opened.ready()
             yield opened
