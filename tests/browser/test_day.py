@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 from tests.browser.opening import Browser, Opened, Server
 
+from truepose.error_map import load_map
 from truepose.samples import read_poses, read_samples
 from truepose.simulation import VirtualCell
 from truepose.trackers import write_readings
@@ -20,7 +22,7 @@ def give(app: Opened, label: str, *files: Path) -> None:
     chooser.value.set_files([str(file) for file in files])
 
 
-def test_a_metrologist_makes_a_cell_plans_and_imports(
+def test_a_metrologist_makes_a_cell_plans_imports_and_fits(
     browser: Browser, own_server: Server, virtual_cell: Path, tmp_path: Path
 ) -> None:
     with browser.opened(own_server) as app:
@@ -58,17 +60,38 @@ def test_a_metrologist_makes_a_cell_plans_and_imports(
         give(app, "Drop the measurement file of the tracker here", readings)
         page.get_by_text("30 readings, 30 points of the plan, 30 samples").wait_for()
         page.get_by_role("button", name="Import", exact=True).click()
-        page.get_by_text("30 samples").first.wait_for()
+        page.get_by_text("30 samples are in").wait_for()
         (samples,) = folder.glob("samples/*.csv")
         assert len(read_samples(samples)) == 30
 
+        app.go("map")
+        page.get_by_role("button", name="Fit a map").click()
+        page.get_by_label("Predictor").select_option("ordinary-kriging")
+        page.get_by_role("button", name="Fit", exact=True).click()
+        page.get_by_text("The map is fitted.").wait_for()
+        page.get_by_role("tab", name="Variogram").wait_for()
+        (made,) = folder.glob("maps/*.truepose")
+        assert load_map(made).predictor_name == "ordinary-kriging"
 
-def test_an_integrator_verifies_a_corrected_program_and_writes_the_report(
+
+def test_an_integrator_corrects_verifies_and_writes_the_report(
     browser: Browser, own_server: Server, virtual_cell: Path
 ) -> None:
     folder = own_server.workspace / "virtual-cell"
     with browser.opened(own_server) as app:
         page = app.page
+        app.go("programs")
+        program = [virtual_cell / "program" / name for name in ("panel.src", "panel.dat", "$config.dat")]
+        give(app, "Drop programs", *program)
+        page.get_by_role("button", name="Correct", exact=True).click()
+        page.get_by_text("23 of 24 targets corrected").wait_for()
+        page.get_by_role("tab", name="Difference").click()
+        with page.expect_download() as download:
+            page.get_by_role("link", name="Download the corrected files").click()
+        with zipfile.ZipFile(download.value.path()) as files:
+            (name,) = (name for name in files.namelist() if name.endswith("panel.dat"))
+            assert files.read(name) == (virtual_cell / "corrected" / "panel.dat").read_bytes()
+
         app.go("verify")
         give(app, "Drop the readings of the corrected program", virtual_cell / "panel_corrected_readings.txt")
         page.get_by_role("button", name="Verify", exact=True).click()
@@ -96,10 +119,10 @@ def test_an_integrator_verifies_a_corrected_program_and_writes_the_report(
         app.go("history")
         page.get_by_label("Show", exact=True).select_option("jobs")
         table = page.get_by_role("grid", name="Jobs and files")
-        assert table.get_attribute("aria-rowcount") == "4"
+        assert table.get_attribute("aria-rowcount") == "5"
         table.get_by_role("row").nth(1).click()
         page.get_by_role("button", name="Run again").click()
-        page.wait_for_function("() => document.querySelector('[role=grid]').getAttribute('aria-rowcount') === '5'")
+        page.wait_for_function("() => document.querySelector('[role=grid]').getAttribute('aria-rowcount') === '6'")
         with page.expect_download() as download:
             page.get_by_role("link", name="Export as CSV").click()
         assert "truepose report" in Path(download.value.path()).read_text("utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.browser.opening import PAGES, Browser, Server
+from tests.browser.opening import PAGES, Browser, Opened, Server
 
 AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 
@@ -16,6 +16,15 @@ WIDE, NARROW = 1400, 390
 def axe(browser: Browser) -> str:
     assert AXE.is_file(), "axe-core is missing; run 'npm ci' in frontend"
     return AXE.read_text("utf-8")
+
+
+def show_correction(app: Opened, *, from_page: str = "") -> None:
+    """Show the correction of the virtual cell, from the page of programs."""
+    if from_page:
+        app.go(from_page)
+    app.page.locator("main a", has_text="panel").first.click()
+    app.page.locator("main [role=grid] [role=row]").nth(1).wait_for()
+    app.ready()
 
 
 @pytest.mark.parametrize("language", ["en", "de", "zh"])
@@ -30,6 +39,8 @@ def test_every_page_fits_its_window(
     ) as app:
         for page in PAGES:
             app.go(page)
+            if page == "programs":
+                show_correction(app)
             found += [f"{page}: {one}" for one in app.overflow()]
             shown_in_docs = width == WIDE and language == "en"
             name = f"{page}-{theme}" if shown_in_docs else f"{page}-{theme}-{width}-{language}"
@@ -45,4 +56,6 @@ def test_every_page_is_accessible(browser: Browser, server: Server, axe: str, wi
         for page in PAGES:
             app.go(page)
             found += [f"{page}: {one}" for one in app.axe(axe)]
+        show_correction(app, from_page="programs")
+        found += [f"correction: {one}" for one in app.axe(axe)]
     assert not found, "\n".join(found)
