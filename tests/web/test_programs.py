@@ -231,6 +231,12 @@ def test_options_that_are_none_are_refused(client: TestClient, options: dict[str
     assert client.post(f"{cell(client)}/corrections", json=body).status_code == 422
 
 
+def test_options_are_no_place_for_a_long_body(client: TestClient) -> None:
+    for address in ("programs/0123456789ab/check", "corrections"):
+        answer = client.post(f"{cell(client)}/{address}", content=b" " * (5 << 20))
+        assert answer.status_code == 413
+
+
 def test_what_is_not_in_the_workspace_is_not_found(client: TestClient, virtual: VirtualCell) -> None:
     program = sent(client, "panel.src", krl(virtual, 3))
     missing = {"map": "0" * 64, "program": program}
