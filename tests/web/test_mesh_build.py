@@ -25,6 +25,7 @@ from tests.web.arm_files import (
     written,
 )
 
+from truepose.errors import FileError
 from truepose.geometry import make_transform
 from truepose.robots import Robot, load_robot, to_urdf
 from truepose.robots.io import triangles
@@ -54,6 +55,7 @@ def test_every_format_gives_the_same_box(tmp_path: Path, name: str) -> None:
 LAUGHS = '<!ENTITY l0 "ha">' + "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 10))
 BAD = {
     "nan.stl": (stl(np.where(BOX > 0.25, np.nan, BOX)), "not finite"),
+    "signal.stl": (stl()[:96] + b"\x01\x00\x80\x7f" + stl()[100:], "not finite"),
     "inf.obj": (obj().replace(b"v 0.1", b"v inf", 1), "not finite"),
     "word.obj": (obj().replace(b"v 0.1", b"v x", 1), "not a number"),
     "long.obj": (obj().replace(b"v 0.1", b"v 0." + b"1" * 10_000, 1), "not a number"),
@@ -76,6 +78,8 @@ BAD = {
     "refers.dae": (dae(inside='<instance_geometry url="other.dae#g"/>'), "not in the file"),
     "few.dae": (dae(points="1 2 3"), "does not exist"),
     "nan.dae": (dae(points="nan " * 24), "not finite"),
+    "far.dae": (dae(inside="<node><scale>1e200 1e200 1e200</scale></node>"), "impossibly large"),
+    "inf.dae": (dae(points="1e999 " * 24), "not finite"),
     "not.dae": (b"<html/>", "is not COLLADA"),
     "cut.dae": (dae()[:900], "not XML"),
     "box.step": (b"ISO-10303-21;", "expected .stl, .obj or .dae"),
@@ -94,6 +98,23 @@ def test_a_mesh_that_cannot_be_read_leaves_the_shell_and_a_note_that_names_it(tm
     assert str(tmp_path) not in note.detail
     assert {part.body for part in index.parts} == {0}
     assert index.placeholders == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path: Path, name: str) -> None:
+    rng, path = np.random.default_rng(0), tmp_path / f"box.{name}"
+    pieces = [b"nan", b"-1", b"1e308", b"-1e999", b"99999999999", b"\0", b"<", b"/>", b'"', b" ", b"\n", b"//"]
+    for _ in range(300):
+        data = bytearray(READERS[name])
+        for _ in range(rng.integers(1, 4)):
+            start = int(rng.integers(len(data)))
+            data[start : start + int(rng.integers(0, 20))] = pieces[rng.integers(len(pieces))]
+        path.write_bytes(data)
+        try:
+            meshes = read_mesh(path)
+        except FileError:
+            continue
+        assert all(np.isfinite(mesh.points).all() for mesh in meshes)
 
 
 def test_meshes_of_ten_million_triangles_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

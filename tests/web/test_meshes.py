@@ -58,7 +58,7 @@ def send(client: TestClient, address: str, files: Files) -> Any:
     return client.post(address, files=[("files", (name, content)) for name, content in files.items()])
 
 
-def zipped(files: Files, **how: Any) -> bytes:
+def zipped(files: Files) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
@@ -147,15 +147,13 @@ def test_two_cells_share_meshes(client: TestClient, address: str, root: Path, he
     assert client.get(second).json()["hash"] is not None
 
 
-def bad_zip(name: str, content: bytes = stl(), *, link: bool = False) -> bytes:
+def bad_zip(name: str, content: bytes = stl()) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for given, data in GOOD.items():
             archive.writestr(given, data)
         info = zipfile.ZipInfo(name)
         info.compress_type = zipfile.ZIP_DEFLATED
-        if link:
-            info.create_system, info.external_attr = 3, 0o120777 << 16
         archive.writestr(info, content)
     return file.getvalue()
 

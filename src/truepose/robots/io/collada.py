@@ -16,7 +16,16 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.errors import FileError
 from truepose.geometry.transforms import apply_transform
-from truepose.robots.io.triangles import LARGEST_MESH, Colour, IntArray, Mesh, check_count, numbers_of
+from truepose.robots.io.triangles import (
+    FARTHEST,
+    LARGEST_MESH,
+    Colour,
+    IntArray,
+    Mesh,
+    check_count,
+    checked,
+    numbers_of,
+)
 from truepose.robots.io.urdf_tree import read_xml
 
 _MOST_NODES: Final = 10_000
@@ -75,6 +84,7 @@ class _Document:
         if depth > 50 or self._nodes > _MOST_NODES:
             raise FileError(self.path, f"has more than {_MOST_NODES:,} nodes, or nodes that contain themselves")
         tf = tf @ self._pose(node)
+        self._check_place(tf)
         for child in node:
             if child.tag == "node":
                 yield from self._node(child, tf, depth + 1)
@@ -82,6 +92,10 @@ class _Document:
                 yield from self._node(self._target(child), tf, depth + 1)
             elif child.tag == "instance_geometry":
                 yield from self._geometry(self._target(child), tf, self._materials(child))
+
+    def _check_place(self, tf: FloatArray) -> None:
+        if not (np.abs(tf) < FARTHEST).all():
+            raise FileError(self.path, "has a node that is impossibly large or far away")
 
     def _pose(self, node: ET.Element) -> FloatArray:
         tf = np.eye(4)
@@ -98,7 +112,9 @@ class _Document:
                 *axis, angle = self._numbers(child.text, 4)
                 length = float(np.linalg.norm(axis)) or 1.0
                 step[:3, :3] = Rotation.from_rotvec(np.deg2rad(angle) * np.array(axis) / length).as_matrix()
+            self._check_place(step)
             tf = tf @ step
+            self._check_place(tf)
         return tf
 
     def _materials(self, instance: ET.Element) -> dict[str, Colour]:
@@ -134,11 +150,9 @@ class _Document:
     def _primitive_once(self, primitive: ET.Element) -> tuple[FloatArray, IntArray]:
         """Return points and triangles of a primitive, which many nodes may use, without points of others."""
         if id(primitive) not in self._read:
-            points, triangles = self._primitive(primitive)
-            if triangles.size and triangles.max() >= len(points):
-                raise FileError(self.path, f"names a point that does not exist; its source has {len(points):,}")
-            used, corners = np.unique(triangles, return_inverse=True)
-            self._read[id(primitive)] = points[used], corners.astype(np.int32).reshape(-1, 3)
+            whole = checked(self.path, Mesh(*self._primitive(primitive)))
+            used, corners = np.unique(whole.triangles, return_inverse=True)
+            self._read[id(primitive)] = whole.points[used], corners.astype(np.int32).reshape(-1, 3)
         return self._read[id(primitive)]
 
     def _primitive(self, primitive: ET.Element) -> tuple[FloatArray, IntArray]:

@@ -49,7 +49,8 @@ def _read_stl(path: Path) -> list[Mesh]:
     if len(data) >= _HEADER and len(data) == _HEADER + count * _FACET.itemsize:
         check_count(path, count)
         corners = np.frombuffer(data, _FACET, count, _HEADER)["corners"].reshape(-1, 3)
-        return [Mesh(corners.astype(np.float64), _in_order(count))]
+        with np.errstate(invalid="ignore"):  # a NaN, which is refused with its point
+            return [Mesh(corners.astype(np.float64), _in_order(count))]
     if data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data[:512]:
         return [_ascii_stl(path, data)]
     held = max(len(data) - _HEADER, 0) // _FACET.itemsize

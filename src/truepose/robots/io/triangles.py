@@ -20,7 +20,8 @@ MOST_TRIANGLES: Final = 2_000_000
 IntArray = npt.NDArray[np.int32]
 Colour = tuple[float, float, float]
 
-_FARTHEST: Final = 1e9
+FARTHEST: Final = 1e9
+"""Beyond this a coordinate is a mistake, whatever its unit is."""
 _LONGEST: Final = 64  # letters of a number
 _BATCH: Final = 1 << 18
 
@@ -47,7 +48,7 @@ class Mesh:
 def checked(path: Path, mesh: Mesh) -> Mesh:
     """Return a mesh after a check of its numbers; a FileError says what is wrong."""
     check_count(path, len(mesh.triangles))
-    wrong = ~(np.abs(mesh.points) < _FARTHEST).all(axis=1)
+    wrong = ~(np.abs(mesh.points) < FARTHEST).all(axis=1)
     if wrong.any():
         raise FileError(path, f"point {int(np.argmax(wrong)) + 1} is not finite, or impossibly far away")
     if len(mesh.triangles) and not (mesh.triangles.min() >= 0 and mesh.triangles.max() < len(mesh.points)):
