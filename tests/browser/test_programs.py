@@ -11,7 +11,7 @@ from tests.browser.opening import Browser, Opened, Server
 from tests.browser.test_pages import AXE
 
 MARKUP = "<img src=x onerror=alert(1)>.src"
-MORE = "$BASE=BASE_DATA[7]\nLIN {X 10,Y 20,Z 30,A 0,B 0,C 0}\n"
+MORE = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}\nLIN_REL {X 5}\n"
 
 
 def drop(app: Opened, files: dict[str, bytes]) -> None:
@@ -45,7 +45,7 @@ def test_files_become_corrected_files_and_these_are_refused(
         drop(app, panel(own_server))
         page.get_by_role("button", name="Check", exact=True).click()
         page.get_by_text("of the motion targets can be corrected").wait_for(timeout=120_000)
-        assert page.get_by_text("no $TOOL is set before this motion").count() == 1
+        assert page.get_by_text("joint target", exact=True).count() == 1
         correct(app)
         command = "truepose correct map.truepose programs/panel --out=corrected/panel"
         page.get_by_role("tab", name="Limits").click()

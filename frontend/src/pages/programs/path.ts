@@ -49,11 +49,11 @@ export function magnificationOf(path: ProgramPath): number {
     longest = Math.max(longest, Math.hypot(path.change[3 * k]!, path.change[3 * k + 1]!, path.change[3 * k + 2]!))
   }
   const extent = Math.hypot(...high.map((value, axis) => value - low[axis]!))
-  if (!longest || !Number.isFinite(extent)) return 100
+  if (!longest || !extent || !Number.isFinite(extent)) return 100
   return Number(Math.min(1000, Math.max(1, extent / longest / 12)).toPrecision(2))
 }
 
-/** The point of a row; of rows that are not in the path the nearest before it, −1 for none. */
+/** The point of a row; where points were left out the nearest before it, −1 for none. */
 export function pointOf(path: ProgramPath, row: number): number {
   let [low, high] = [0, path.rows.length]
   while (low < high) {
@@ -61,5 +61,6 @@ export function pointOf(path: ProgramPath, row: number): number {
     if (path.rows[middle]! <= row) low = middle + 1
     else high = middle
   }
-  return low - 1
+  const nearest = low - 1
+  return path.rows.length < path.known || path.rows[nearest] === row ? nearest : -1
 }
