@@ -11,10 +11,10 @@ import {
   ShaderMaterial,
   Vector3,
   type Box3,
-  type Camera,
   type Object3D,
 } from 'three'
 import { cividisBytes } from './colours'
+import { nearest, type Aim } from './pick'
 import { most, nth, squares } from './reduce'
 import type { Arrows } from './types'
 
@@ -133,33 +133,19 @@ export class ArrowField {
     this.full.visible = !reduced
   }
 
-  /** The nearest shown arrow to a place of the canvas, within some pixels; −1 for none. */
-  pick(camera: Camera, x: number, y: number, width: number, height: number, within: number): number {
+  /** The row of the shown arrow whose tail or middle is nearest; −1 for none. */
+  pick(aim: Aim): number {
     const { before, after } = this.arrows
     const factor = this.material.uniforms['uFactor']!.value as number
     const data = this.material.uniforms['uAfter']!.value && after ? after : before
-    const m = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).elements
     const rows = this.lines?.visible ? this.few! : null
-    const n = rows?.length ?? this.total
-    let [best, found] = [within * within, -1]
-    for (let k = 0; k < n; k++) {
-      const row = rows ? rows[k]! : k
-      const at = ROW * row
-      // the middle of the arrow, then its tail
-      for (let half = 0; half < 2; half++) {
-        const f = 0.5 * half * factor
-        const px = data[at]! + f * data[at + 3]!
-        const py = data[at + 1]! + f * data[at + 4]!
-        const pz = data[at + 2]! + f * data[at + 5]!
-        const w = m[3]! * px + m[7]! * py + m[11]! * pz + m[15]!
-        if (w <= 0) continue
-        const dx = (0.5 + (0.5 * (m[0]! * px + m[4]! * py + m[8]! * pz + m[12]!)) / w) * width - x
-        const dy = (0.5 - (0.5 * (m[1]! * px + m[5]! * py + m[9]! * pz + m[13]!)) / w) * height - y
-        const far = dx * dx + dy * dy
-        if (far < best) [best, found] = [far, row]
-      }
-    }
-    return found
+    const found = nearest(aim, 2 * (rows?.length ?? this.total), (k, to) => {
+      const at = ROW * (rows ? rows[k >> 1]! : k >> 1)
+      const way = k & 1 ? 0.5 * factor : 0
+      for (let c = 0; c < 3; c++) to[c] = data[at + c]! + way * data[at + 3 + c]!
+    })
+    if (found < 0) return -1
+    return rows ? rows[found >> 1]! : found >> 1
   }
 
   place(row: number): Vector3 {

@@ -9,9 +9,9 @@ import {
   ShaderMaterial,
   Vector3,
   type Box3,
-  type Camera,
 } from 'three'
 import type { Palette } from './colours'
+import { nearest, type Aim } from './pick'
 import { VERDICTS, type Path } from './types'
 
 const PLAIN = VERDICTS.indexOf('plain')
@@ -99,21 +99,12 @@ export class Paths {
     for (let k = 0; k < this.total; k++) box.expandByPoint(this.place(k))
   }
 
-  /** The nearest marker to a place of the canvas, within some pixels; −1 for none. */
-  pick(camera: Camera, x: number, y: number, width: number, height: number, within: number): number {
-    const m = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).elements
-    const p = this.points
-    let [best, found] = [within * within, -1]
-    for (let k = 0; k < this.total; k++) {
-      const [px, py, pz] = [p[3 * k]!, p[3 * k + 1]!, p[3 * k + 2]!]
-      const w = m[3]! * px + m[7]! * py + m[11]! * pz + m[15]!
-      if (w <= 0) continue
-      const dx = (0.5 + (0.5 * (m[0]! * px + m[4]! * py + m[8]! * pz + m[12]!)) / w) * width - x
-      const dy = (0.5 - (0.5 * (m[1]! * px + m[5]! * py + m[9]! * pz + m[13]!)) / w) * height - y
-      const far = dx * dx + dy * dy
-      if (far < best) [best, found] = [far, k]
-    }
-    return found
+  /** The number of the nearest marker; −1 for none. */
+  pick(aim: Aim): number {
+    const { points } = this
+    return nearest(aim, this.total, (k, to) => {
+      for (let c = 0; c < 3; c++) to[c] = points[3 * k + c]!
+    })
   }
 
   dispose(): void {

@@ -447,12 +447,13 @@ export class SceneView implements SceneHandle {
 
   private pick(x: number, y: number): Hit | null {
     const { clientWidth: width, clientHeight: height } = this.canvas
+    const aim = { camera: this.camera, x, y, width, height, within: PICK_PX }
     const layers: [Layer, Paths | ArrowField | undefined][] = [
       ['targets', this.paths],
       ['arrows', this.arrows],
     ]
     for (const [layer, from] of layers) {
-      const index = from?.pick(this.camera, x, y, width, height, PICK_PX) ?? -1
+      const index = from?.pick(aim) ?? -1
       if (index >= 0) return { layer, index, x, y }
     }
     return null
