@@ -27,6 +27,7 @@ _OPTIONS: Final = (
     "--enable-unsafe-swiftshader",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 )
+_SHOWN: Final = "start => document.querySelector('nav [aria-current=page]')?.getAttribute('href')?.startsWith(start)"
 _READY: Final = "() => document.querySelector('main h1') && !document.querySelector('main [aria-busy=\"true\"]')"
 
 
@@ -104,11 +105,15 @@ class Opened:
         cell = self.page.evaluate("() => location.hash.split('?')[0].split('/')[2] ?? '-'")
         page, _, rest = place.partition("/")
         self.page.evaluate("hash => { location.hash = hash }", f"#/{page}/{cell}" + (f"/{rest}" if rest else ""))
+        self.shown(page)
+
+    def shown(self, page: str) -> None:
+        """Wait until a page is shown, and the page before is gone."""
+        self.page.wait_for_function(_SHOWN, arg=f"#/{page}/")
         self.ready()
 
     def ready(self) -> None:
         """Wait until the page shows what it loads."""
-        self.page.wait_for_timeout(50)  # an address that changed is seen in the next turn
         self.page.wait_for_function(_READY)
         self.page.evaluate("() => document.fonts.ready.then(() => true)")
 
