@@ -4,10 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs import correct_program
+from truepose.programs import correct_program, history
 from truepose.programs.corrected import write
 
 N = 12
@@ -122,3 +123,22 @@ def test_several_programs_at_once(path: Path, make_map: Any, tmp_path: Path) -> 
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["b.src"]
     write(both, tmp_path / "out", force=True)
     assert len(list((tmp_path / "out").iterdir())) == 6
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_positions_shared_with_each_entry_are_counted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    listed, owner = rng.integers(0, 50, 300).astype(np.uint64), rng.integers(0, 7, 300)
+    order = np.argsort(listed, kind="stable")
+    entries = tuple(history._Entry("", "", str(i)) for i in range(8))
+    own = np.unique(rng.integers(0, 70, 20).astype(np.uint64))
+    found = history._List(entries, listed[order], owner[order]).shared(own)
+    assert found.tolist() == np.bincount(owner[np.isin(listed, own)], minlength=8).tolist()
+
+
+def test_a_correction_that_was_repeated_is_listed_once(tmp_path: Path) -> None:
+    line = '{"date": "2026-01-02", "file": "a.src", "sha256_after": "%s", "positions": "AQAAAAAAAAA="}\n'
+    (tmp_path / "list").write_text((line % "aa") * 5 + line % "bb" + line.replace("AQAA", "AgAA") % "aa")
+    found = history._listed(tmp_path / "list")
+    assert [entry.after for entry in found.entries] == ["aa", "bb", "aa"]
+    assert found.positions.tolist() == [1, 1, 2]

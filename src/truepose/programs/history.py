@@ -9,6 +9,7 @@ another folder, for another map, or with some lines edited is recognised.
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import os
 import sys
@@ -16,7 +17,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -45,11 +46,23 @@ class _Entry:
 
 @dataclass(frozen=True, eq=False)
 class _List:
-    """The entries of a list; the hashes of all their positions, and the number of the entry that each belongs to."""
+    """The entries of a list; the hashes of all their positions in order, and the number of the entry of each."""
 
     entries: tuple[_Entry, ...] = ()
     positions: HashArray = field(default_factory=lambda: np.empty(0, np.uint64))
     owner: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @cached_property
+    def number(self) -> Mapping[str, int]:
+        """The number of the first entry of each corrected file, by its hash."""
+        return {entry.after: i for i, entry in reversed(list(enumerate(self.entries)))}
+
+    def shared(self, positions: HashArray) -> IntArray:
+        """Return how many of the positions (n,) each entry has: (number of entries,)."""
+        first, end = (np.searchsorted(self.positions, positions, side) for side in ("left", "right"))
+        counts = end - first
+        at = np.arange(counts.sum()) + np.repeat(end - np.cumsum(counts), counts)
+        return np.bincount(self.owner[at], minlength=len(self.entries))
 
 
 class Remembered(Protocol):
@@ -187,13 +200,15 @@ def check(program: Program, map_path: Path | None, remedy: str = _REMEDY) -> Non
     enough = min(_ENOUGH, max(1, (len(own) + 1) // 2))
     for store in stores(map_path):
         listed = _listed(store)
-        same = np.bincount(listed.owner[np.isin(listed.positions, own)], minlength=len(listed.entries))
-        for entry, shared in zip(listed.entries, same.tolist(), strict=True):
-            if entry.after not in after and shared < enough:
-                continue
-            where = after.get(entry.after, program.path)
-            what = "was corrected already" if entry.after in after else f"holds {shared} positions that were corrected"
-            raise RefusedError(f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); {remedy}")
+        shared = listed.shared(own)
+        known = [listed.number[sha256] for sha256 in after if sha256 in listed.number]
+        if not (numbers := [*np.flatnonzero(shared >= enough).tolist(), *known]):
+            continue
+        entry = listed.entries[number := min(numbers)]
+        where = after.get(entry.after, program.path)
+        same = f"holds {shared[number]} positions that were corrected"
+        what = "was corrected already" if entry.after in after else same
+        raise RefusedError(f"{where}: {what} ({entry.file}, {entry.date[:10]}, listed in {store}); {remedy}")
 
 
 def _listed(store: Path) -> _List:
@@ -209,20 +224,23 @@ def _listed(store: Path) -> _List:
 
 @lru_cache(maxsize=4)
 def _read(store: Path, _changed: int, _size: int) -> _List:
-    entries: list[_Entry] = []
+    entries: dict[tuple[str, bytes], _Entry] = {}  # what was corrected again in the same way is listed again
     positions = [np.empty(0, np.uint64)]
-    for number, line in enumerate(store.read_bytes().splitlines(), 1):
-        if not line.strip():
-            continue
-        try:
-            entry, places = _entry(json.loads(line))
-        except (ValueError, KeyError, TypeError, RecursionError):
-            warnings.warn(f"{store}:{number}: is no readable record of a correction and was left out", stacklevel=2)
-        else:
-            entries.append(entry)
-            positions.append(places)
+    with store.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if not line.strip():
+                continue
+            try:
+                entry, places = _entry(json.loads(line))
+            except (ValueError, KeyError, TypeError, RecursionError):
+                warnings.warn(f"{store}:{number}: is no readable record of a correction and was left out", stacklevel=2)
+            else:
+                if entries.setdefault((entry.after, hashlib.sha256(places.tobytes()).digest()), entry) is entry:
+                    positions.append(places)
     owner = np.repeat(np.arange(len(entries)), [len(places) for places in positions[1:]])
-    return _List(tuple(entries), np.concatenate(positions), owner)
+    flat = np.concatenate(positions)
+    order = np.argsort(flat, kind="stable")
+    return _List(tuple(entries.values()), flat[order], owner[order])
 
 
 def _entry(fields: dict[str, Any]) -> tuple[_Entry, HashArray]:

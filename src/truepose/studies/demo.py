@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from truepose._io.files import write_atomic
 from truepose._typing import FloatArray
 from truepose.cell import Cell, load_cell
-from truepose.error_map import ErrorMap
+from truepose.error_map import ErrorMap, load_map
 from truepose.error_map.fit import fit_cell
 from truepose.geometry import apply_transform, euler, make_transform
 from truepose.programs import FrameTable, correct_program, read_program, verify_program
@@ -66,8 +66,8 @@ def run_demo(
     held_out = _measure(virtual, directory, "held_out", N_HELD_OUT, seed + 1_000_003)
 
     progress("Fitting")
-    error_map = fit_cell(cell, samples, _PREDICTOR.get(preset, "kinematic-kriging"))
-    error_map.save(directory / "map.truepose")
+    fit_cell(cell, samples, _PREDICTOR.get(preset, "kinematic-kriging")).save(directory / "map.truepose")
+    error_map = load_map(directory / "map.truepose")  # so that the programs corrected with it are listed beside it
     progress("Looking for similarity")
     study = similarity_study(error_map)
     progress("Validating on held-out poses")
