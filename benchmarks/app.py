@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import httpx2 as httpx
+import httpx2
 from tests.browser.opening import PAGES, Browser, Opened, Server, chromium_path
 
 from benchmarks.harness import cpu, version_of
@@ -180,8 +180,8 @@ def _heap(app: Opened) -> float:
 
 
 @contextmanager
-def _client(server: Server) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=server.origin, timeout=30) as client:
+def _client(server: Server) -> Iterator[httpx2.Client]:
+    with httpx2.Client(base_url=server.origin, timeout=30) as client:
         client.get(server.start_url)
         yield client
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
 
-import httpx2 as httpx
+import httpx2
 import numpy as np
 from tests.browser.opening import Server
 
@@ -91,7 +91,7 @@ def _correct(cell: Path, n: int) -> None:
 
 
 def _rows(server: Server, repeats: int) -> Iterator[tuple[str, str, str]]:
-    with httpx.Client(base_url=server.origin, timeout=600) as client:
+    with httpx2.Client(base_url=server.origin, timeout=600) as client:
         client.get(server.start_url)
         cell = client.get("/api/v1/cells").json()[0]["id"]
         begin = time.perf_counter()
@@ -129,7 +129,7 @@ def _rows(server: Server, repeats: int) -> Iterator[tuple[str, str, str]]:
         yield "its peak", f"{_peak_mb(server.process.pid):.0f} MB", "600 MB"
 
 
-def _page(client: httpx.Client, address: str, view: dict[str, Any], repeats: int) -> tuple[float, float]:
+def _page(client: httpx2.Client, address: str, view: dict[str, Any], repeats: int) -> tuple[float, float]:
     """Return the times of the first page of a view and of others [ms]: the latter as 95th percentile."""
     first = _ms(client, f"{address}/targets", {**view, "limit": 200})
     total = client.get(f"{address}/targets", params={**view, "limit": 1}).json()["total"]
@@ -138,7 +138,7 @@ def _page(client: httpx.Client, address: str, view: dict[str, Any], repeats: int
     return first, statistics.quantiles(taken, n=20)[-1]
 
 
-def _ms(client: httpx.Client, address: str, query: dict[str, Any]) -> float:
+def _ms(client: httpx2.Client, address: str, query: dict[str, Any]) -> float:
     begin = time.perf_counter()
     client.get(address, params=query).raise_for_status()
     return 1000 * (time.perf_counter() - begin)

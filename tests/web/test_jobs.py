@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from fastapi.testclient import TestClient
 
@@ -177,7 +177,7 @@ class Server:
         assert self.process.stdout is not None
         url = self.process.stdout.readline().removeprefix("Open ").strip()
         assert url, self.process.communicate()
-        self.client = httpx.Client(base_url=url.partition("/?")[0], timeout=LONG)
+        self.client = httpx2.Client(base_url=url.partition("/?")[0], timeout=LONG)
         self.client.get(f"/?token={url.partition('token=')[2]}")
         self.client.headers[CSRF_HEADER] = self.client.get(f"{API}/session").json()["csrf"]
 
@@ -216,7 +216,7 @@ def test_an_interrupt_ends_jobs_pages_and_server(server: Server, folder: Path) -
 
     def follow() -> None:
         with (
-            contextlib.suppress(httpx.HTTPError),
+            contextlib.suppress(httpx2.HTTPError),
             server.client.stream("GET", f"{API}/jobs/{job['id']}/events") as stream,
         ):
             seen.extend(stream.iter_text())
