@@ -109,7 +109,7 @@ class Job:
         job = _adapter().validate_python(dict(data))
         made: Job = job
         if not _ID.fullmatch(made.id):
-            raise DataError(f"{made.id!r} is no id of a job")
+            raise DataError(f"{made.id!r} is not the id of a job")
         check_command(made.command)
         check_folder(made.folder)
         return made

@@ -1,4 +1,4 @@
-"""A job that runs: its process, what it has told, and what its end means."""
+"""A running job: its process, the events it has sent, and the meaning of its end."""
 
 from __future__ import annotations
 
