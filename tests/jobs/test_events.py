@@ -20,6 +20,8 @@ from truepose.cli.output import working
 from truepose.errors import FileError, RefusedError
 from truepose.problem import problem
 
+LONG = 120.0
+"""Seconds after which a test waits in vain."""
 SLOW = ("study", "--seeds", "1000", "--per-axis", "4", "--json")
 """A command that takes minutes."""
 
@@ -175,9 +177,7 @@ def test_results_and_exit_codes_are_the_same_with_events(run: Any, monkeypatch: 
 def test_a_command_ends_as_by_an_interrupt_when_its_parent_is_gone(study: subprocess.Popen[str]) -> None:
     assert study.stdin is not None
     study.stdin.close()
-    started = time.monotonic()
-    assert study.wait(timeout=10) == 130
-    assert time.monotonic() - started < 5
+    assert study.wait(timeout=LONG) == 130
     assert study.stderr is not None
     last = json.loads(study.stderr.read().splitlines()[-1])  # compiled code may have written texts of its own
     assert (last["event"], last["type"]) == ("problem", "Interrupted")
@@ -185,12 +185,11 @@ def test_a_command_ends_as_by_an_interrupt_when_its_parent_is_gone(study: subpro
 
 def test_a_command_that_does_not_react_ends_a_little_later() -> None:
     code = (
-        "import os, time; from truepose import cli, robots; from truepose.cli import events\n"
+        "import os, signal, time; from truepose import cli, robots; from truepose.cli import events\n"
         "os.environ[events.VARIABLE], events._GRACE = 'json', 0.2\n"
         "def stuck():\n"
-        "    while True:\n"
-        "        try: print('begun', flush=True), time.sleep(60)\n"
-        "        except KeyboardInterrupt: pass\n"
+        "    signal.signal(signal.SIGINT, signal.SIG_IGN); print('begun', flush=True); time.sleep(300)\n"
+        "    print('not ended')\n"
         "robots.list_robots = stuck; cli.main()"
     )
     with subprocess.Popen(
@@ -200,7 +199,7 @@ def test_a_command_that_does_not_react_ends_a_little_later() -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
         process.stdin.close()
-        assert process.stdout.read() == "begun\n"  # the interrupt was ignored
+        assert process.stdout.read() == ""
     assert process.returncode == 130
 
 
@@ -235,7 +234,7 @@ def test_a_command_whose_parent_is_killed_is_gone(tmp_path: Path) -> None:
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    ends = time.monotonic() + 5
+    ends = time.monotonic() + LONG
     while _lives(child) and time.monotonic() < ends:
         time.sleep(0.05)
     assert not _lives(child)
