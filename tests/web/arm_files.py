@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose.geometry import make_transform
 from truepose.robots import Robot, load_robot, to_urdf
-from truepose.web.mesh_build import build
+from truepose.web.meshes.build import build
 
 MODEL = "kuka-kr6-r900-sixx"
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

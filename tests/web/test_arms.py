@@ -13,7 +13,7 @@ from truepose.cell import template
 from truepose.geometry import make_transform
 from truepose.robots import list_robots, load_robot
 from truepose.web import Workspace, create_app
-from truepose.web.arm_shells import body_transforms, resting_pose, shells
+from truepose.web.arms.shells import body_transforms, resting_pose, shells
 from truepose.web.security import Guard
 
 REGION = """

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from truepose._io import commits
 from truepose.cell import Cell, template
 from truepose.web import Workspace, create_app
-from truepose.web.cell_text import Change, changed
+from truepose.web.cells.text import Change, changed
 from truepose.web.security import CSRF_HEADER, Guard
 
 API = "/api/v1"

@@ -25,10 +25,12 @@ from fastapi.testclient import TestClient
 from truepose.cli.setup import init
 from truepose.geometry import euler, make_transform
 from truepose.programs import Coverage, FrameTable, ReadOptions, correct_program, correct_programs
-from truepose.web import Workspace, correction_index, create_app, differences
-from truepose.web.corrections import DifferencePage, TargetPage
+from truepose.web import Workspace, create_app
+from truepose.web.corrections import differences
+from truepose.web.corrections import index as correction_index
+from truepose.web.corrections.columns import ORDERS, VERDICTS
+from truepose.web.corrections.routes import DifferencePage, TargetPage
 from truepose.web.security import Guard
-from truepose.web.target_columns import ORDERS, VERDICTS
 
 BASE = "http://127.0.0.1:8765"
 FRAMES = FrameTable(

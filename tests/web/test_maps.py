@@ -16,7 +16,8 @@ from truepose import VirtualCell, fit_cell, load_map
 from truepose.report.knowledge import knowledge
 from truepose.report.region import predict_positions
 from truepose.samples import Poses, write_samples
-from truepose.web import Workspace, create_app, map_tables
+from truepose.web import Workspace, create_app
+from truepose.web.maps.tables import written
 from truepose.web.security import CSRF_HEADER, Guard
 
 BASE = "http://127.0.0.1:8765"
@@ -133,7 +134,7 @@ def test_grid_slices_and_volume_agree_with_predictions_at_their_places(page: Pag
 
 
 def test_a_result_is_computed_once_and_kept_in_the_workspace(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    from truepose.web import arrays
+    from truepose.web.maps import arrays
 
     sha = page.sha("ordinary-kriging")
     first = page.get(f"/maps/{sha}/volume.bin", n=4)
@@ -157,7 +158,7 @@ def test_tables_are_exported_with_units(page: Page, table: str) -> None:
 
 
 def test_texts_of_tables_are_no_formulas() -> None:
-    text = map_tables.written(["reason"], [["=1+1"], ["@cmd"], ["plain, with comma"]])
+    text = written(["reason"], [["=1+1"], ["@cmd"], ["plain, with comma"]])
     assert list(csv.reader(text.splitlines())) == [["reason"], ["'=1+1"], ["'@cmd"], ["plain, with comma"]]
 
 

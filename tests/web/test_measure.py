@@ -266,8 +266,8 @@ def test_two_gigabytes_are_refused_by_their_stated_and_their_true_size(
     address = f"{API}/cells/{bench.cell}/readings"
     headers = {"Content-Type": "multipart/form-data; boundary=b", "Content-Length": str(2 << 30)}
     assert bench.client.post(address, content=b"--b", headers=headers).status_code == 413
-    monkeypatch.setattr("truepose.web.measure.LARGEST_READINGS", 1000)
-    monkeypatch.setattr("truepose.web.measure.largest_file", lambda name: 0)
+    monkeypatch.setattr("truepose.web.measure.routes.LARGEST_READINGS", 1000)
+    monkeypatch.setattr("truepose.web.measure.routes.largest_file", lambda name: 0)
     answer = bench.send(preview=False)
     assert answer.status_code == 413
     assert bench.left() == before

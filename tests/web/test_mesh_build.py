@@ -30,9 +30,9 @@ from truepose.geometry import make_transform
 from truepose.robots import Robot, load_robot, to_urdf
 from truepose.robots.io import triangles
 from truepose.robots.io.mesh_files import read_mesh
-from truepose.web.mesh_build import BUDGET, build
-from truepose.web.mesh_names import resolve
-from truepose.web.mesh_reduction import areas, reduced, shares
+from truepose.web.meshes.build import BUDGET, build
+from truepose.web.meshes.names import resolve
+from truepose.web.meshes.reduction import areas, reduced, shares
 
 READERS = {"stl": stl(), "text.stl": ascii_stl(), "obj": obj(), "dae": dae(), "quads.dae": dae(quads=True)}
 

@@ -12,8 +12,10 @@ from fastapi.testclient import TestClient
 from tests.web.arm_files import GOOD, MODEL, Files, sphere, stl, urdf, visual
 
 from truepose.cell import load_cell, template
-from truepose.web import Workspace, create_app, mesh_build, mesh_store, uploads
-from truepose.web.mesh_build import BUDGET, Task, build
+from truepose.web import Workspace, create_app, uploads
+from truepose.web.meshes import build as mesh_build
+from truepose.web.meshes import store as mesh_store
+from truepose.web.meshes.build import BUDGET, Task, build
 from truepose.web.security import CSRF_HEADER, Guard
 
 

@@ -21,8 +21,9 @@ from truepose.cli import app as truepose_app
 from truepose.error_map import fit_cell
 from truepose.geometry import euler
 from truepose.simulation import VirtualCell
-from truepose.web import Workspace, create_app, program_commands
-from truepose.web.program_commands import CorrectionOptions, ReadingOptions, arguments
+from truepose.web import Workspace, create_app
+from truepose.web.programs import commands as program_commands
+from truepose.web.programs.commands import CorrectionOptions, ReadingOptions, arguments
 from truepose.web.security import CSRF_HEADER, Guard
 
 BASE = "http://127.0.0.1:8765"

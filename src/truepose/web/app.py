@@ -10,22 +10,14 @@ from fastapi import APIRouter, FastAPI
 
 from truepose import __version__
 from truepose.jobs import JobQueue
-from truepose.web import (
-    arms,
-    cells,
-    corrections,
-    history,
-    jobs,
-    maps,
-    measure,
-    meshes,
-    pages,
-    problems,
-    programs,
-    reports,
-    session,
-    verifications,
-)
+from truepose.web import history, jobs, pages, problems, reports, session, verifications
+from truepose.web.arms import routes as arms
+from truepose.web.cells import routes as cells
+from truepose.web.corrections import routes as corrections
+from truepose.web.maps import routes as maps
+from truepose.web.measure import routes as measure
+from truepose.web.meshes import routes as meshes
+from truepose.web.programs import routes as programs
 from truepose.web.security import Guard
 from truepose.web.workspace import Workspace
 

@@ -23,10 +23,10 @@ from truepose.robots import Robot
 from truepose.robots.io.mesh_files import read_mesh
 from truepose.robots.io.triangles import Colour, IntArray, Mesh
 from truepose.robots.io.visuals import VisibleArm, Visual, load_visuals
-from truepose.web.arm_match import Match, bodies_at_zero, match_arm
-from truepose.web.mesh_index import ArmMeshes, JointDifference, MeshNote, MeshPart
-from truepose.web.mesh_names import files_of, resolve
-from truepose.web.mesh_reduction import areas, reduced, shares
+from truepose.web.meshes.index import ArmMeshes, JointDifference, MeshNote, MeshPart
+from truepose.web.meshes.match import Match, bodies_at_zero, match_arm
+from truepose.web.meshes.names import files_of, resolve
+from truepose.web.meshes.reduction import areas, reduced, shares
 
 BUDGET: Final = 60_000
 """Triangles of a whole arm."""

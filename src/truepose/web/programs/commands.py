@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from truepose.web.stored_programs import StoredProgram
+from truepose.web.programs.stored import StoredProgram
 from truepose.web.uploads import safe_name
 from truepose.web.workspace import CellFolder
 

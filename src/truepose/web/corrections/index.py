@@ -23,10 +23,10 @@ from typing import Any, Final
 
 from truepose.errors import TrueposeError
 from truepose.programs.record import head_of
-from truepose.web.differences import Difference, find_pairs, write_differences
+from truepose.web.corrections.columns import Progress, write_columns
+from truepose.web.corrections.differences import Difference, find_pairs, write_differences
+from truepose.web.corrections.table import SUMMARY, TargetTable
 from truepose.web.problems import WebError, missing
-from truepose.web.target_columns import Progress, write_columns
-from truepose.web.target_table import SUMMARY, TargetTable
 
 SMALL: Final = 8 << 20
 """The largest size in bytes of a record that the server indexes itself."""

@@ -13,7 +13,7 @@ from truepose.errors import TrueposeError
 from truepose.trackers import preview as preview_file
 from truepose.trackers import read_plan
 from truepose.trackers.by_name import BY_NAME
-from truepose.web.reading_form import ReadingForm
+from truepose.web.measure.form import ReadingForm
 
 
 class FileRow(BaseModel):

@@ -17,7 +17,7 @@ from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
 from truepose.errors import FileError
 from truepose.programs.record import CHANGED, FORMAT, SUFFIX, head_of
-from truepose.web.differences import folders_above
+from truepose.web.corrections.differences import folders_above
 from truepose.web.problems import WebError, missing
 from truepose.web.workspace import CellFolder, StoredFile, Workspace, identity
 

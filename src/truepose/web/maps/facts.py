@@ -12,8 +12,8 @@ from truepose.error_map.figures import fit_figures
 from truepose.errors import TrueposeError, one_line
 from truepose.predictors import KinematicKriging
 from truepose.verification import summary
-from truepose.web.arrays import box
 from truepose.web.cache import ResultCache
+from truepose.web.maps.arrays import box
 from truepose.web.workspace import CellFolder, StoredFile, Workspace
 
 Origin = Literal["samples after registration", "leave-one-out", "unseen blocks", "cross-validation"]

@@ -24,7 +24,7 @@ from truepose.programs.core.reasons import kind_of
 from truepose.programs.core.remedies import remedy_of
 from truepose.programs.coverage import Coverage
 from truepose.programs.record import TARGETS, head_of
-from truepose.web.texts import TextsWriter
+from truepose.web.corrections.texts import TextsWriter
 
 VERDICTS: Final = (*DONE, "follows")
 """The verdicts by their codes; "follows": derived from corrected points, whose corrections it gets."""

@@ -8,8 +8,8 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request
 from starlette.responses import FileResponse
 
-from truepose.web.mesh_index import ArmMeshes
-from truepose.web.mesh_store import MeshStore
+from truepose.web.meshes.index import ArmMeshes
+from truepose.web.meshes.store import MeshStore
 from truepose.web.multipart import FORM, received
 from truepose.web.workspace import InCell, InWorkspace
 

@@ -9,10 +9,10 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel
 
 from truepose.jobs import Job
-from truepose.web import program_commands, stored_programs
 from truepose.web.multipart import FORM, received
-from truepose.web.program_commands import CorrectionOptions, ReadingOptions
-from truepose.web.stored_programs import StoredProgram
+from truepose.web.programs import commands, stored
+from truepose.web.programs.commands import CorrectionOptions, ReadingOptions
+from truepose.web.programs.stored import StoredProgram
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
 router = APIRouter(tags=["programs"])
@@ -52,18 +52,18 @@ class ProgramEntry(BaseModel):
 @router.get("/cells/{cell}/programs")
 def programs(cell: InCell) -> list[ProgramEntry]:
     """Return the uploaded programs of a cell, newest first."""
-    return [ProgramEntry.of(cell, one) for one in stored_programs.stored_programs(cell)]
+    return [ProgramEntry.of(cell, one) for one in stored.stored_programs(cell)]
 
 
 @router.post("/cells/{cell}/programs", status_code=201, openapi_extra=FORM)
 async def upload_programs(request: Request, cell: InCell) -> ProgramEntry:
     """Keep files, a folder or a backup (.zip) as one upload; nothing is seen before all of it has arrived."""
-    async with received(request, cell.folder / stored_programs.FOLDER) as upload:
+    async with received(request, cell.folder / stored.FOLDER) as upload:
         return await to_thread.run_sync(_kept, cell, upload)
 
 
 def _kept(cell: CellFolder, upload: Any) -> ProgramEntry:
-    return ProgramEntry.of(cell, stored_programs.keep(cell, upload))
+    return ProgramEntry.of(cell, stored.keep(cell, upload))
 
 
 class CheckRequest(BaseModel):
@@ -87,15 +87,15 @@ class CorrectionRequest(BaseModel):
 @router.post("/cells/{cell}/programs/{id}/check", status_code=202)
 def check_program(cell: InCell, jobs: InJobs, id: str, wanted: CheckRequest) -> Job:  # noqa: A002 - as in the address
     """Begin to list which targets of an upload can be corrected; needs no map."""
-    program = stored_programs.stored_program(cell, id)
-    command = program_commands.check_command(cell, program, wanted.options)
+    program = stored.stored_program(cell, id)
+    command = commands.check_command(cell, program, wanted.options)
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Check {program.name}")
 
 
 @router.post("/cells/{cell}/corrections", status_code=202)
 def correct_program(cell: InCell, workspace: InWorkspace, jobs: InJobs, wanted: CorrectionRequest) -> Job:
     """Begin to correct an upload with a map, into a new folder below ``corrected/``; or show what would change."""
-    program = stored_programs.stored_program(cell, wanted.program)
+    program = stored.stored_program(cell, wanted.program)
     _, file, _ = workspace.map(wanted.map)
-    command = program_commands.correct_command(cell, program, file.path, wanted.name, wanted.options)
+    command = commands.correct_command(cell, program, file.path, wanted.name, wanted.options)
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Correct {program.name}")

@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from truepose._io.zips import is_zip, within
 from truepose.errors import one_line
-from truepose.web.mesh_index import MeshNote
+from truepose.web.meshes.index import MeshNote
 
 _SCHEME: Final = re.compile(r"(?i)^(package|model|file)://|^\$\(find ([^)]*)\)|^[a-z]:(?=[/\\])")
 

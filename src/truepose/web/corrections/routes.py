@@ -14,12 +14,12 @@ from starlette.responses import FileResponse, HTMLResponse, Response, StreamingR
 from truepose.programs.coverage import Coverage
 from truepose.report.coverage import document
 from truepose.report.page import to_html
-from truepose.web import stored_corrections
-from truepose.web.correction_index import CorrectionIndexes
+from truepose.web.corrections import stored
+from truepose.web.corrections.columns import VERDICTS
+from truepose.web.corrections.index import CorrectionIndexes
+from truepose.web.corrections.stored import CorrectionFinder, StoredCorrection
+from truepose.web.corrections.table import TargetTable, View
 from truepose.web.problems import missing
-from truepose.web.stored_corrections import CorrectionFinder, StoredCorrection
-from truepose.web.target_columns import VERDICTS
-from truepose.web.target_table import TargetTable, View
 from truepose.web.workspace import InCell, InWorkspace, Workspace
 
 router = APIRouter(tags=["corrections"])
@@ -200,7 +200,7 @@ Table = Annotated[TargetTable, Depends(_table)]
 @router.get("/cells/{cell}/corrections")
 def corrections(cell: InCell, workspace: InWorkspace) -> list[CorrectionEntry]:
     """Return the corrections of a cell, newest first; also those that the command line wrote."""
-    return [CorrectionEntry.of(one) for one in stored_corrections.corrections(workspace, cell)]
+    return [CorrectionEntry.of(one) for one in stored.corrections(workspace, cell)]
 
 
 @router.get("/corrections/{id}")
@@ -273,9 +273,9 @@ def correction_diff(
 @router.get("/corrections/{id}/files.zip", response_class=StreamingResponse)
 def correction_files(correction: Correction, table: Table) -> StreamingResponse:
     """Return the corrected files and the record as a .zip."""
-    files = stored_corrections.files_to_send(correction, table.summary["files"])
+    files = stored.files_to_send(correction, table.summary["files"])
     headers = _attached(f"{correction.stem}.zip")
-    return StreamingResponse(stored_corrections.zipped(files), media_type="application/zip", headers=headers)
+    return StreamingResponse(stored.zipped(files), media_type="application/zip", headers=headers)
 
 
 @router.get("/corrections/{id}/record", response_class=Response)
@@ -283,7 +283,7 @@ def correction_record(correction: Correction, format: Literal["json", "csv", "xl
     """Return the record as JSON, CSV or a workbook."""
     if format == "xlsx":
         headers = _attached(f"{correction.stem}.corrections.xlsx")
-        return Response(stored_corrections.workbook(correction), media_type=_WORKBOOK, headers=headers)
+        return Response(stored.workbook(correction), media_type=_WORKBOOK, headers=headers)
     path = correction.record if format == "json" else correction.beside(".corrections.csv")
     if not path.is_file():
         raise missing("the CSV of this record")

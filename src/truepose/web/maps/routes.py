@@ -18,10 +18,10 @@ from truepose.predictors.registry import PREDICTORS, predictor_spec
 from truepose.predictors.selection.choice import QUICK
 from truepose.report.knowledge import knowledge
 from truepose.samples import Poses
-from truepose.web import arrays, map_tables
 from truepose.web.cache import ResultCache
-from truepose.web.map_facts import MapEntry, MapFacts, entry, facts
-from truepose.web.variograms import Language, Refit, Space, Variogram, variogram
+from truepose.web.maps import arrays, tables
+from truepose.web.maps.facts import MapEntry, MapFacts, entry, facts
+from truepose.web.maps.variograms import Language, Refit, Space, Variogram, variogram
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
 router = APIRouter(tags=["maps"])
@@ -207,17 +207,17 @@ def map_volume(of: InMap, n: Annotated[int, Query(ge=2, le=64)] = 24) -> Respons
 @router.get(
     "/maps/{sha}/table.csv", response_class=Response, responses={200: {"content": {"text/csv": {"schema": {}}}}}
 )
-def map_table(of: InMap, table: map_tables.TableName, space: Space = "cartesian") -> Response:
+def map_table(of: InMap, table: tables.TableName, space: Space = "cartesian") -> Response:
     """Return a table of the map as CSV, for a spreadsheet; columns state units and what the numbers are of."""
-    if table in map_tables.OF_MAP:
-        text = map_tables.OF_MAP[table](of.map)
+    if table in tables.OF_MAP:
+        text = tables.OF_MAP[table](of.map)
     elif table == "curves":
-        text = map_tables.curves(map_curves(of))
+        text = tables.curves(map_curves(of))
     else:
         found = variogram(of.cache, of.map, Refit(space=space), "en")
         unit = f"lag_{found.unit}"
         columns = [unit, "pairs", "semivariance_samples_mm2", "chance_low_mm2", "chance_high_mm2"]
-        text = map_tables.written(columns, [list(point.model_dump().values()) for point in found.points])
+        text = tables.written(columns, [list(point.model_dump().values()) for point in found.points])
     name = f"{PurePosixPath(of.workspace.map(of.sha)[1].name).stem}-{table}.csv"
     headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
     return Response(text, media_type="text/csv; charset=utf-8", headers=headers)

@@ -19,10 +19,10 @@ from truepose.planning import METHODS, expected_accuracy, measuring_program
 from truepose.samples import Poses, Samples
 from truepose.samples.tidy import read_all_samples
 from truepose.trackers import read_plan
+from truepose.web.measure.form import ReadingForm
+from truepose.web.measure.previews import ReadingsPreview, preview_readings
 from truepose.web.multipart import Upload, received
-from truepose.web.previews import ReadingsPreview, preview_readings
 from truepose.web.problems import WebError
-from truepose.web.reading_form import ReadingForm
 from truepose.web.uploads import LARGEST_READINGS, largest_file
 from truepose.web.workspace import CellFolder, InCell, InJobs, StoredFile
 

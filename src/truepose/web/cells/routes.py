@@ -18,7 +18,7 @@ from truepose.errors import FileError, TrueposeError, one_line
 from truepose.jobs import Job
 from truepose.robots import list_robots, load_robot
 from truepose.robots.io.library import ROBOT_FILES
-from truepose.web.cell_text import Change, KeyProblem, as_file, cell_schema, changed, etag_of, problems_in, values_of
+from truepose.web.cells.text import Change, KeyProblem, as_file, cell_schema, changed, etag_of, problems_in, values_of
 from truepose.web.problems import WebError, problem_response
 from truepose.web.uploads import safe_name
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace, Kind

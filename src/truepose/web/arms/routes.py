@@ -14,7 +14,7 @@ from truepose.cell import Cell
 from truepose.errors import DataError
 from truepose.planning.measurement_space import work_region
 from truepose.robots import Robot, list_robots, load_robot
-from truepose.web.arm_shells import PartKind, body_transforms, resting_pose, shells
+from truepose.web.arms.shells import PartKind, body_transforms, resting_pose, shells
 from truepose.web.problems import missing
 from truepose.web.workspace import InCell
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import IntArray
-from truepose.web.target_columns import CODES, DTYPES, ORDERS, POSITIONS, SIZES, VERDICTS
-from truepose.web.texts import Texts, mapped
+from truepose.web.corrections.columns import CODES, DTYPES, ORDERS, POSITIONS, SIZES, VERDICTS
+from truepose.web.corrections.texts import Texts, mapped
 
 SUMMARY: Final = "summary.json"
 _KEPT: Final = 8
@@ -29,7 +29,7 @@ class View:
     Attributes
     ----------
     sort : str
-        The column, one of `truepose.web.target_columns.ORDERS`; empty for the order of the program.
+        The column, one of `truepose.web.corrections.columns.ORDERS`; empty for the order of the program.
     descending : bool
         Whether the largest come first.
     verdicts : tuple of str
@@ -48,7 +48,7 @@ class View:
 
 
 class TargetTable:
-    """The columns of a record, as `truepose.web.target_columns.write_columns` wrote them; read where they are.
+    """The columns of a record, as `truepose.web.corrections.columns.write_columns` wrote them; read where they are.
 
     Parameters
     ----------

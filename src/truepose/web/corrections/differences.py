@@ -27,7 +27,7 @@ from truepose.errors import FileError
 from truepose.programs.core.packed import PackedSource
 from truepose.programs.core.source import NUMBER, Source
 from truepose.programs.languages import language_of
-from truepose.web.texts import mapped
+from truepose.web.corrections.texts import mapped
 
 HEADER, CONTEXT, OLD, NEW = range(4)
 KINDS: Final = ("header", "context", "old", "new")

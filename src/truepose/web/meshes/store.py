@@ -22,8 +22,8 @@ from pydantic import ValidationError
 from truepose._io.files import write_atomic
 from truepose.errors import FileError, RobotError
 from truepose.robots import Robot
-from truepose.web.mesh_build import Answer, Task
-from truepose.web.mesh_index import ArmMeshes
+from truepose.web.meshes.build import Answer, Task
+from truepose.web.meshes.index import ArmMeshes
 from truepose.web.multipart import Upload
 from truepose.web.problems import WebError, missing
 from truepose.web.workspace import CellFolder, Workspace
@@ -135,7 +135,7 @@ def _in_own_process(task: Task) -> ArmMeshes:
     """Return the meshes of a task; a process that fails, hangs or is killed is an error of the upload."""
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "truepose.web.mesh_build"],
+            [sys.executable, "-P", "-m", "truepose.web.meshes.build"],
             input=task.model_dump_json().encode(),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -1,0 +1,1 @@
+"""The cells of the workspace: their files as text and as values."""

@@ -1,0 +1,1 @@
+"""Corrections: tables of targets, differences by byte, and files to download."""

@@ -1,0 +1,1 @@
+"""Error maps: figures, arrows, slices, curves and variograms."""

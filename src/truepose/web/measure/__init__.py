@@ -1,0 +1,1 @@
+"""What is measured: plans, readings and their preview."""

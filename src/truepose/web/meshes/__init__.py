@@ -1,0 +1,1 @@
+"""Meshes of an arm from a URDF: taken in, matched with the chain, reduced and kept."""
