@@ -15,7 +15,7 @@ from tests.report.conftest import DATE, EN, record
 
 from truepose.errors import FileError
 from truepose.report.document import Table
-from truepose.report.evidence import gather
+from truepose.report.evidence import StoreEntry, gather
 from truepose.report.locale import load_locale
 from truepose.report.page import to_html, to_pdf
 from truepose.report.records import read_record
@@ -134,3 +134,22 @@ def test_two_hundred_programs_with_long_names(error_map, study, tmp_path, no_fig
     page = to_html(made)
     assert "stringer_<wbr>row_<wbr>" in page
     assert b"%PDF-" in to_pdf(made, DATE)
+
+
+@pytest.mark.parametrize("locale", ["en", "de", "zh"])
+def test_programs_corrected_with_a_draft_are_marked(error_map, study, sidecar, no_figures, locale):
+    say = load_locale(locale)
+    draft = say("programs.draft", program="panel.src")
+    for state, marked in (("draft", True), ("released", False)):
+        content = record(error_map.hash, map_state=state)
+        assert (draft in document(gather(error_map, study=study, sidecars=[sidecar(content)]), say).text()) == marked
+
+
+@pytest.mark.parametrize("state", ["draft", "released", "superseded", "withdrawn"])
+def test_a_report_made_with_a_store_shows_the_state_of_the_map_and_the_head(error_map, study, no_figures, state):
+    made = document(gather(error_map, study=study, store=StoreEntry(17, "f" * 64, state)), EN)
+    assert f"entry 17, head {'f' * 64}" in made.text()
+    warned = {block.text for block in made.lead if block.warns}
+    states = {one: EN(f"report.map_{one}") for one in ("draft", "superseded", "withdrawn")}
+    assert warned & set(states.values()) == {text for one, text in states.items() if one == state}
+    assert "audit trail" not in document(gather(error_map, study=study), EN).text()

@@ -55,6 +55,9 @@ class CorrectedProgram:
         The file that the map was read from; corrected programs are listed beside it.
     refused : mapping of Path to str
         The files of refused modules, which are not written, with the reasons; see ``keep_going`` of `correct_program`.
+    map_state : str, optional
+        The state of the map in a store at the time of the correction: ``draft``, ``released`` or ``superseded``; None
+        without a store.
     """
 
     program: Program
@@ -68,6 +71,7 @@ class CorrectedProgram:
     warnings: tuple[str, ...] = ()
     map_path: Path | None = None
     refused: Mapping[Path, str] = field(default_factory=dict)
+    map_state: str | None = None
 
     def __repr__(self) -> str:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
@@ -117,6 +121,7 @@ class CorrectedProgram:
                 for source in self.program.sources
             ],
             "map_sha256": self.map_hash,
+            **({} if self.map_state is None else {"map_state": self.map_state}),
             "on_guard": self.on_guard,
             "limits": self.limits.to_dict(),
             "resolution_mm": self.resolution,

@@ -35,6 +35,8 @@ SUFFIX: Final = ".corrections.json"
 CHANGED: Final = "changed-files.csv"
 """The name of the list of the changed files of a corrected backup."""
 TARGETS: Final = ' "targets": ['
+DRAFT: Final = "draft"
+"""The ``map_state`` of a record whose map was not released."""
 _COLUMNS: Final = (
     *("file", "line", "name", "motion", "frame", "tool", "status", "turn"),
     *("x_mm", "y_mm", "z_mm", "x_after_mm", "y_after_mm", "z_after_mm"),

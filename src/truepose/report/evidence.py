@@ -36,6 +36,25 @@ SEED: Final = 0
 _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 
+@dataclass(frozen=True)
+class StoreEntry:
+    """The state of a store when a report was made.
+
+    Attributes
+    ----------
+    sequence : int
+        The number of the last entry of the audit trail.
+    head : str
+        The hash of that entry, which covers all earlier entries.
+    map_state : str
+        The state of the map: ``draft``, ``released``, ``superseded`` or ``withdrawn``.
+    """
+
+    sequence: int
+    head: str
+    map_state: str
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The content of a report; made by `gather`.
@@ -70,6 +89,8 @@ class Evidence:
         The verifications of programs.
     date : datetime
         The date of the report, UTC.
+    store : StoreEntry, optional
+        The state of the store that the report was made with.
     """
 
     error_map: ErrorMap
@@ -87,6 +108,7 @@ class Evidence:
     records: list[Record]
     verifications: list[ProgramVerification]
     date: datetime
+    store: StoreEntry | None = None
 
     @property
     def reading_source(self) -> str:
@@ -116,6 +138,7 @@ def gather(
     verifications: Sequence[str | Path | ProgramVerification] = (),
     study: SimilarityStudy | None = None,
     date: datetime | None = None,
+    store: StoreEntry | None = None,
 ) -> Evidence:
     """Compute the content of a report; see `truepose.report.write_report` for the parameters."""
     records = [read_record(path) for path in sidecars]
@@ -152,6 +175,7 @@ def gather(
         records=records,
         verifications=verified,
         date=(date or datetime.now(UTC)).astimezone(UTC),
+        store=store,
     )
 
 

@@ -19,7 +19,7 @@ from truepose.errors import FileError
 from truepose.programs import ProgramVerification
 from truepose.report import fonts
 from truepose.report.document import Document, View
-from truepose.report.evidence import Evidence, gather
+from truepose.report.evidence import Evidence, StoreEntry, gather
 from truepose.report.locale import load_locale
 from truepose.report.plots.palette import COLOURS, DARK, LIGHT
 from truepose.report.sections import document
@@ -44,6 +44,7 @@ def write_report(
     locale: str = "en",
     date: datetime | None = None,
     interactive: bool = False,
+    store: StoreEntry | None = None,
 ) -> None:
     """Write a report about an error map to one file; a failure leaves the old file unchanged.
 
@@ -71,6 +72,8 @@ def write_report(
         The date of the report; the present time if not given.
     interactive : bool
         Whether a page contains a view of the errors and the arm that can be turned; not for a PDF.
+    store : StoreEntry, optional
+        The state of the map and the head of the audit trail in the store that the report is made with.
 
     Raises
     ------
@@ -94,7 +97,14 @@ def write_report(
             raise FileError(path, "a PDF cannot be interactive; name an .html file")
         _typst(path)
     evidence: Evidence = gather(
-        error_map, held_out, cell=cell, sidecars=sidecars, verifications=verifications, study=study, date=date
+        error_map,
+        held_out,
+        cell=cell,
+        sidecars=sidecars,
+        verifications=verifications,
+        study=study,
+        date=date,
+        store=store,
     )
     made = document(evidence, say, interactive=interactive)
     files.write_atomic(path, to_pdf(made, evidence.date, path) if ending == ".pdf" else to_html(made))

@@ -16,6 +16,7 @@ from truepose._io import files
 from truepose._io.delimited import escaped
 from truepose.errors import FileError
 from truepose.programs.core.reasons import kind_of
+from truepose.programs.record import DRAFT
 from truepose.report.document import Attachment, Block, Section, Table, Text
 from truepose.report.locale import MISSING, Locale
 
@@ -94,6 +95,7 @@ class Record(_Part):
 
     program: str
     map_sha256: str | None
+    map_state: str | None = None
     on_guard: str
     summary: Summary
     files: list[ChangedFile]
@@ -230,12 +232,14 @@ def _warnings(records: Sequence[Record], map_hash: str, say: Locale) -> list[Blo
     """Return warnings of programs that were corrected with another map, and of refused targets: one for each kind."""
     others: dict[str, list[Record]] = {}
     refused: dict[str, list[Record]] = {}
+    drafts = [record for record in records if record.map_state == DRAFT]
     for record in records:
         if record.map_sha256 != map_hash:
             others.setdefault((record.map_sha256 or MISSING)[:12], []).append(record)
         if record.summary.refused:
             refused.setdefault(record.on_guard, []).append(record)
-    found = [say("programs.other_map", program=_names(some, say), hash=other) for other, some in others.items()]
+    found = [say("programs.draft", program=_names(drafts, say))] if drafts else []
+    found += [say("programs.other_map", program=_names(some, say), hash=other) for other, some in others.items()]
     for policy, some in refused.items():
         n = sum(record.summary.refused for record in some)
         found.append(say("programs.refused", program=_names(some, say), n=n, policy=policy))

@@ -111,6 +111,8 @@ def _lead(evidence: Evidence, say: Locale) -> list[Text]:
         high=high,
     )
     texts = [Text(say("report.after_left_out" if held_out is None else "report.after_held_out")), Text(summary)]
+    if evidence.store is not None and evidence.store.map_state != "released":
+        texts.append(Text(say(f"report.map_{evidence.store.map_state}"), warns=True))
     if evidence.error_map.worth.weak:
         texts.append(Text(say("report.weak"), warns=True))
     if held_out is None:
@@ -418,6 +420,7 @@ def _provenance(evidence: Evidence, say: Locale) -> Section:
         (say("provenance.versions"), evidence.versions),
         (say("provenance.seeds"), say("provenance.seeds_text", permutations=SEED, bootstrap=SEED)),
         (say("provenance.map"), evidence.error_map.hash),
+        *_store(evidence, say),
     ]
     if evidence.held_out is not None:
         rows.append((say("provenance.held_out"), evidence.held_out_sha256 or say("provenance.missing")))
@@ -427,6 +430,19 @@ def _provenance(evidence: Evidence, say: Locale) -> Section:
     n = len(evidence.records)
     more = [Text(say("provenance.more", shown=_LISTED, n=n, table=records.HASHES))] if n > _LISTED else []
     return Section(say("provenance.title"), [Facts(rows), *more])
+
+
+def _store(evidence: Evidence, say: Locale) -> list[tuple[str, str]]:
+    """Return the state of the map in the store, and the head of its audit trail; nothing without a store."""
+    if (found := evidence.store) is None:
+        return []
+    text = say(
+        "provenance.store_text",
+        state=say(f"provenance.state_{found.map_state}"),
+        sequence=found.sequence,
+        head=found.head,
+    )
+    return [(say("provenance.store"), text)]
 
 
 def _signatures(evidence: Evidence, say: Locale) -> Section:
