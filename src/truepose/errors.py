@@ -104,6 +104,10 @@ class RefusedError(TrueposeError):
     """A correction or file operation that a guard refuses under the current policy."""
 
 
+class StoreError(TrueposeError):
+    """An error of a team's store: it cannot be reached, is busy, damaged, or of another version than the program."""
+
+
 class IllConditionedWarning(UserWarning):
     """A system that was solved with few remaining digits: its condition number, and the remedy."""
 

@@ -156,7 +156,7 @@ class Commit:
             entries = [{**asdict(change), "goal": _relative(change.goal, main)} for change in changes]
             _write(descriptor, {"format": _FORMAT, "files": entries})
             for folder in self._journals:
-                _sync(folder)
+                sync_folder(folder)
         with _signals_held():
             self._pending = True
             try:
@@ -164,7 +164,7 @@ class Commit:
                     self._at = change.goal
                     change.draft.replace(change.goal)
                 for folder in self._journals:
-                    _sync(folder)
+                    sync_folder(folder)
             except BaseException as error:
                 self._undo(changes, main, error)
                 raise
@@ -294,7 +294,7 @@ def _restore(changes: Sequence[_Change]) -> None:
         else:
             change.old.replace(change.goal)
     for folder in {change.goal.parent for change in changes}:
-        _sync(folder)
+        sync_folder(folder)
 
 
 def _remove_files(folder: Path, token: str) -> int:
@@ -373,7 +373,7 @@ def _token(path: Path) -> str:
     return path.name.removeprefix(".truepose-").removesuffix(".journal")
 
 
-def _sync(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Flush a folder's entries to the disk, where the system can."""
     if os.name == "nt":
         return

@@ -1,0 +1,15 @@
+"""Run migrations in the transaction that `truepose.store.migrate` has opened; Alembic loads this file."""
+
+from __future__ import annotations
+
+from alembic import context
+
+from truepose.store.schema import metadata
+
+context.configure(
+    connection=context.config.attributes["connection"],
+    target_metadata=metadata,
+    transactional_ddl=True,
+    render_as_batch=True,
+)
+context.run_migrations()
