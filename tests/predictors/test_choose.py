@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing import parent_process
 from pathlib import Path
@@ -19,6 +18,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import truepose as tp
 from truepose.errors import DataError
+from truepose.numerics import processes
+from truepose.numerics.executor import Serial
 from truepose.numerics.threads import blas_threads, threads
 from truepose.predictors import (
     ArmContext,
@@ -43,6 +44,7 @@ PLAIN = ("registration", "idw", "ordinary-kriging")
 def two_processors(monkeypatch):
     """Whatever the machine has: two workers are two processes."""
     monkeypatch.setattr(cross_validation, "cores", lambda: 2)
+    monkeypatch.setattr(processes, "cores", lambda: 2)
 
 
 @pytest.fixture(scope="module")
@@ -105,11 +107,11 @@ def test_workers_change_nothing(virtual, samples):
 def test_processes_are_started_only_where_they_pay(errors, monkeypatch, n, processes):
     used = []
 
-    def runner(job, workers):
+    def executor(workers, purpose):
         used.append(workers)
-        return nullcontext(lambda fits: (job.run(*fit) for fit in fits))
+        return Serial()
 
-    monkeypatch.setattr(cross_validation, "_runner", runner)
+    monkeypatch.setattr(cross_validation, "local", executor)
     many = PositionalErrors(
         {"cartesian": np.resize(errors.coordinates["cartesian"], (n, 3))}, np.resize(errors.e, (n, 3))
     )
@@ -239,10 +241,9 @@ def test_an_interrupt_ends_the_workers(errors):
 
 def test_a_keyboard_interrupt_does_not_reach_the_workers():
     """They would print tracebacks beside the one line of the command that was interrupted."""
-    from truepose.predictors.selection.cross_validation import _context
-
+    context = processes.start_method(__name__)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    with ProcessPoolExecutor(1, _context()) as pool:
+    with ProcessPoolExecutor(1, context) as pool:
         assert signal.SIGINT in pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result()
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
@@ -261,14 +262,14 @@ _KILLED = """
 import multiprocessing, os, signal
 import numpy as np
 from truepose.predictors import PositionalErrors, rank_predictors
-from truepose.predictors.selection import cross_validation
+from truepose.numerics import processes
 
 def kill(line):
     print(*(process.pid for process in multiprocessing.active_children()), flush=True)
     os.kill(os.getpid(), signal.SIGKILL)
 
 if __name__ == "__main__":
-    cross_validation.cores = lambda: 2
+    processes.cores = lambda: 2
     x = np.random.default_rng(0).uniform(0, 1000, (80, 3))
     rank_predictors(["registration"], PositionalErrors({"cartesian": x}, np.sin(x / 400)), workers=2, progress=kill)
 """
@@ -277,7 +278,7 @@ if __name__ == "__main__":
 @pytest.mark.promise("Worker processes times their threads never exceed the processors that truepose may use")
 @pytest.mark.parametrize("usable", [2, 3])
 def test_threads_times_workers(errors, monkeypatch, tmp_path, usable):
-    monkeypatch.setattr(cross_validation, "cores", lambda: usable)
+    monkeypatch.setattr(processes, "cores", lambda: usable)
     rank_predictors(["registration"], Noting(errors.coordinates, errors.e, folder=tmp_path), workers=8)
     notes = [json.loads(path.read_text("utf-8")) for path in tmp_path.iterdir()]
     assert 1 <= len(notes) <= usable  # a quick worker may do all there is before another has started

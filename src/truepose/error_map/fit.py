@@ -16,6 +16,7 @@ from truepose.error_map.registration import wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration
+from truepose.numerics.executor import Executor
 from truepose.predictors import Choice, rank_predictors
 from truepose.predictors.abilities import OutlierWeighing
 from truepose.predictors.registry import for_many
@@ -32,6 +33,7 @@ def fit_cell(
     folds: int = 5,
     rng: int = 0,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
     accept_campaign: bool = False,
 ) -> ErrorMap:
@@ -46,7 +48,7 @@ def fit_cell(
     predictor : str
         The name of a predictor, with options as in `truepose.predictors.predictor_spec`; ``auto`` chooses by nested
         cross-validation. Beyond 5,000 samples global Kriging is replaced by Vecchia's approximation, with a warning.
-    candidates, splits, folds, rng, workers
+    candidates, splits, folds, rng, workers, executor
         The options of ``auto``, see `truepose.choose`.
     progress : callable
         A function of a line about the current step.
@@ -90,7 +92,14 @@ def fit_cell(
         if predictor == "auto":
             progress("Cross-validation of the candidates")
             choice = rank_predictors(
-                candidates, measured, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+                candidates,
+                measured,
+                splits=splits,
+                folds=folds,
+                rng=rng,
+                workers=workers,
+                executor=executor,
+                progress=progress,
             )
         else:
             predictor = _for_many(predictor, len(samples))

@@ -15,6 +15,7 @@ from truepose.cell import Cell
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
+from truepose.numerics.executor import Executor
 from truepose.predictors import ArmContext, Choice, PositionalErrors, rank_predictors
 from truepose.robots import Robot
 from truepose.samples import Samples
@@ -121,6 +122,7 @@ def choose(
     folds: int = 5,
     rng: int = 0,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
 ) -> Choice:
     """Rank predictors by nested cross-validation (14), registration in every fold, and fit the one to take.
@@ -133,7 +135,7 @@ def choose(
         The commanded poses and readings.
     cell : Cell, optional
         The cell; without it the samples need commanded positions, and candidates that use the arm are skipped.
-    splits, folds, rng, workers, progress
+    splits, folds, rng, workers, executor, progress
         The options of the cross-validation; see `truepose.predictors.rank_predictors`.
 
     Returns
@@ -158,7 +160,14 @@ def choose(
     registrable = BareSamples(samples) if cell is None else CellSamples(cell, cell.load_robot(), samples)
     with points_named(samples):
         return rank_predictors(
-            candidates, registrable, splits=splits, folds=folds, rng=rng, workers=workers, progress=progress
+            candidates,
+            registrable,
+            splits=splits,
+            folds=folds,
+            rng=rng,
+            workers=workers,
+            executor=executor,
+            progress=progress,
         )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from truepose._io.tables import data_frame, html_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.numerics.executor import Executor
 from truepose.numerics.threads import one_thread
 from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
@@ -135,6 +136,7 @@ def rank_predictors(
     folds: int = 5,
     rng: int = 0,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
 ) -> Choice:
     """Rank predictors by their residuals on samples that they have not seen, and fit the best one.
@@ -155,6 +157,8 @@ def rank_predictors(
         The seed of the splits and of the bootstrap.
     workers : int
         The number of processes; it does not change the result. 0: as many as pay, see `cross_validate`.
+    executor : Executor, optional
+        Where the fits run, instead of processes of this machine; it does not change the result.
     progress : callable
         A function that receives a line after each fit.
 
@@ -190,7 +194,8 @@ def rank_predictors(
         model = fitted[name][0] if name in fitted else None
         return model.optimum() if isinstance(model, Startable) else None
 
-    results = cross_validate(Job(samples, labels), names, optimum=optimum, workers=workers, progress=progress)
+    job = Job(samples, labels)
+    results = cross_validate(job, names, optimum=optimum, workers=workers, executor=executor, progress=progress)
     notes = {result.fit.candidate: result.note for result in results if result.note}
     if len(notes) == len(names):
         raise DataError(f"no candidate could be fitted; {names[0]} {notes[names[0]]}")

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import multiprocessing.context
-import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import starmap
 from typing import Any, Final, Protocol
 
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError, KrigingError, TrueposeError
-from truepose.numerics.threads import become_worker, cores, one_thread
+from truepose.numerics.executor import Executor, Inputs, Task
+from truepose.numerics.processes import local
+from truepose.numerics.threads import cores, one_thread
 from truepose.predictors.abilities import Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.outliers import fit_without_gross
@@ -192,6 +189,7 @@ def cross_validate(
     *,
     optimum: Callable[[str], Any] = lambda _: None,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
 ) -> list[FoldResult]:
     """Run every candidate on every fold of every split; the result does not depend on the number of workers.
@@ -209,6 +207,8 @@ def cross_validate(
         The number of processes, each with one thread; never more than the processors available to this process.
         A script that asks for more than one needs the usual ``if __name__ == "__main__":``. 0: all processors if the
         fits take longer than the start of processes.
+    executor : Executor, optional
+        Where the fits run, instead of processes of this machine.
     progress : callable
         A function that receives a line after each fit.
 
@@ -227,73 +227,39 @@ def cross_validate(
         for name in candidates
     }
     count = sum(len(some) for some in fits.values())
-    if not workers:
-        n = len(next(iter(job.splits.values())))
-        workers = cores() if n * len(candidates) > _WORTH_PROCESSES else 1
+    if executor is None:
+        if not workers:
+            n = len(next(iter(job.splits.values())))
+            workers = cores() if n * len(candidates) > _WORTH_PROCESSES else 1
+        with local(min(workers, count), "cross-validation") as here:
+            return _collect(here, job, fits, count, optimum, progress)
+    return _collect(executor, job, fits, count, optimum, progress)
+
+
+def _collect(
+    executor: Executor,
+    job: Job,
+    fits: dict[str, list[FoldFit]],
+    count: int,
+    optimum: Callable[[str], Any],
+    progress: Callable[[str], Any],
+) -> list[FoldResult]:
+    """Run all fits and return their results in order."""
+    key = executor.share(lambda: pickle.dumps(job), job)
     found: dict[FoldFit, FoldResult] = {}
-    with _runner(job, min(workers, cores(), count)) as run:
-        # the last candidates are the slowest: start them first, so that no worker waits for them at the end
-        for result in run((fit, start) for name in reversed(fits) for start in [optimum(name)] for fit in fits[name]):
-            found[result.fit] = result
-            progress(f"Cross-validation: {len(found)} of {count} fits, {result.fit.candidate}")
+    # the last candidates are the slowest: start them first, so that no worker waits for them at the end
+    tasks = (_task(key, fit, start) for name in reversed(fits) for start in [optimum(name)] for fit in fits[name])
+    for _, result in executor.run(run_fit, tasks):
+        found[result.fit] = result
+        progress(f"Cross-validation: {len(found)} of {count} fits, {result.fit.candidate}")
     return [found[fit] for some in fits.values() for fit in some]
 
 
-@contextmanager
-def _runner(job: Job, workers: int) -> Iterator[Callable[[Iterable[tuple[FoldFit, Any]]], Iterator[FoldResult]]]:
-    """Yield a function that runs fits in any order; all worker processes have ended when the context is left."""
-    if workers <= 1:
-        yield lambda fits: starmap(job.run, fits)
-        return
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, _context(), _start, (job,))
-
-    def run(fits: Iterable[tuple[FoldFit, Any]]) -> Iterator[FoldResult]:
-        futures = [pool.submit(_work, *fit) for fit in fits]
-        return (future.result() for future in as_completed(futures))
-
-    try:
-        yield run
-        pool.shutdown()
-    except BaseException as error:
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        pool.shutdown(cancel_futures=True)  # waits until the pool itself has seen the end of each process
-        if isinstance(error, BrokenProcessPool):
-            raise DataError(
-                f"cross-validation: one of {workers} worker processes died, perhaps out of memory; use 1 worker"
-            ) from None
-        raise
+def _task(key: str, fit: FoldFit, optimum: Any) -> Task:
+    return Task((key,), (fit, optimum), f"{fit.candidate} {fit.split} {fit.fold}")
 
 
-def _context() -> multiprocessing.context.BaseContext:
-    """Return the way to start processes: a server that has imported the code once, where the system supports it."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver, resource_tracker  # not on Windows
-
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    resource_tracker.ensure_running()  # first, because it unblocks signals
-    # processes inherit what is blocked: Ctrl-C ends this process only, and this process ends the others
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-    return context
-
-
-_job: Job | None = None  # of a worker process
-
-
-def _start(job: Job) -> None:
-    global _job
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked: Windows
-    become_worker()
-    _job = job
-
-
-def _work(fit: FoldFit, optimum: Any) -> FoldResult:
-    assert _job is not None
-    return _job.run(fit, optimum)
+def run_fit(inputs: Inputs, task: Task) -> FoldResult:
+    """Run one fit of a shared `Job`: the task of a cross-validation."""
+    job: Job = inputs.get(task.inputs[0], pickle.loads)
+    return job.run(*task.values)
