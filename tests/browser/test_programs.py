@@ -45,7 +45,19 @@ def test_files_become_corrected_files_and_these_are_refused(
         drop(app, panel(own_server))
         page.get_by_role("button", name="Check", exact=True).click()
         page.get_by_text("of the motion targets can be corrected").wait_for(timeout=120_000)
-        assert page.get_by_text("joint target", exact=True).count() == 1
+        grid = page.get_by_role("grid", name="Targets")
+        grid.get_by_text("correctable", exact=True).first.wait_for()
+        grid.focus()
+        page.keyboard.press("ArrowDown")
+        page.get_by_role("heading", name="PTP:", exact=False).wait_for()
+        page.keyboard.press("/")
+        page.keyboard.type("xp1")
+        page.get_by_text("11 rows").wait_for()  # XP1, XP10 to XP19
+        page.get_by_label("Targets that a limit refuses").select_option("skip")
+        page.get_by_role("button", name="Preview", exact=True).click()
+        grid.get_by_text("corrected", exact=True).first.wait_for(timeout=120_000)
+        assert not (own_server.workspace / "virtual-cell" / "corrected" / "panel").exists()
+        assert not app.axe(AXE.read_text("utf-8"))
         correct(app)
         command = "truepose correct map.truepose programs/panel --out=corrected/panel"
         page.get_by_role("tab", name="Limits").click()

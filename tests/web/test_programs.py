@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
 import shutil
 import zipfile
 from collections.abc import Iterator
@@ -136,8 +137,69 @@ def test_a_preview_writes_nothing(client: TestClient, root: Path, virtual: Virtu
     job = correct(client, sent(client, "panel.src", krl(virtual, 20)), dry_run=True)
     assert job["state"] == "done", job["problem"]
     assert job["result"]["programs"][0]["summary"]["targets"] == 21
-    assert job["result"]["written"] == []
+    (listed,) = job["result"]["written"]
+    assert listed.startswith("../.truepose/previews/")
     assert not (root / "cell/corrected").exists()
+
+
+def test_targets_are_listed_before_anything_is_written(client: TestClient, root: Path, virtual: VirtualCell) -> None:
+    program = sent(client, "panel.src", krl(virtual, 20))
+    check = ended(client, client.post(f"{cell(client)}/programs/{program}/check", json={}))
+    preview = correct(client, program, dry_run=True)
+    made = correct(client, program)
+    assert [one["state"] for one in (check, preview, made)] == ["done"] * 3
+    state = client.get(f"/api/v1/previews/{check['id']}").json()
+    assert (state["index"]["ready"], state["corrected"], state["positions"]) == (True, False, True)
+    assert state["verdicts"] == {"correct": 20, "refuse": 1}
+    (kind,) = [one for one in state["kinds"] if one["reason"]]
+    assert kind["counts"] == {"refuse": 1}
+    read = client.get(f"/api/v1/previews/{check['id']}/targets").json()["rows"]
+    assert all(one["change"] is None and one["std"] is None and one["after_mm"] is None for one in read)
+    assert [one["before_mm"][0] for one in read[:1]] == [1500.0]
+    correction = client.get(f"{cell(client)}/corrections").json()[0]["id"]
+    for part in ("targets", "targets?verdict=skip", "targets?sort=std&descending=true", "targets?search=:7"):
+        shown, written = (
+            client.get(f"/api/v1/{place}/{part}").json()
+            for place in (f"previews/{preview['id']}", f"corrections/{correction}")
+        )
+        assert shown == written
+        assert shown["rows"]
+    assert client.get(f"/api/v1/previews/{preview['id']}").json()["corrected"]
+    path, other = (
+        client.get(f"/api/v1/{place}/path.bin").content
+        for place in (f"previews/{preview['id']}", f"corrections/{correction}")
+    )
+    assert path == other
+    assert client.get(f"/api/v1/previews/{made['id']}").status_code == 404
+    assert client.get(f"/api/v1/previews/{check['id']}/targets?sort=size").status_code == 422
+    assert not any(path.suffix == ".json" for path in (root / "cell/programs").rglob("*"))
+
+
+def test_a_check_that_runs_again_lists_its_targets_again(client: TestClient, virtual: VirtualCell) -> None:
+    program = sent(client, "panel.src", krl(virtual, 3))
+    first = ended(client, client.post(f"{cell(client)}/programs/{program}/check", json={}))
+    again = ended(client, client.post(f"/api/v1/jobs/{first['id']}/run"))
+    assert again["state"] == "done", again["problem"]
+    assert client.get(f"/api/v1/previews/{again['id']}/targets").json()["total"] == 4
+
+
+def test_old_lists_of_targets_are_removed(client: TestClient, root: Path, virtual: VirtualCell) -> None:
+    program = sent(client, "panel.src", krl(virtual, 3))
+    first = ended(client, client.post(f"{cell(client)}/programs/{program}/check", json={}))
+    (listed,) = (root / ".truepose/previews").iterdir()
+    os.utime(listed, (1e9, 1e9))
+    ended(client, client.post(f"{cell(client)}/programs/{program}/check", json={}))
+    assert not listed.exists()
+    assert client.get(f"/api/v1/previews/{first['id']}").status_code == 404
+
+
+def test_a_list_of_targets_is_only_read_from_the_own_folder(client: TestClient, root: Path) -> None:
+    jobs = client.app.state.jobs  # type: ignore[attr-defined]
+    (root / "cell/other.json").write_text("{}")
+    command = ["check", "none.src", "--targets=other.json"]
+    job = jobs.submit(command, folder=root / "cell", cell="", title="")
+    assert client.get(f"/api/v1/previews/{job.id}").status_code == 404
+    assert client.get("/api/v1/previews/00000001-00000000").status_code == 404
 
 
 def test_a_program_that_was_corrected_before_is_refused_with_the_words_of_the_command_line(
@@ -252,7 +314,7 @@ def options_of(command: str) -> dict[str, Any]:
     return {one.opts[-1].lstrip("-"): one for one in params if one.param_type_name == "option"}
 
 
-ELSEWHERE = {"cell", "config-dat", "out", "in-place", "report", "force", "no-targets", "json", "help"}
+ELSEWHERE = {"cell", "config-dat", "out", "in-place", "report", "targets", "force", "no-targets", "json", "help"}
 """Options that the application states itself, or that write over files."""
 
 

@@ -62,6 +62,12 @@ NoTargets = Annotated[
 ]
 
 
+TargetsPath = Annotated[
+    Path | None,
+    typer.Option("--targets", help="Write every target with its verdict, reason and position (.json)."),
+]
+
+
 class Ambiguous(StrEnum):
     """The policy for a point whose use is ambiguous."""
 
@@ -193,6 +199,7 @@ def check(
     paths: Programs,
     reading: Reading = _READING,
     report: ReportPath = None,
+    targets: TargetsPath = None,
     force: Force = False,
     no_targets: NoTargets = False,
     as_json: Json = False,
@@ -200,14 +207,18 @@ def check(
     """List which targets of programs can be corrected and which cannot, with the reason; needs no map."""
     from truepose.cli.verdicts import say_total, show_backups, show_checked, show_missing, show_options
     from truepose.programs import Coverage, read_programs
+    from truepose.programs.listing import write_checked
     from truepose.programs.used_frames import by_controller, missing_lines
 
-    _allow_report(report, force)
-    with working("Reading the programs", quiet=as_json):
+    _allow_files(report, targets, force)
+    with working("Reading the programs", quiet=as_json) as progress:
         given = reading.frames(reading.cell())
         found = read_programs(paths, given, reading.options(), controllers=reading.controllers or ())
         coverage = Coverage.of_programs(found.programs, found.unreadable)
         _write_report(coverage, report)
+        if targets is not None:
+            progress("Writing the targets")
+            write_checked(targets, found.programs)
         used = [rows for _, _, rows in by_controller(found.programs, found.backups, given)]
     if as_json:
         emit_json(
@@ -228,8 +239,9 @@ def check(
             show_missing(rows)
         show_options(coverage)
         say_total(found.programs, len(found.unreadable))
-        if report is not None:
-            say(f"Wrote {report}")
+        for path in (report, targets):
+            if path is not None:
+                say(f"Wrote {path}")
     if found.unreadable:
         raise unread(found.unreadable)
 
@@ -259,6 +271,7 @@ def correct(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the changes and write nothing.")] = False,
     xlsx: Annotated[bool, typer.Option("--xlsx", help="Write each record as a workbook, too.")] = False,
     report: ReportPath = None,
+    targets: TargetsPath = None,
     force: Force = False,
     no_targets: NoTargets = False,
     as_json: Json = False,
@@ -269,11 +282,12 @@ def correct(
     from truepose.errors import DataError, RefusedError
     from truepose.programs import CorrectedBatch, Coverage, RefusedProgram
     from truepose.programs.batch import check_names, correct_read, read_for
+    from truepose.programs.listing import write_corrected
 
     if in_place and (out is not None or whole):
         raise DataError(f"{'--whole' if whole else '--out'} has no effect with --in-place; give one of them")
     out = out or Path("corrected")
-    _allow_report(report, force)
+    _allow_files(report, targets, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
     with working("Reading the map", quiet=as_json) as progress:
         error_map = load_map(map_path)
@@ -307,7 +321,9 @@ def correct(
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
         refusals = [one.reason for one in batch.refused]
         _write_report(Coverage.of_outcomes([one.targets for one in corrected], refusals), report)
-        written += [] if report is None else [report]
+        if targets is not None:
+            write_corrected(targets, corrected)
+        written += [path for path in (report, targets) if path is not None]
     if as_json:
         backups = [backup.to_dict() for backup in found.backups]
         emit_json({"written": written, "backups": backups, **batch.to_dict(targets=not no_targets)})
@@ -318,15 +334,13 @@ def correct(
         raise RefusedError(_refusals(batch))
 
 
-def _allow_report(report: Path | None, force: bool) -> None:
-    """Refuse a report early that must not be written."""
-    if report is None:
-        overwrite(force)
-        return
-    from truepose.report.coverage import check_path
+def _allow_files(report: Path | None, targets: Path | None, force: bool) -> None:
+    """Refuse a report or a list of targets early that must not be written."""
+    if report is not None:
+        from truepose.report.coverage import check_path
 
-    check_path(report)
-    overwrite(force, report)
+        check_path(report)
+    overwrite(force, *(path for path in (report, targets) if path is not None))
 
 
 def _write_report(coverage: Coverage, report: Path | None) -> None:

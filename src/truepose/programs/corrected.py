@@ -23,7 +23,7 @@ from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
-from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, TARGETS, head_csv, rows
+from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, json_pieces, rows
 from truepose.programs.whole import Change, CorrectedFiles
 
 
@@ -134,15 +134,14 @@ class CorrectedProgram:
 
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
         """Write both records, some thousand targets at a time; the JSON has one line per target."""
-        head = json.dumps(self.head(), indent=1, ensure_ascii=False)
-        json_file.write(_encoded(head.removesuffix("\n}") + f",\n{TARGETS}\n"))
-        csv_file.write(_encoded(head_csv(self.targets)))
-        between = ""
-        for lines, cells in rows(self.targets, self.continuity):
-            json_file.write(_encoded(between + ",\n".join(lines)))
-            csv_file.write(_encoded("".join(cells)))
-            between = ",\n"
-        json_file.write(b"\n ]\n}\n")
+        csv_file.write(encoded(head_csv(self.targets)))
+
+        def lines() -> Iterator[list[str]]:
+            for some, cells in rows(self.targets, self.continuity):
+                csv_file.write(encoded("".join(cells)))
+                yield some
+
+        json_file.writelines(json_pieces(self.head(), lines()))
 
     def to_csv(self) -> str:
         """Return the targets as CSV, units in the names."""
@@ -318,7 +317,3 @@ def _by_backup(corrected: Sequence[CorrectedProgram], out_dir: Path) -> Iterator
 
 def _whole_content(one: CorrectedProgram, source: Source) -> bytes:
     return b"".join(one.content(source))
-
-
-def _encoded(text: str) -> bytes:
-    return text.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, Final, TextIO
@@ -63,14 +63,35 @@ def _joint_columns(outcomes: Outcomes) -> list[str]:
     return [*(f"joint{i}{when}" for when in ("", "_after") for i in range(1, MOST_JOINTS + 1)), "remaining_mm"]
 
 
-def rows(outcomes: Outcomes, continuity: Continuity) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield some thousand targets at a time, each as a line of JSON and a line of CSV."""
+def json_pieces(head: dict[str, Any], lines: Iterable[list[str]]) -> Iterator[bytes]:
+    """Yield a head and targets as JSON with one line per target, some thousand targets at a time."""
+    text = json.dumps(head, indent=1, ensure_ascii=False)
+    yield encoded(text.removesuffix("\n}") + f",\n{TARGETS}\n")
+    between = ""
+    for some in lines:
+        yield encoded(between + ",\n".join(some))
+        between = ",\n"
+    yield b"\n ]\n}\n"
+
+
+def encoded(text: str) -> bytes:
+    """Return a text as UTF-8; names of files may hold bytes that are no text."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+def rows(
+    outcomes: Outcomes, continuity: Continuity, *, corrected: bool = True
+) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield some thousand targets at a time, each as a line of JSON and a line of CSV.
+
+    `corrected`: whether the corrections are known; otherwise the targets have no numbers after the correction.
+    """
     done, path = outcomes, continuity
     k = done.after.shape[1]
     for first, columns in done.program.targets.chunks():
         here = slice(first, first + len(columns))
         before = columns.values[:, :k]
-        after = np.where(np.isnan(done.after[here]), before, done.after[here])
+        after = np.where(np.isnan(done.after[here]), before if corrected else np.nan, done.after[here])
         size = np.linalg.norm(done.std[here], axis=1)[:, None]
         differs = np.full(len(columns), np.nan)
         if done.differences:

@@ -17,6 +17,7 @@ from truepose.web.corrections import routes as corrections
 from truepose.web.maps import routes as maps
 from truepose.web.measure import routes as measure
 from truepose.web.meshes import routes as meshes
+from truepose.web.programs import previews
 from truepose.web.programs import routes as programs
 from truepose.web.security import Guard
 from truepose.web.workspace import Workspace
@@ -65,6 +66,7 @@ def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1, ready: b
         measure,
         maps,
         programs,
+        previews,
         corrections,
         verifications,
         reports,

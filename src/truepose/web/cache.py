@@ -13,6 +13,7 @@ from typing import Any, Final
 from truepose import __version__
 from truepose._io.files import write_atomic
 from truepose._io.plain import plain
+from truepose.web.kept import remove_old
 from truepose.web.workspace import Workspace
 
 _LARGEST: Final = 512 << 20
@@ -48,7 +49,7 @@ class ResultCache:
             with contextlib.suppress(OSError, ValueError):  # a full disk keeps nobody from the result
                 self._folder.mkdir(parents=True, exist_ok=True)
                 write_atomic(path, made)
-                self._tidy()
+                remove_old(self._folder, largest=_LARGEST)
             return made
 
     def json(self, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
@@ -71,12 +72,3 @@ class ResultCache:
     def _lock(self, name: str) -> threading.Lock:
         with self._guard:
             return self._locks.setdefault(name, threading.Lock())
-
-    def _tidy(self) -> None:
-        """Remove the oldest results beyond the largest size."""
-        files = sorted(((path.stat(), path) for path in self._folder.iterdir()), key=lambda one: -one[0].st_mtime_ns)
-        total = 0
-        for status, path in files:
-            total += status.st_size
-            if total > _LARGEST:
-                path.unlink(missing_ok=True)

@@ -63,6 +63,12 @@ class Continuity:
     slope: float
     smoothed: Mapping[int, float] = field(default_factory=dict)
 
+    @classmethod
+    def unknown(cls, n: int) -> Continuity:
+        """Return the changes of `n` targets whose corrections are not known."""
+        none = np.full(n, np.nan)
+        return cls(none, none, none, np.nan, np.nan)
+
     def summary(self) -> dict[str, Any]:
         """Return the largest changes, None where there is no path, and the number of smoothed targets."""
         largest = {

@@ -21,8 +21,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from fastapi import FastAPI
+
 from truepose.errors import TrueposeError
-from truepose.programs.record import head_of
+from truepose.programs.record import FORMAT, head_of
 from truepose.web.corrections.columns import Progress, write_columns
 from truepose.web.corrections.differences import Difference, find_pairs, write_differences
 from truepose.web.corrections.table import SUMMARY, TargetTable
@@ -30,7 +32,7 @@ from truepose.web.problems import WebError, missing
 
 SMALL: Final = 8 << 20
 """The largest size in bytes of a record that the server indexes itself."""
-_FORMAT: Final = "1"
+_FORMAT: Final = "2"
 _HEAD: Final = 1 << 16
 _KEPT_OPEN, _KEPT = 4, 40
 _PERIOD_S: Final = 0.3
@@ -49,7 +51,10 @@ def write_index(record: Path, cell: Path, folder: Path, progress: Progress = lam
     draft.mkdir(parents=True)
     try:
         summary = write_columns(record, draft, progress)
-        summary["files"] = write_differences(find_pairs(record, head_of(record)["files"], cell), draft)
+        head = head_of(record)
+        summary["corrected"] = head.get("corrected", True)
+        pairs = find_pairs(record, head["files"], cell) if head.get("format") == FORMAT else []
+        summary["files"] = write_differences(pairs, draft)
         (draft / SUMMARY).write_text(json.dumps(summary), encoding="ascii")
         if not folder.exists():
             draft.rename(folder)
@@ -94,6 +99,15 @@ class CorrectionIndexes:
         self._building: dict[str, _Building] = {}
         self._open: OrderedDict[str, TargetTable] = OrderedDict()
         self._lock = threading.Lock()
+
+    @classmethod
+    def of(cls, app: FastAPI) -> CorrectionIndexes:
+        """Return the indexes of an application's workspace."""
+        state = app.state
+        if not hasattr(state, "correction_indexes"):
+            state.correction_indexes = cls(state.workspace.own / "cache" / "corrections")
+        found: CorrectionIndexes = state.correction_indexes
+        return found
 
     def state(self, record: Path, cell: Path) -> Progressed:
         """Return how far the index of a record is; begin it where there is none.

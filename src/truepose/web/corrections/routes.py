@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
-import numpy as np
 from fastapi import APIRouter, Depends, Query, Request
 from pydantic import BaseModel
 from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
@@ -15,15 +13,23 @@ from truepose.programs.coverage import Coverage
 from truepose.report.coverage import document
 from truepose.report.page import to_html
 from truepose.web.corrections import stored
-from truepose.web.corrections.columns import VERDICTS
+from truepose.web.corrections.answers import (
+    MOST_ROWS,
+    IndexState,
+    Kind,
+    MostPoints,
+    TargetPage,
+    TargetQuery,
+    json_answer,
+    path_answer,
+)
 from truepose.web.corrections.index import CorrectionIndexes
 from truepose.web.corrections.stored import CorrectionFinder, StoredCorrection
-from truepose.web.corrections.table import TargetTable, View
+from truepose.web.corrections.table import TargetTable
 from truepose.web.problems import missing
-from truepose.web.workspace import InCell, InWorkspace, Workspace
+from truepose.web.workspace import InCell, InWorkspace
 
 router = APIRouter(tags=["corrections"])
-_MOST_ROWS: Final = 1000
 _NO_SCRIPTS: Final = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; frame-ancestors 'self'"
 )
@@ -66,17 +72,6 @@ class CorrectionEntry(BaseModel):
         )
 
 
-class Kind(BaseModel):
-    """A kind of reason, with what would allow its targets."""
-
-    kind: int
-    reason: str
-    example: str
-    option: str
-    assumption: str
-    counts: dict[str, int]
-
-
 class CorrectedFile(BaseModel):
     """A file of a correction, and the size of its difference."""
 
@@ -86,14 +81,6 @@ class CorrectedFile(BaseModel):
     rows: int
     found: bool
     """Whether both versions are in the cell's folder, unchanged."""
-
-
-class IndexState(BaseModel):
-    """How far the targets are indexed."""
-
-    ready: bool
-    done: int
-    total: int
 
 
 class CorrectionDetail(CorrectionEntry):
@@ -109,45 +96,6 @@ class CorrectionDetail(CorrectionEntry):
     coverage: dict[str, Any] | None
     files: list[CorrectedFile]
     box: list[list[float]] | None
-
-
-class TargetRow(BaseModel):
-    """A target of a correction; positions before and after in its own frame, and in the base frame."""
-
-    row: int
-    name: str
-    file: str
-    line: int
-    motion: str
-    frame: str
-    tool: str
-    verdict: str
-    reason: str
-    note: str
-    remedy: str
-    assumption: str
-    change: float | None
-    std: float | None
-    error: float | None
-    bend_mm: float | None
-    turn_deg: float | None
-    spacing_mm: float | None
-    difference_mm: float | None
-    remaining_mm: float | None
-    before_mm: list[float | None] | None
-    after_mm: list[float | None] | None
-    base_mm: list[float | None] | None
-    base_after_mm: list[float | None] | None
-
-
-class TargetPage(BaseModel):
-    """Some rows of the table of targets."""
-
-    total: int
-    offset: int
-    rows: list[TargetRow]
-    place: int | None = None
-    """Where the row that was asked for stands in the view."""
 
 
 class DifferenceRow(BaseModel):
@@ -169,21 +117,16 @@ class DifferencePage(BaseModel):
     rows: list[DifferenceRow]
 
 
-def _indexes(request: Request) -> CorrectionIndexes:
-    state = request.app.state
-    if not hasattr(state, "correction_indexes"):
-        workspace: Workspace = state.workspace
-        state.correction_indexes = CorrectionIndexes(workspace.own / "cache" / "corrections")
-    found: CorrectionIndexes = state.correction_indexes
-    return found
-
-
 def _correction(request: Request, id: str) -> StoredCorrection:  # noqa: A002 - the name in the address
     state = request.app.state
     if not hasattr(state, "corrections"):
         state.corrections = CorrectionFinder(state.workspace)
     finder: CorrectionFinder = state.corrections
     return finder.find(id)
+
+
+def _indexes(request: Request) -> CorrectionIndexes:
+    return CorrectionIndexes.of(request.app)
 
 
 Indexes = Annotated[CorrectionIndexes, Depends(_indexes)]
@@ -224,33 +167,16 @@ def correction_detail(correction: Correction, indexes: Indexes) -> CorrectionDet
     )
 
 
-Sort = Literal["", "name", "line", "verdict", "change", "std", "error", "reason"]
-
-
 @router.get("/corrections/{id}/targets", response_model=TargetPage)
-def targets(
-    table: Table,
-    offset: Annotated[int, Query(ge=0)] = 0,
-    limit: Annotated[int, Query(ge=1, le=_MOST_ROWS)] = 200,
-    sort: Sort = "",
-    descending: bool = False,
-    verdict: Annotated[list[str] | None, Query(max_length=len(VERDICTS))] = None,
-    kind: Annotated[int | None, Query(ge=0)] = None,
-    search: Annotated[str, Query(max_length=200)] = "",
-    row: Annotated[int | None, Query(ge=0)] = None,
-) -> Response:
+def targets(table: Table, asked: Annotated[TargetQuery, Depends()]) -> Response:
     """Return some targets of a correction, sorted and filtered; with `row` also where that target stands."""
-    shown = tuple(sorted(one for one in verdict or () if one in VERDICTS))
-    rows = table.rows(View(sort, descending, shown, kind, search.strip()))
-    place = next(iter(np.flatnonzero(rows == row).tolist()), None) if row is not None else None
-    page = table.page(rows[offset : offset + limit])
-    return _json({"total": len(rows), "offset": offset, "rows": page, "place": place})
+    return asked.answer(table)
 
 
 @router.get("/corrections/{id}/path.bin", response_class=Response)
-def correction_path(table: Table, most: Annotated[int, Query(ge=2, le=1_000_000)] = 20_000) -> Response:
+def correction_path(table: Table, most: MostPoints = 20_000) -> Response:
     """Return the path in the base frame: positions before, corrections, rows and verdicts; see `TargetTable.path`."""
-    return Response(table.path(most), media_type="application/octet-stream")
+    return path_answer(table, most)
 
 
 @router.get("/corrections/{id}/diff", response_model=DifferencePage)
@@ -259,7 +185,7 @@ def correction_diff(
     indexes: Indexes,
     file: Annotated[int, Query(ge=0)] = 0,
     offset: Annotated[int, Query(ge=0)] = 0,
-    limit: Annotated[int, Query(ge=1, le=_MOST_ROWS)] = 200,
+    limit: Annotated[int, Query(ge=1, le=MOST_ROWS)] = 200,
     line: Annotated[int | None, Query(ge=1)] = None,
 ) -> Response:
     """Return some rows of the difference of a file; with `line` from the rows that show that line."""
@@ -267,7 +193,7 @@ def correction_diff(
     entry = indexes.table(correction.record, correction.cell.folder).summary["files"][file]
     first = offset if line is None else max(0, difference.row_of(line) - 4)
     known = {"file": entry["file"], "total": entry["rows"], "changed": entry["changed"], "lines": entry["lines"]}
-    return _json({**known, "offset": first, "rows": difference.page(first, limit)})
+    return json_answer({**known, "offset": first, "rows": difference.page(first, limit)})
 
 
 @router.get("/corrections/{id}/files.zip", response_class=StreamingResponse)
@@ -307,12 +233,6 @@ def correction_coverage(
         return Response(coverage.to_csv(), media_type="text/csv; charset=utf-8", headers=headers)
     headers |= {"Content-Security-Policy": _NO_SCRIPTS, "X-Frame-Options": "SAMEORIGIN"}
     return HTMLResponse(to_html(document(coverage)), headers=headers)
-
-
-def _json(page: dict[str, Any]) -> Response:
-    """Return a page of very many rows, whose values need no check."""
-    text = json.dumps(page, ensure_ascii=False, allow_nan=False).encode("utf-8", "backslashreplace")
-    return Response(text, media_type="application/json")
 
 
 def _attached(name: str) -> dict[str, str]:

@@ -12,6 +12,7 @@ from truepose.jobs import Job
 from truepose.web.multipart import FORM, received
 from truepose.web.programs import commands, stored
 from truepose.web.programs.commands import CorrectionOptions, ReadingOptions
+from truepose.web.programs.previews import preview_words
 from truepose.web.programs.stored import StoredProgram
 from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace
 
@@ -85,10 +86,10 @@ class CorrectionRequest(BaseModel):
 
 
 @router.post("/cells/{cell}/programs/{id}/check", status_code=202)
-def check_program(cell: InCell, jobs: InJobs, id: str, wanted: CheckRequest) -> Job:  # noqa: A002 - as in the address
+def check_program(cell: InCell, workspace: InWorkspace, jobs: InJobs, id: str, wanted: CheckRequest) -> Job:  # noqa: A002 - as in the address
     """Begin to list which targets of an upload can be corrected; needs no map."""
     program = stored.stored_program(cell, id)
-    command = commands.check_command(cell, program, wanted.options)
+    command = [*commands.check_command(cell, program, wanted.options), *preview_words(workspace, cell)]
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Check {program.name}")
 
 
@@ -98,4 +99,6 @@ def correct_program(cell: InCell, workspace: InWorkspace, jobs: InJobs, wanted: 
     program = stored.stored_program(cell, wanted.program)
     _, file, _ = workspace.map(wanted.map)
     command = commands.correct_command(cell, program, file.path, wanted.name, wanted.options)
+    if wanted.options.dry_run:
+        command += preview_words(workspace, cell)
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Correct {program.name}")
