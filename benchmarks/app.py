@@ -8,20 +8,18 @@ from __future__ import annotations
 import os
 import re
 import statistics
-import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import httpx2
-from tests.browser.opening import PAGES, Browser, Opened, Server, chromium_path
+from tests.browser.opening import PAGES, Browser, Opened, Server
 
-from benchmarks.harness import cpu, version_of
-from truepose.studies.demo import run_demo
+from benchmarks.harness import version_of
+from benchmarks.pages import Row, browser_with_virtual_cell, heap_mb, write_table
 from truepose.web.pages import STATIC
 
 PAGE: Final = "app"
@@ -49,44 +47,18 @@ _LOADED: Final = """() => {
 }"""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A measured figure, and what is wanted."""
-
-    what: str
-    found: str
-    wanted: str = ""
-
-    def __str__(self) -> str:
-        return f"| {self.what} | {self.found} | {self.wanted} |"
-
-
 def report(path: Path | None, *, quick: bool) -> None:
     """Measure, print, and write the page if it is wanted."""
-    if (chromium := chromium_path()) is None or not (STATIC / "index.html").is_file():
-        print("skipped: needs chromium, and the pages ('make frontend')")
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Path(folder)
-        run_demo(workspace / "virtual-cell", progress=lambda _: None)
-        with Server.started(workspace) as server, Browser.launched(chromium) as browser:
-            lines = [_head(browser)]
-            print(lines[0])
-            for row in _rows(browser, server, quick):
-                lines.append(f"{row}\n")
-                print(row, flush=True)
-    if path is not None:
-        path.write_text("".join(lines), "utf-8")
-
-
-def _head(browser: Browser) -> str:
-    versions = ", ".join(f"{name} {version_of(name)}" for name in PACKAGES)
-    return (
-        "# The application\n\nA real browser without graphics hardware, the server in a process of its own on the same "
-        f"machine, a workspace with one virtual cell. {cpu()}; {os.cpu_count()} processors; chromium "
-        f"{browser.version}; {versions}. Made by `python -m benchmarks app --write`.\n\n"
-        "| what | measured | wanted |\n|---|---|---|\n"
-    )
+    with browser_with_virtual_cell() as opened:
+        if opened is None:
+            return
+        browser, server = opened
+        versions = ", ".join(f"{name} {version_of(name)}" for name in PACKAGES)
+        how = (
+            "A real browser without graphics hardware, the server in a process of its own on the same machine, a "
+            f"workspace with one virtual cell. chromium {browser.version}, {versions}."
+        )
+        write_table(path, "The application", how, "app", _rows(browser, server, quick))
 
 
 def _rows(browser: Browser, server: Server, quick: bool) -> Iterator[Row]:
@@ -167,16 +139,11 @@ def _soak(browser: Browser, server: Server, minutes: float) -> Iterator[Row]:
                 app.page.wait_for_timeout(100)
             turns += 1
             if not first and gone > 6 * minutes:
-                first, heap = server.memory_mb(), _heap(app)
-        grown, heap_grown = server.memory_mb() - first, _heap(app) - heap
+                first, heap = server.memory_mb(), heap_mb(app)
+        grown, heap_grown = server.memory_mb() - first, heap_mb(app) - heap
     yield Row(f"memory of the server after {minutes:g} minutes ({turns} turns)", f"{server.memory_mb():.0f} MB")
     yield Row("its growth since a tenth of that time", f"{grown:+.1f} MB", "5 MB")
     yield Row("growth of the page's JavaScript memory", f"{heap_grown:+.1f} MB")
-
-
-def _heap(app: Opened) -> float:
-    app.page.request_gc()
-    return float(app.page.evaluate("() => performance.memory.usedJSHeapSize / 1e6"))
 
 
 @contextmanager

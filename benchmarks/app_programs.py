@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import os
-import re
 import statistics
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
 
 import httpx2
 import numpy as np
-from tests.browser.opening import Server
+from tests.browser.opening import Browser, Server, chromium_path
 
-from benchmarks.harness import cpu
+from benchmarks.pages import Row, heap_mb, memory_mb, write_table
 from truepose.programs import FrameTable, correct_program
 from truepose.simulation import VirtualCell
+from truepose.web.pages import STATIC
 
 PAGE: Final = "app-programs"
+_PLACES: Final = 50
+_SCROLL: Final = """async (places) => {
+  const table = document.querySelector('[role=columnheader]').closest('.scroll')
+  for (let k = 0; k < places; k++) {
+    table.scrollTop = table.scrollHeight * ((k * 0.6180339887) % 1)
+    await new Promise((done) => setTimeout(done, 100))
+  }
+}"""
 _VIEWS: Final[dict[str, dict[str, Any]]] = {
     "in the order of the program": {},
     "sorted by the change": {"sort": "change", "descending": True},
@@ -51,23 +60,14 @@ class _Map:
 def report(path: Path | None, *, quick: bool) -> None:
     """Measure, print, and write the page if it is wanted."""
     n = 20_000 if quick else 1_000_000
-    head = (
-        f"# The page of programs with {n:,} targets\n\nThe server in a process of its own on the same machine; answers "
-        f"as a client gets them. {cpu()}; {os.cpu_count()} processors. Made by `python -m benchmarks app_programs "
-        "--write`.\n\n| what | measured | wanted |\n|---|---|---|\n"
-    )
-    lines = [head]
-    print(lines[0], end="")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["TRUEPOSE_STATE"] = folder  # what is corrected here is not remembered
         workspace = Path(folder) / "work"
         _correct(workspace / "cell", n)
+        how = "The server in a process of its own on the same machine; answers as a client gets them."
         with Server.started(workspace) as server:
-            for what, found, wanted in _rows(server, 5 if quick else 20):
-                lines.append(f"| {what} | {found} | {wanted} |\n")
-                print(lines[-1], end="", flush=True)
-    if path is not None:
-        path.write_text("".join(lines), "utf-8")
+            rows = chain(_rows(server, 5 if quick else 20), _in_browser(server))
+            write_table(path, f"The page of programs with {n:,} targets", how, "app_programs", rows)
 
 
 def _correct(cell: Path, n: int) -> None:
@@ -90,43 +90,64 @@ def _correct(cell: Path, n: int) -> None:
         os.chdir(before)
 
 
-def _rows(server: Server, repeats: int) -> Iterator[tuple[str, str, str]]:
+def _rows(server: Server, repeats: int) -> Iterator[Row]:
     with httpx2.Client(base_url=server.origin, timeout=600) as client:
         client.get(server.start_url)
         cell = client.get("/api/v1/cells").json()[0]["id"]
         begin = time.perf_counter()
         (one,) = client.get(f"/api/v1/cells/{cell}/corrections").json()
-        yield "list of corrections", f"{1000 * (time.perf_counter() - begin):.0f} ms", "100 ms"
-        yield "size of the record", f"{one['size'] / 1e6:,.0f} MB", ""
+        yield Row("list of corrections", f"{1000 * (time.perf_counter() - begin):.0f} ms", "100 ms")
+        yield Row("size of the record", f"{one['size'] / 1e6:,.0f} MB")
         address = f"/api/v1/corrections/{one['id']}"
         begin, peak = time.perf_counter(), 0.0
         while not client.get(address).json()["index"]["ready"]:
             peak = max(peak, _children_mb(server.process.pid))
             time.sleep(0.2)
-        yield "index, once, in a process of its own", f"{time.perf_counter() - begin:.1f} s", ""
-        yield "its memory", f"{peak:.0f} MB", ""
+        yield Row("index, once, in a process of its own", f"{time.perf_counter() - begin:.1f} s")
+        yield Row("its memory", f"{peak:.0f} MB")
         for what, view in _VIEWS.items():
             first, times = _page(client, address, view, repeats)
-            yield f"200 rows, {what}: first, then p95", f"{first:.0f} ms, {times:.0f} ms", "100 ms"
+            yield Row(f"200 rows, {what}: first, then p95", f"{first:.0f} ms, {times:.0f} ms", "100 ms")
         total = client.get(f"{address}/diff").json()["total"]
         rng = np.random.default_rng(1)
         taken = [
             _ms(client, f"{address}/diff", {"offset": int(at), "limit": 200}) for at in rng.integers(0, total, repeats)
         ]
-        yield (
+        yield Row(
             f"200 of {total:,} rows of the difference, p95",
             f"{statistics.quantiles(taken, n=20)[-1]:.0f} ms",
             "100 ms",
         )
         taken = [_ms(client, f"{address}/path.bin", {}) for _ in range(3)]
-        yield "path with 20,000 points", f"{statistics.median(taken):.0f} ms", ""
+        yield Row("path with 20,000 points", f"{statistics.median(taken):.0f} ms")
         begin, size = time.perf_counter(), 0
         with client.stream("GET", f"{address}/files.zip") as answer:
             for piece in answer.iter_raw():
                 size += len(piece)
-        yield "files and record as a .zip", f"{time.perf_counter() - begin:.1f} s, {size / 1e6:.0f} MB", ""
-        yield "memory of the server at the end", f"{server.memory_mb():.0f} MB", "600 MB"
-        yield "its peak", f"{_peak_mb(server.process.pid):.0f} MB", "600 MB"
+        yield Row("files and record as a .zip", f"{time.perf_counter() - begin:.1f} s, {size / 1e6:.0f} MB")
+        yield Row("memory of the server at the end", f"{server.memory_mb():.0f} MB", "600 MB")
+        yield Row("its peak", f"{memory_mb(server.process.pid, 'VmHWM'):.0f} MB", "600 MB")
+
+
+def _in_browser(server: Server) -> Iterator[Row]:
+    """Use the page of the correction: scroll, sort, filter, look at differences; then its memory."""
+    if (chromium := chromium_path()) is None or not (STATIC / "index.html").is_file():
+        print("the browser's memory is not measured: needs chromium, and the pages ('make frontend')")
+        return
+    with Browser.launched(chromium) as browser, browser.opened(server) as app:
+        app.go("programs")
+        app.page.locator("a[href*='/correction/']").first.click()
+        app.ready()
+        app.page.locator("[role=row][aria-rowindex='2']").wait_for()
+        before = heap_mb(app)
+        for header in range(3):  # each in both directions
+            for _ in range(2):
+                app.page.locator("[role=columnheader] button").nth(header).click()
+                app.page.evaluate(_SCROLL, _PLACES)
+        yield Row("JavaScript memory of the page with the table and the path", f"{before:.0f} MB", "300 MB")
+        yield Row(f"the same, after {6 * _PLACES} places in six orders", f"{heap_mb(app):.0f} MB", "300 MB")
+        whole = max(memory_mb(pid) for pid in browser.processes("renderer"))
+        yield Row("memory of the page's process, with the code of chromium itself", f"{whole:.0f} MB")
 
 
 def _page(client: httpx2.Client, address: str, view: dict[str, Any], repeats: int) -> tuple[float, float]:
@@ -149,18 +170,5 @@ def _children_mb(pid: int) -> float:
     found = [0.0]
     for task in Path(f"/proc/{pid}/task").iterdir():
         children = task / "children"
-        found += [_status_mb(int(child), "VmRSS") for child in children.read_text("ascii").split()]
+        found += [memory_mb(int(child)) for child in children.read_text("ascii").split()]
     return max(found)
-
-
-def _peak_mb(pid: int) -> float:
-    return _status_mb(pid, "VmHWM")
-
-
-def _status_mb(pid: int, what: str) -> float:
-    try:
-        text = Path(f"/proc/{pid}/status").read_text("ascii")
-    except OSError:
-        return 0.0
-    found = re.search(rf"{what}:\s+(\d+) kB", text)
-    return int(found[1]) / 1024 if found else 0.0

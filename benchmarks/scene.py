@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import statistics
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from tests.browser.opening import Browser, Opened, Server, chromium_path
+from tests.browser.opening import Opened
 
-from benchmarks.app import Row
-from benchmarks.harness import cpu
-from truepose.studies.demo import run_demo
-from truepose.web.pages import STATIC
+from benchmarks.pages import Row, browser_with_virtual_cell, write_table
 
-PAGE: Final = "benchmarks-scene"
+PAGE: Final = "app-scene"
 _FILL: Final = """async (n) => {
   const scene = document.querySelector('.scene-host').scene
   const rows = new Float32Array(7 * n)
@@ -51,33 +46,20 @@ _SET: Final = "how => document.querySelector('.scene-host').scene.setReduced(how
 
 def report(path: Path | None, *, quick: bool) -> None:
     """Measure, print, and write the page if it is wanted."""
-    if (chromium := chromium_path()) is None or not (STATIC / "index.html").is_file():
-        print("skipped: needs chromium, and the pages ('make frontend')")
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Path(folder)
-        run_demo(workspace / "virtual-cell", progress=lambda _: None)
-        with Server.started(workspace) as server, Browser.launched(chromium) as browser:
-            lines = [_head(browser)]
-            print(lines[0])
-            with browser.opened(server) as app:
-                app.go("map")
-                app.page.wait_for_selector(".scene-host canvas")
-                app.page.wait_for_timeout(2000)
-                for row in _rows(app, 1_000 if quick else 100_000, 3 if quick else 9):
-                    lines.append(f"{row}\n")
-                    print(row, flush=True)
-    if path is not None:
-        path.write_text("".join(lines), "utf-8")
-
-
-def _head(browser: Browser) -> str:
-    return (
-        f"# The 3-D view\n\nThe page of maps in chromium {browser.version} without graphics hardware: the processor "
-        "draws (SwiftShader), so that times of whole frames are not those of a graphics card. "
-        f"{cpu()}; {os.cpu_count()} processors. Made by `python -m benchmarks scene --write`.\n\n"
-        "| what | measured | wanted |\n|---|---|---|\n"
-    )
+    with browser_with_virtual_cell() as opened:
+        if opened is None:
+            return
+        browser, server = opened
+        how = (
+            f"The page of maps in chromium {browser.version} without graphics hardware: the processor draws "
+            "(SwiftShader), so that times of whole frames are not those of a graphics card."
+        )
+        with browser.opened(server) as app:
+            app.go("map")
+            app.page.wait_for_selector(".scene-host canvas")
+            app.page.wait_for_timeout(2000)
+            rows = _rows(app, 1_000 if quick else 100_000, 3 if quick else 9)
+            write_table(path, "The 3-D view", how, "scene", rows)
 
 
 def _rows(app: Opened, n: int, repeats: int) -> Iterator[Row]:

@@ -176,6 +176,11 @@ class Browser:
         """The version of the browser."""
         return str(self._running.version)
 
+    def processes(self, kind: str) -> list[int]:
+        """Return the numbers of the browser's processes of a kind, such as ``renderer``."""
+        told = self._running.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
+        return [one["id"] for one in told["processInfo"] if one["type"] == kind]
+
     @contextmanager
     def opened(
         self,
