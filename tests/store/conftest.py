@@ -6,10 +6,13 @@ one. ``TRUEPOSE_STORE_TESTS=require`` makes it a failure that there is neither.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -30,15 +33,27 @@ def postgres(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sa.URL]:
         yield sa.make_url(given).set(drivername="postgresql+psycopg")
         return
     try:
-        import pgserver
+        import pgserver  # noqa: F401
         import psycopg  # noqa: F401
     except ImportError as error:
         missing(f"no {error.name}: pip install pgserver 'truepose[postgres]', or set TRUEPOSE_POSTGRES_URL")
-    server = pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
+    server = started(tmp_path_factory.mktemp("postgres"))
+    server.psql("ALTER SYSTEM SET fsync = off")  # the server itself is never killed here
+    server.psql("SELECT pg_reload_conf()")
     try:
         yield sa.make_url(server.get_uri()).set(drivername="postgresql+psycopg")
     finally:
         server.cleanup()
+
+
+def started(folder: Path) -> Any:
+    """Start a server; it waits 10 s only, which a busy machine may exceed."""
+    import pgserver
+
+    for _ in range(10):
+        with contextlib.suppress(subprocess.SubprocessError):
+            return pgserver.get_server(folder, cleanup_mode="delete")
+    return pgserver.get_server(folder, cleanup_mode="delete")
 
 
 def missing(why: str) -> None:
@@ -48,23 +63,42 @@ def missing(why: str) -> None:
     pytest.skip(why)
 
 
-@pytest.fixture
-def database(postgres: sa.URL) -> Iterator[Callable[[], str]]:
+class Databases:
+    """Databases of a server that tests make and that are dropped at the end."""
+
+    def __init__(self, server: sa.URL) -> None:
+        self.server, self.ready = server, ""
+        self._admin = sa.create_engine(server, isolation_level="AUTOCOMMIT")
+        self._made: list[str] = []
+
+    def __call__(self, template: str = "template1") -> str:
+        """Make a database and return its address."""
+        self._made.append(f"truepose_{os.getpid()}_{next(_NUMBERS)}")
+        with self._admin.connect() as connection:
+            connection.exec_driver_sql(f"CREATE DATABASE {self._made[-1]} TEMPLATE {template}")
+        return self.server.set(database=self._made[-1]).render_as_string(hide_password=False)
+
+    def with_store(self) -> str:
+        """Make a database with a new, empty store and return its address."""
+        if not self.ready:
+            Store.open(self(), create=True).close()
+            self.ready = self._made[-1]
+        return self(self.ready)
+
+    def drop(self) -> None:
+        """Drop all."""
+        with self._admin.connect() as connection:
+            for name in self._made:
+                connection.exec_driver_sql(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
+        self._admin.dispose()
+
+
+@pytest.fixture(scope="session")
+def database(postgres: sa.URL) -> Iterator[Databases]:
     """Return a function that makes an empty database of the server and returns its address."""
-    admin = sa.create_engine(postgres, isolation_level="AUTOCOMMIT")
-    made: list[str] = []
-
-    def make() -> str:
-        made.append(f"truepose_{os.getpid()}_{next(_NUMBERS)}")
-        with admin.connect() as connection:
-            connection.exec_driver_sql(f"CREATE DATABASE {made[-1]}")
-        return postgres.set(database=made[-1]).render_as_string(hide_password=False)
-
-    yield make
-    with admin.connect() as connection:
-        for name in made:
-            connection.exec_driver_sql(f"DROP DATABASE {name} WITH (FORCE)")
-    admin.dispose()
+    made = Databases(postgres)
+    yield made
+    made.drop()
 
 
 @pytest.fixture(params=ENGINES)
@@ -78,6 +112,8 @@ def new_address(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], 
 @pytest.fixture
 def address(new_address: Callable[[], str]) -> str:
     """The address of a new, empty store on each engine in turn."""
+    if isinstance(new_address, Databases):
+        return new_address.with_store()
     made = new_address()
     Store.open(made, create=True).close()
     return made

@@ -5,7 +5,7 @@ which sorts as text, and ``figures``, ``options`` and ``payload`` are JSON. Rows
 of one has an entry in ``audit`` with the SHA-256 of the row; see `truepose.store.audit`.
 
 A column may say in its ``info`` how it is audited: a ``secret`` column counts in the SHA-256, but its value is not
-written to the entry; a column that is not ``audited`` may change without an entry.
+written to the entry; a column that is not ``audited`` may change without an entry. A ``json`` column holds JSON.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ ROLES: Final = ("read", "measure", "program", "release", "admin")
 JOB_STATES: Final = ("waiting", "running", "done", "failed", "cancelled")
 SECRET: Final = {"secret": True}
 UNAUDITED: Final = {"audited": False}
+JSON: Final = {"json": True}
 
 _INTEGER: Final = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
 _SHA: Final = sa.String(64)
@@ -143,7 +144,7 @@ campaign = _table(
     _of("cell"),
     _name(),
     sa.Column("key", _NAME, nullable=False),
-    _text("figures"),
+    _text("figures", info=JSON),
     _time(),
     _name("made_by"),
 )
@@ -168,7 +169,7 @@ map = _table(  # noqa: A001 - the name of the table
     _name(),
     _blob(),
     _text("predictor"),
-    _text("figures"),
+    _text("figures", info=JSON),
     sa.Column("state", sa.String(16), nullable=False),
     _time(),
     _name("made_by"),
@@ -194,7 +195,7 @@ correction = _table(
     _id(),
     _of("program"),
     _of("map"),
-    _text("options"),
+    _text("options", info=JSON),
     _blob("output_sha256"),
     _blob("record_sha256"),
     _whole("targets"),
@@ -215,7 +216,7 @@ verification = _table(
     _of("reading_set", null=True),
     _name("kind"),
     _blob("record_sha256", null=True),
-    _text("figures"),
+    _text("figures", info=JSON),
     _time(),
     _name("made_by"),
 )
@@ -235,8 +236,8 @@ job = _table(
     _id(),
     _name("kind"),
     sa.Column("state", sa.String(16), nullable=False),
-    _text("options"),
-    _text("result", null=True),
+    _text("options", info=JSON),
+    _text("result", null=True, info=JSON),
     _time(),
     _time("ended", null=True),
     _name("made_by"),
@@ -250,7 +251,7 @@ audit = _table(
     sa.Column("action", sa.String(64), nullable=False),
     sa.Column("object", sa.String(64), nullable=False),
     sa.Column("object_id", _INTEGER, nullable=True),
-    _text("payload"),
+    _text("payload", info=JSON),
     sa.Column("previous", _SHA, nullable=False),
     sa.Column("hash", _SHA, nullable=False, unique=True),
 )
