@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Final
 
 from truepose.errors import DataError
+from truepose.store.names import name_key
 
 if TYPE_CHECKING:
     from argon2 import PasswordHasher
@@ -37,7 +38,7 @@ def user_key(name: str) -> str:
     >>> user_key("Ｍüller") == user_key("mu\u0308ller")
     True
     """
-    key = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name.strip()).casefold())
+    key = name_key(name.strip())
     if not key or len(key) > _LONGEST_NAME:
         raise DataError(f"a user name must have 1 to {_LONGEST_NAME} characters, got {len(key)}")
     for character in key:
