@@ -8,24 +8,14 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 import sqlalchemy as sa
+from tests.store.people import PASSWORD
 
 from truepose.errors import DataError, RefusedError
 from truepose.store import access, schema, tokens, users
 from truepose.store.access import Identity, by_subject, by_token, changing, log_in, viewing
 from truepose.store.store import Store
 
-PASSWORD = "seven laser trackers"
-
-
-@pytest.fixture(autouse=True)
-def quick_hashes(monkeypatch):
-    """Argon2id with small parameters, since these tests are about everything else."""
-    from argon2 import PasswordHasher
-
-    from truepose.store import passwords
-
-    cheap = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
-    monkeypatch.setattr(passwords, "_hasher", lambda: cheap)
+pytestmark = pytest.mark.usefixtures("quick_hashes")
 
 
 @pytest.fixture
