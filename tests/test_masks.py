@@ -14,7 +14,7 @@ from truepose.error_map import load_map, update_map
 from truepose.error_map.fit import fit_cell
 from truepose.error_map.importing import import_samples
 from truepose.errors import FileError
-from truepose.samples import Mask, Poses, Samples, read_mask, read_samples, set_aside, write_samples
+from truepose.samples import Mask, Poses, Samples, mask_table, read_mask, read_samples, set_aside, write_samples
 from truepose.samples.tidy import read_all_samples
 from truepose.trackers import write_readings
 
@@ -154,3 +154,50 @@ def test_import_takes_a_mask_and_masks_a_gross_reading(
     )
     assert [one["reason"] for one in done.json["masked"]] == [f"masked: {CUT}"]
     assert [one["point"] for one in read_samples(tmp_path / "samples.csv").excluded] == ["P011"]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".xlsx"])
+def test_a_table_is_masked_anew_and_nothing_else_in_it_changes(tmp_path: Path, ending: str) -> None:
+    path, out, back = tmp_path / "a.csv", tmp_path / f"b{ending}", tmp_path / "c.csv"
+    text = (
+        "operator;name;q1_deg;x_meas_mm;y_meas_mm;z_meas_mm;Masked\n"
+        "A;P1;10.50;1000;0;0;\nB;P2;20;7;0;0;no reading\n'=C;P3;30;1300;9;0;\n"
+    )
+    path.write_text(text, "utf-8")
+    found = mask_table(path, out, Mask({"P1": COMMA, 1: CUT}))
+    assert path.read_text("utf-8") == text
+    assert (len(found), [one["row"] for one in found.excluded]) == (1, [0, 1])
+    _, reasons = read_all_samples(out)
+    assert reasons.tolist() == [COMMA, CUT, ""]
+    if ending == ".csv":
+        first = out.read_text("utf-8").splitlines()
+        assert first[0] == "operator;name;q1_deg;x_meas_mm;y_meas_mm;z_meas_mm;masked"
+        assert first[1].startswith("A;P1;10.50;1000;0;0;")
+        assert first[3] == "'=C;P3;30;1300;9;0;"
+    mask_table(out, back, None)
+    _, reasons = read_all_samples(back)
+    assert reasons.tolist() == ["", "", ""]
+
+
+def test_a_mask_that_fits_no_row_or_leaves_none_writes_nothing(tmp_path: Path) -> None:
+    path, out = tmp_path / "a.csv", tmp_path / "b.csv"
+    path.write_text("name,q1_deg,x_meas_mm,y_meas_mm,z_meas_mm\nP1,1,1,1,1\nP2,1,1,1,1\n", "utf-8")
+    for mask, words in ((Mask({"P9": CUT}), "P9 is not among"), (Mask({0: CUT, 1: CUT}), "at least one must count")):
+        with pytest.raises(FileError, match=words):
+            mask_table(path, out, mask)
+    assert not out.exists()
+
+
+def test_the_command_masks_a_table_and_never_writes_over_one(
+    measured: Samples, tmp_path: Path, run: Callable[..., Any]
+) -> None:
+    path, mask, out = tmp_path / "a.csv", tmp_path / "mask.csv", tmp_path / "b.csv"
+    write_samples(path, measured, reasons_for(measured, {4: CUT}))
+    Mask({7: COMMA}).write(mask)
+    done = run("mask", path, "--mask", mask, "--out", out, "--json")
+    assert (done.json["n"], done.json["masked"]) == (39, 1)
+    assert [one["row"] for one in read_samples(out).excluded] == [7]
+    assert run("mask", path, "--out", out).code == 1
+    assert run("mask", path, "--out", path, "--force").code == 1
+    assert run("mask", path, "--out", out, "--force").code == 0
+    assert read_samples(out).excluded == ()

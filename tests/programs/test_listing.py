@@ -56,9 +56,8 @@ def test_a_list_of_corrected_programs_holds_their_records(files: list[Path], mak
 
 def test_points_derived_from_corrected_ones_follow_them_in_the_list(tmp_path: Path) -> None:
     path = tmp_path / "a.src"
-    path.write_text(
-        f"DEF a()\n{HEAD}DECL E6POS XP1={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nLIN XP1\nLIN XP1:{{X 0,Y 0,Z 5,A 0,B 0,C 0}}\nEND\n"
-    )
+    shifted = "LIN XP1\nLIN XP1:{X 0,Y 0,Z 5,A 0,B 0,C 0}\n"
+    path.write_text(f"DEF a()\n{HEAD}DECL E6POS XP1={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\n{shifted}END\n")
     (program,) = read_programs([path], FrameTable(), ReadOptions(derived=True, whole_task=True)).programs
     write_checked(tmp_path / "list.json", [program])
     reasons = [one["reason"] for one in json.loads((tmp_path / "list.json").read_text())["targets"]]

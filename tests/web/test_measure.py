@@ -14,6 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from truepose import VirtualCell
+from truepose.error_map.fit import fit_cell
 from truepose.error_map.importing import import_samples
 from truepose.planning import expected_accuracy
 from truepose.samples import Mask, Poses, Samples, read_samples, write_samples
@@ -142,6 +143,40 @@ def test_a_masked_point_is_left_out_with_its_reason_and_stays_in_the_samples(run
     part = running.get(f"samples/{entry['id']}", params={"offset": GROSS, "limit": 2})
     assert [row["name"] for row in part["rows"]] == [f"P{GROSS:03d}", f"P{GROSS + 1:03d}"]
     assert part["total"] == N
+
+
+def test_rows_of_a_table_are_masked_and_unmasked_in_a_new_one(running: Bench) -> None:
+    mask = [{"row": GROSS, "point": f"P{GROSS:03d}", "reason": REASON}]
+    assert wait(running, running.send(preview=False, mask=mask)).state == "done"
+    (first,) = running.get("samples")
+    before = (running.folder / first["name"]).read_bytes()
+
+    def masked(entry: Any, reasons: dict[int, str]) -> Any:
+        address = f"{API}/cells/{running.cell}/samples/{entry['id']}/mask"
+        job = wait(running, running.client.post(address, json={"reasons": reasons}))
+        assert job.state == "done", job.problem
+        return job, next(one for one in running.get("samples") if one["name"] == job.result["samples"])
+
+    job, second = masked(first, {3: "vibration"})
+    assert job.command[:2] == ("mask", first["name"])
+    assert [row["masked"] for row in running.get(f"samples/{second['id']}")["rows"] if row["masked"]] == [
+        "vibration",
+        REASON,
+    ]
+    _, third = masked(second, {3: "", GROSS: ""})
+    assert (third["masked"], third["count"]) == (0, N)
+    assert len({first["name"], second["name"], third["name"]}) == 3
+    assert (running.folder / first["name"]).read_bytes() == before
+
+
+@pytest.mark.parametrize("reasons", [{N: "not in the table"}, {0: "x" * 300}, {"a": "b"}])
+def test_masks_that_make_no_sense_write_nothing(running: Bench, reasons: dict[Any, str]) -> None:
+    assert wait(running, running.send(preview=False)).state == "done"
+    (entry,) = running.get("samples")
+    before = running.left()
+    answer = running.client.post(f"{API}/cells/{running.cell}/samples/{entry['id']}/mask", json={"reasons": reasons})
+    assert answer.status_code == 422
+    assert running.left() == before
 
 
 def test_an_import_never_writes_over_another(running: Bench) -> None:
@@ -342,6 +377,22 @@ def test_a_plan_is_that_of_the_command_line(running: Bench) -> None:
     beside = next((running.folder / made["name"]).parent.glob("measure.*"))
     motions = [line for line in beside.read_text("utf-8").splitlines() if "P001" in line]
     assert [line for line in program.text.splitlines() if "P001" in line] == motions
+
+
+def test_a_plan_is_chosen_after_a_map_and_from_candidates(running: Bench, measured: Samples) -> None:
+    fit_cell(running.virtual.cell, measured, "ordinary-kriging").save(running.folder / "first.truepose")
+    (known,) = running.get("maps")
+    body = {"n": 3, "after": known["sha"], "candidates": running.plan}
+    job = wait(running, running.client.post(f"{API}/cells/{running.cell}/plans", json=body))
+    assert job.state == "done", job.problem
+    assert {"--after=first.truepose", "--candidates=plans/plan.csv"} <= set(job.command)
+    made = next(plan for plan in running.get("plans") if plan["id"] != running.plan)
+    rows = [row["q_deg"] for row in running.get(f"plans/{made['id']}")["rows"]]
+    offered = np.rad2deg(measured.q)
+    assert all(np.abs(offered - row).max(axis=1).min() < 1e-6 for row in rows)
+    for wrong in ({"after": "0" * 64}, {"candidates": "0" * 12}):
+        answer = running.client.post(f"{API}/cells/{running.cell}/plans", json={"n": 3, **wrong})
+        assert answer.status_code in (404, 422)
 
 
 @pytest.mark.parametrize("body", ['{"n": 0}', '{"n": 8, "method": "<b>"}', '{"n": NaN}', '{"n": 8, "seed": -1}', "{}"])

@@ -59,6 +59,7 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
     "Measure": {
         "plan": plan.plan,
         "import": importing.import_readings,
+        "mask": importing.mask,
         "similarity": similarity.similarity,
         "iso9283": iso9283.iso9283,
     },

@@ -1,4 +1,4 @@
-"""``truepose import``: from a measurement file and its plan to samples."""
+"""``truepose import`` and ``truepose mask``: from a measurement file and its plan to samples; samples to leave out."""
 
 from __future__ import annotations
 
@@ -75,3 +75,27 @@ def import_readings(
         residual = f"{name_one(outlier)} of {readings_path}, {outlier['residual_mm']:.3f} mm"
         say(f"[yellow]Large residual[/]: {residual}; fits leave it out unless neighbouring samples agree with it.")
     say(f"Wrote {out} ({len(found.samples)} samples).")
+
+
+def mask(
+    samples_path: Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples.")],
+    out: Annotated[Path, typer.Option("--out", help="The table of samples to write.")],
+    mask_path: Annotated[
+        Path | None,
+        typer.Option("--mask", help="Table of points to leave out (point or row, reason); all others count."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a table of samples anew with other points left out; without --mask, every point counts again."""
+    from truepose.samples import mask_table, name_one, read_mask
+
+    overwrite(force, out)
+    with working("Masking the samples", quiet=as_json):
+        found = mask_table(samples_path, out, None if mask_path is None else read_mask(mask_path))
+    if as_json:
+        emit_json({"samples": out, "n": len(found), "masked": len(found.excluded)})
+        return
+    for masked in found.excluded:
+        say(f"[yellow]Left out[/]: {name_one(masked)}, {masked['reason']}.")
+    say(f"Wrote {out} ({len(found)} samples count).")

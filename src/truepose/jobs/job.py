@@ -17,7 +17,7 @@ ACTIVE: Final[frozenset[State]] = frozenset({"queued", "running"})
 COMMANDS: Final = frozenset(
     {
         *("demo", "warm-up", "robots", "init", "check-point"),
-        *("plan", "import", "similarity", "iso9283"),
+        *("plan", "import", "mask", "similarity", "iso9283"),
         *("fit", "validate", "explain", "predict", "update", "study"),
         *("check", "frames", "correct", "verify", "report"),
     }

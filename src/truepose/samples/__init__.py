@@ -2,7 +2,7 @@
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
 from truepose.samples.examples import Example, load_example
-from truepose.samples.masks import Mask, read_mask, set_aside
+from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import (
@@ -26,6 +26,7 @@ __all__ = [
     "check_turns",
     "load_example",
     "looks_like_metres",
+    "mask_table",
     "name_one",
     "name_points",
     "read_all_samples",

@@ -19,7 +19,9 @@ from truepose._io.files import write_atomic
 from truepose._io.strict import is_whole
 from truepose.errors import FileError
 from truepose.samples.columns import POINT_NAMES
+from truepose.samples.masked import MASKED
 from truepose.samples.table import Poses, Samples
+from truepose.samples.tidy import append_columns, read_all_samples
 
 _REASON, _ROW = "reason", "row"
 _LONGEST: Final = 200
@@ -109,6 +111,36 @@ def read_mask(path: str | Path) -> Mask:
             raise FileError(source, f"states {point} a second time; keep one line", line=line)
         reasons[point], lines[point] = checked_reason(unescaped(reason), source, line), line
     return Mask(reasons, str(source), lines)
+
+
+def mask_table(path: str | Path, out: str | Path, mask: Mask | None) -> Samples:
+    """Copy a table of samples with other rows left out: those of the mask; all other rows count.
+
+    Parameters
+    ----------
+    path : str or Path
+        The table of samples. Its own masks do not matter.
+    out : str or Path
+        The table to write; every other column is as in the first.
+    mask : Mask, optional
+        The rows to leave out; without it all rows count.
+
+    Returns
+    -------
+    Samples
+        The samples that count, with the others in `Samples.excluded`.
+
+    Raises
+    ------
+    FileError
+        If the table cannot be read, a masked point is not in it, no row would count, or the file cannot be written.
+    """
+    samples, _ = read_all_samples(path)
+    reasons = np.full(len(samples), "", dtype="<U1") if mask is None else mask.of(samples)
+    if (reasons != "").all():
+        raise FileError(path, "all rows would be masked; at least one must count")
+    append_columns(path, out, {MASKED: reasons})
+    return set_aside(samples, reasons)
 
 
 def checked_reason(reason: str, source: str | Path, line: int | None = None) -> str:

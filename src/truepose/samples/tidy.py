@@ -166,7 +166,9 @@ def samples_text(samples: Poses, path: str | Path = "samples", reasons: NDArray[
     return "\n".join([",".join(columns), *rows]) + "\n"
 
 
-def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, FloatArray]) -> None:
+def append_columns(
+    path: str | Path, out: str | Path, columns: Mapping[str, FloatArray] | Mapping[str, NDArray[np.str_]]
+) -> None:
     """Copy a table with further columns at its end; columns of the same name are replaced, others stay unchanged.
 
     Parameters
@@ -175,7 +177,7 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
         The table to read.
     out : str or Path
         The file to write.
-    columns : mapping of str to (n,) array
+    columns : mapping of str to (n,) array of float or str
         The new columns by their full names, in the units of the names.
 
     Raises
@@ -189,8 +191,8 @@ def append_columns(path: str | Path, out: str | Path, columns: Mapping[str, Floa
     for name, values in columns.items():
         if len(values) != len(table.fields):
             raise DataError(f"{path}: has {len(table.fields)} rows, but the column {name} has {len(values)}")
-    kept = [index for index, name in enumerate(table.header) if name not in columns]
-    added = [[f"{value:.12g}" for value in values] for values in columns.values()]
+    kept = [index for index, name in enumerate(table.header) if name.strip().lower() not in columns]
+    added = [_fields(values) for values in columns.values()]
     text = StringIO()
     delimiter = "," if is_workbook(out) else table.delimiter
     writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
@@ -216,6 +218,13 @@ def _table(path: str | Path) -> TextTable:
             )
             raise FileError(source, f"{reason}; {remedy}", line=error.line) from None
     return parse(text, source, skip=skip, delimiter=find_delimiter(text.splitlines()[skip - 1]))
+
+
+def _fields(values: NDArray[Any]) -> list[str]:
+    """Return the values of a new column as fields of a table."""
+    if values.dtype.kind == "U":
+        return [escaped(str(value)) for value in values]
+    return [f"{value:.12g}" for value in values]
 
 
 def _cell(field: str) -> str:

@@ -130,6 +130,14 @@ class CellFolder:
         """Return the path of a file as commands that run in the cell's folder name it."""
         return path.relative_to(self.folder).as_posix()
 
+    def word(self, path: Path) -> str:
+        """Return the path of any file of the workspace as a word of a command that runs in the cell's folder.
+
+        It is no option, whatever its name.
+        """
+        word = Path(os.path.relpath(path, self.folder)).as_posix()
+        return f"./{word}" if word.startswith("-") else word
+
     def _stored(self, path: Path) -> StoredFile | None:
         try:
             status = path.stat()

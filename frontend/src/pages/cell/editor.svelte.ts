@@ -96,9 +96,9 @@ export class CellEditor {
     return this.problems.find((one) => one.path.join('\n') === wanted)?.message ?? null
   }
 
-  /** The number of problems in a table. */
+  /** The number of problems in a table, such as "tool" or "frames.groups". */
   count(table: string): number {
-    return this.problems.filter((one) => one.path[0] === table).length
+    return this.problems.filter((one) => `${one.path.join('.')}.`.startsWith(`${table}.`)).length
   }
 
   /** Read the file, unless there are changes that are not saved. */

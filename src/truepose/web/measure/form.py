@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -45,6 +45,15 @@ class MaskedPoint(BaseModel):
     row: int = Field(ge=0)
     point: str | None = None
     reason: str
+
+
+class MaskRequest(BaseModel):
+    """The rows of a table of samples that are left out from now on, or that count again."""
+
+    model_config = ConfigDict(extra="forbid")
+    reasons: dict[int, str] = Field(
+        max_length=100_000, description="the reason by row; empty where the row is to count again"
+    )
 
 
 class ReadingForm(BaseModel):
@@ -94,12 +103,11 @@ class ReadingForm(BaseModel):
         """Return the mask; by names where every masked point has one of its own, else by rows."""
         if not self.mask:
             return None
-        reasons = [checked_reason(one.reason, "the mask") for one in self.mask]
         names = [one.point for one in self.mask]
         rows: Sequence[str | int] = [one.row for one in self.mask]
         if all(names) and len(set(names)) == len(names):
             rows = [name for name in names if name]
-        return Mask(dict(zip(rows, reasons, strict=True)), "the mask")
+        return mask_of(zip(rows, (one.reason for one in self.mask), strict=True))
 
     def options(self) -> list[str]:
         """Return the options of ``truepose import``, without the files."""
@@ -111,3 +119,14 @@ class ReadingForm(BaseModel):
         ]
         options = [word for flag, value in stated if value is not None for word in (flag, str(value))]
         return options + [f"--{name.replace('_', '-')}" for name, given in self.permissions().items() if given]
+
+
+def mask_of(reasons: Iterable[tuple[str | int, str]]) -> Mask:
+    """Return the mask of points with their reasons, as a page states them.
+
+    Raises
+    ------
+    FileError
+        If a reason is empty or too long.
+    """
+    return Mask({point: checked_reason(reason, "the mask") for point, reason in reasons}, "the mask")

@@ -19,12 +19,12 @@ from truepose.planning import METHODS, expected_accuracy, measuring_program
 from truepose.samples import Poses, Samples
 from truepose.samples.tidy import read_all_samples
 from truepose.trackers import read_plan
-from truepose.web.measure.form import ReadingForm
+from truepose.web.measure.form import MaskRequest, ReadingForm, mask_of
 from truepose.web.measure.previews import ReadingsPreview, preview_readings
 from truepose.web.multipart import Upload, received
 from truepose.web.problems import WebError
 from truepose.web.uploads import LARGEST_READINGS, largest_file
-from truepose.web.workspace import CellFolder, InCell, InJobs, StoredFile
+from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace, StoredFile
 
 router = APIRouter(tags=["measure"])
 _MOST_ROWS: Final = 20_000
@@ -54,6 +54,8 @@ class PlanRequest(BaseModel):
     n: int = Field(ge=1, le=5000)
     method: str = "posterior"
     seed: int = Field(0, ge=0, le=2**31)
+    after: str = Field("", description="SHA-256 of a map of an earlier series")
+    candidates: str = Field("", description="id of a plan or table of samples whose joints are the candidates")
 
 
 class PoseRow(BaseModel):
@@ -111,14 +113,26 @@ def plan_methods() -> list[str]:
 
 
 @router.post("/cells/{cell}/plans", status_code=202)
-def make_plan(cell: InCell, jobs: InJobs, wanted: PlanRequest) -> Job:
+def make_plan(cell: InCell, workspace: InWorkspace, jobs: InJobs, wanted: PlanRequest) -> Job:
     """Start the choice of poses."""
     if wanted.method not in METHODS:
         raise WebError(422, "Request not accepted", f"method: expected one of {', '.join(METHODS)}")
     folder = cell.new("plans", f"{wanted.method}-{wanted.n}")
     command = ["plan", cell.file.name, "--n", str(wanted.n), "--method", wanted.method, "--seed", str(wanted.seed)]
+    if wanted.after:
+        command.append(f"--after={cell.word(workspace.map(wanted.after)[1].path)}")
+    if wanted.candidates:
+        command.append(f"--candidates={cell.word(_poses(cell, wanted.candidates).path)}")
     command += ["--out", cell.relative(folder)]
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Plan of {wanted.n} poses")
+
+
+def _poses(cell: CellFolder, file: str) -> StoredFile:
+    """Return a plan or a table of samples."""
+    found = cell.get(file)
+    if found.kind not in ("plan", "samples"):
+        raise WebError(422, "Request not accepted", f"{found.name}: expected a plan or a table of samples")
+    return found
 
 
 @router.get("/cells/{cell}/plans")
@@ -170,6 +184,23 @@ def sample_table(
     samples, reasons = read_all_samples(stored.path)
     rows = slice(offset, offset + min(limit, _MOST_ROWS))
     return _table(stored, cell.load(), samples, reasons.tolist(), rows)
+
+
+@router.post("/cells/{cell}/samples/{file}/mask", status_code=202)
+def mask_samples(cell: InCell, jobs: InJobs, file: str, wanted: MaskRequest) -> Job:
+    """Start to write a table of samples anew with other rows left out; the table itself stays."""
+    stored = cell.get(file, "samples")
+    samples, known = read_all_samples(stored.path)
+    assert samples.row is not None
+    reasons: dict[int, str] = dict(zip(samples.row.tolist(), known.tolist(), strict=True)) | wanted.reasons
+    left_out = mask_of((row, reason) for row, reason in reasons.items() if reason)
+    command = ["mask", cell.word(stored.path), "--out", cell.relative(cell.new("samples", stored.path.name))]
+    if left_out.reasons:
+        left_out.of(samples)  # a row that is not in the table is refused before anything is written
+        path = cell.new("samples", f"{stored.path.stem}.mask.csv")
+        left_out.write(path)
+        command += ["--mask", cell.relative(path)]
+    return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Masks of {one_line(stored.name)}")
 
 
 def _table(stored: StoredFile, cell: Cell, poses: Poses, reasons: list[str] | None, rows: slice) -> PoseTable:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -84,10 +83,9 @@ def correct_command(
 ) -> list[str]:
     """Return the command that corrects an upload into a new folder below ``corrected/``."""
     out = cell.relative(cell.new(CORRECTED, safe_name(name or program.path.stem)))
-    error_map = Path(os.path.relpath(map_file, cell.folder)).as_posix()
     return [
         "correct",
-        _word(error_map),
+        cell.word(map_file),
         *_given(cell, program),
         f"--out={out}",
         f"--cell={cell.file.name}",
@@ -97,9 +95,4 @@ def correct_command(
 
 
 def _given(cell: CellFolder, program: StoredProgram) -> list[str]:
-    return [_word(cell.relative(path)) for path in program.given()]
-
-
-def _word(path: str) -> str:
-    """Return a path that is no option, whatever its name."""
-    return f"./{path}" if path.startswith("-") else path
+    return [cell.word(path) for path in program.given()]

@@ -33,7 +33,7 @@ def preview_words(workspace: Workspace, cell: CellFolder) -> list[str]:
     folder = workspace.own / _FOLDER
     remove_old(folder, largest=_LARGEST, days=_DAYS)
     path = folder / f"{secrets.token_hex(8)}.json"
-    return [f"{_OPTION}{Path(os.path.relpath(path, cell.folder)).as_posix()}", "--force"]
+    return [f"{_OPTION}{cell.word(path)}", "--force"]
 
 
 class PreviewState(BaseModel):
