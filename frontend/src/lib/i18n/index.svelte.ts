@@ -7,6 +7,7 @@
  *
  * Keys are typed by the English files. A key that German or Chinese lacks does not compile (see `de/index.ts`).
  */
+import { fill, translated } from './fill'
 import { stored } from '../settings'
 import { en } from './en'
 import type { Key, Messages, PluralKey } from './types'
@@ -14,14 +15,19 @@ import type { Key, Messages, PluralKey } from './types'
 export const LANGUAGES = { en: 'English', de: 'Deutsch', zh: '中文' } as const
 export type Language = keyof typeof LANGUAGES
 
-const loaders: Record<Language, () => Promise<Messages>> = {
-  en: () => Promise.resolve(en),
-  de: () => import('./de').then((module) => module.de as Messages),
-  zh: () => import('./zh').then((module) => module.zh as Messages),
+interface Texts {
+  messages: Messages
+  /** What the server says, by its English texts; `{}` stands for what it fills in, `{0}`, `{1}` … for that here. */
+  said: Record<string, string>
+}
+const loaders: Record<Language, () => Promise<Texts>> = {
+  en: () => Promise.resolve({ messages: en, said: {} }),
+  de: () => import('./de').then(({ de, said }) => ({ messages: de as Messages, said })),
+  zh: () => import('./zh').then(({ zh, said }) => ({ messages: zh as Messages, said })),
 }
 
 const setting = stored<Language | 'auto'>('language', ['auto', 'en', 'de', 'zh'])
-const state = $state<{ language: Language; messages: Messages }>({ language: 'en', messages: en })
+const state = $state<Texts & { language: Language }>({ language: 'en', messages: en, said: {} })
 
 export const i18n = {
   /** The language shown now (reactive). */
@@ -43,7 +49,7 @@ export async function startLanguage(): Promise<void> {
 }
 
 async function show(language: Language): Promise<void> {
-  state.messages = await loaders[language]()
+  Object.assign(state, await loaders[language]())
   state.language = language
   document.documentElement.lang = language === 'zh' ? 'zh-Hans' : language
 }
@@ -65,12 +71,13 @@ export function tn(key: PluralKey, n: number, values: Record<string, string | nu
   return fill(text, { n: new Intl.NumberFormat(state.language).format(n), ...values })
 }
 
+/** A title or a step, which the server says in English, in the language shown; one that is not known as it is. */
+export function said(text: string): string {
+  return translated(text, state.said)
+}
+
 function lookUp(key: string): string {
   const dot = key.indexOf('.')
   const page = (state.messages as Record<string, Record<string, string>>)[key.slice(0, dot)]
   return page?.[key.slice(dot + 1)] ?? ''
-}
-
-function fill(text: string, values: Record<string, string | number>): string {
-  return text.replace(/\{(\w+)\}/g, (whole, name: string) => (name in values ? String(values[name]) : whole))
 }

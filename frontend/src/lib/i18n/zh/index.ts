@@ -8,6 +8,7 @@ import programs from './programs.json'
 import verify from './verify.json'
 import report from './report.json'
 import history from './history.json'
+import said from './said.json'
 import type { Messages, Surplus } from '../types'
 
 export const zh = { common, shell, cell, measure, map, meshes, programs, verify, report, history } satisfies Messages
@@ -15,3 +16,5 @@ export const zh = { common, shell, cell, measure, map, meshes, programs, verify,
 // a text that English does not have is an error here
 type None<T extends never> = T
 export type Checked = None<Surplus<typeof zh>>
+
+export { said }
