@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 _LONGEST: Final = 4000
 
@@ -41,6 +41,14 @@ class TrueposeError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let errors of workers arrive whole, whatever their constructors take."""
+        return _again, (type(self), str(self)), self.__dict__
+
+
+def _again(kind: type[TrueposeError], message: str) -> TrueposeError:
+    return kind.__new__(kind, message)
 
 
 class FileError(TrueposeError):

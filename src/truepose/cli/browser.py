@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,9 @@ def app(
     port: Annotated[int, typer.Option("--port", help="Port of the server; 0: a free one.", min=0, max=65535)] = 8765,
     workers: Annotated[int, typer.Option("--workers", help="Number of jobs that run at once.", min=1)] = 1,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    cluster: Annotated[
+        str, typer.Option("--cluster", envvar="TRUEPOSE_CLUSTER", help="Scheduler of a cluster for the jobs.")
+    ] = "",
     demo: Annotated[bool, typer.Option("--demo", help="Add a virtual cell if the workspace holds no cell.")] = False,
 ) -> None:
     """Show the cells of a folder in the browser: measure, fit, correct and report; only this machine can reach it."""
@@ -26,6 +30,9 @@ def app(
     except ModuleNotFoundError as error:
         raise DataError(f"the application needs {error.name}; install it with: pip install 'truepose[app]'") from None
     from truepose.web.workspace import Workspace
+
+    if cluster:
+        os.environ["TRUEPOSE_CLUSTER"] = cluster  # an option of the commands that the jobs run
 
     if demo and not Workspace(workspace).cells():
         from truepose.cli.output import working

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truepose.cli.options import AcceptCampaign, Candidates, CellPath, Force, Json, PredictorName, SamplesPath
+from truepose.cli.options import (
+    AcceptCampaign,
+    Candidates,
+    CellPath,
+    Execution,
+    Force,
+    Json,
+    PredictorName,
+    SamplesPath,
+    with_groups,
+)
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, working
 from truepose.cli.summaries import (
     show_better,
@@ -22,6 +33,10 @@ if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
 
 
+_EXECUTION = Execution()
+
+
+@with_groups
 def fit(
     cell_path: CellPath,
     samples_path: SamplesPath,
@@ -31,7 +46,7 @@ def fit(
     splits: Annotated[
         str, typer.Option(help="Cross-validation of auto: points, blocks, branches, separated by commas.")
     ] = "points,blocks",
-    workers: Annotated[int, typer.Option(help="Number of processes for auto; 0: as many as pay.", min=0)] = 0,
+    execution: Execution = _EXECUTION,
     accept_campaign: AcceptCampaign = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="Show also the identified parameters.")] = False,
     force: Force = False,
@@ -45,14 +60,16 @@ def fit(
     from truepose.samples import read_samples
 
     overwrite(force, out)
-    with working(quiet=as_json) as progress:
+    with working(quiet=as_json) as progress, ExitStack() as stack:
+        executor = stack.enter_context(execution.executor("cross-validation")) if execution.asked else None
         error_map = fit_cell(
             load_cell(cell_path),
             read_samples(samples_path),
             predictor,
             candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
             splits=splits.split(","),
-            workers=workers,
+            workers=0,
+            executor=executor,
             progress=progress,
             accept_campaign=accept_campaign,
         )

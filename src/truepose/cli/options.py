@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
 from truepose._io.strict import is_whole, to_float
 from truepose.errors import DataError
+
+if TYPE_CHECKING:
+    from truepose.numerics.executor import Executor
 
 CellPath = Annotated[Path, typer.Argument(metavar="CELL", help="The cell file.")]
 SamplesPath = Annotated[Path, typer.Argument(metavar="SAMPLES", help="The table of samples (CSV).")]
@@ -44,6 +47,52 @@ Candidates = Annotated[
         "universal-kriging, ordinary-kriging-joint, calibration, kinematic-kriging).",
     ),
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Execution:
+    """The options of where long work runs; see `with_groups`."""
+
+    workers: Annotated[
+        int, typer.Option("--workers", help="Number of processes of this machine; 0: as many as pay.", min=0)
+    ] = 0
+    cluster: Annotated[
+        str,
+        typer.Option(
+            "--cluster", envvar="TRUEPOSE_CLUSTER", help="Scheduler of a cluster, such as tls://10.0.0.5:8786."
+        ),
+    ] = ""
+    cluster_ca: Annotated[
+        Path | None, typer.Option("--cluster-ca", help="tls://: certificate authority; default: Dask's configuration.")
+    ] = None
+    cluster_cert: Annotated[Path | None, typer.Option("--cluster-cert", help="tls://: own certificate.")] = None
+    cluster_key: Annotated[Path | None, typer.Option("--cluster-key", help="tls://: key of the certificate.")] = None
+    cluster_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--cluster-folder",
+            envvar="TRUEPOSE_CLUSTER_FOLDER",
+            help="Folder that all workers see at the same path, for inputs and results; default: the network.",
+        ),
+    ] = None
+
+    @property
+    def asked(self) -> bool:
+        """Whether the number of processes or a cluster is given."""
+        return bool(self.workers or self.cluster)
+
+    def executor(self, purpose: str, *, pays: bool = True) -> Executor:
+        """Return the executor, to be used as a context manager; `pays`: whether processes do if no number is given."""
+        from truepose.jobs.executor import Security, make_executor
+
+        files = [one for one in (self.cluster_ca, self.cluster_cert, self.cluster_key) if one is not None]
+        if len(files) not in (0, 3):
+            raise DataError("--cluster-ca, --cluster-cert and --cluster-key belong together; give all three or none")
+        security = Security(*files) if files else None
+        folder = self.cluster_folder if self.cluster else None
+        return make_executor(
+            purpose, workers=self.workers, cluster=self.cluster, security=security, folder=folder, pays=pays
+        )
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath, with_groups
+from truepose.cli.options import Execution, Force, Json, MapPath, with_groups
 from truepose.cli.output import emit_json, overwrite, say, working
 
 if TYPE_CHECKING:
@@ -192,6 +192,7 @@ class Reading:
 
 
 _READING = Reading()
+_EXECUTION = Execution()
 
 
 @with_groups
@@ -272,6 +273,7 @@ def correct(
     xlsx: Annotated[bool, typer.Option("--xlsx", help="Write each record as a workbook, too.")] = False,
     report: ReportPath = None,
     targets: TargetsPath = None,
+    execution: Execution = _EXECUTION,
     force: Force = False,
     no_targets: NoTargets = False,
     as_json: Json = False,
@@ -281,7 +283,7 @@ def correct(
     from truepose.error_map import load_map
     from truepose.errors import DataError, RefusedError
     from truepose.programs import CorrectedBatch, Coverage, RefusedProgram
-    from truepose.programs.batch import check_names, correct_read, read_for
+    from truepose.programs.batch import check_names, correct_read, read_for, worth_processes
     from truepose.programs.listing import write_corrected
 
     if in_place and (out is not None or whole):
@@ -297,14 +299,18 @@ def correct(
         # correct all before writing any, so that a refusal leaves no program half done
         options = reading.options(orientation=orientation)
         found = read_for(error_map, paths, frames, options, reading.controllers or (), other_maker=other_maker)
-        with _others_named(len(found.programs) + len(found.unreadable)):
+        with _others_named(len(found.programs) + len(found.unreadable)), ExitStack() as stack:
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
+            executor = None
+            if execution.asked or worth_processes(found.programs):
+                executor = stack.enter_context(execution.executor("correction"))
             corrected, refused = correct_read(
-                _announced(found.programs, progress),
+                _announced(found.programs, progress, together=executor is not None),
                 error_map,
                 cell,
                 keep_going=keep_going,
+                executor=executor,
                 on_guard=policy,
                 orientation=orientation,
                 require=require,
@@ -314,6 +320,7 @@ def correct(
             )
         unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
         batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
+        progress("Writing")
         check_names(corrected, in_place=in_place)
         written: list[Path] = []
         if corrected and not dry_run:
@@ -363,12 +370,15 @@ def _others_named(programs: int) -> Iterator[None]:
         raise
 
 
-def _announced(programs: Sequence[Program], progress: Steps) -> Iterator[Program]:
-    """Yield programs, and show which one is corrected."""
+def _announced(programs: Sequence[Program], progress: Steps, *, together: bool) -> Iterator[Program]:
+    """Yield programs, and show which one is corrected if it is one after the other."""
+    if together:
+        progress(f"Correcting {len(programs)} programs")
+        yield from programs
+        return
     for number, program in enumerate(programs, 1):
         progress(f"Correcting {program.path.name}" + (f" ({number} of {len(programs)})" if len(programs) > 1 else ""))
         yield program
-    progress("Writing")
 
 
 def _show_batch(batch: CorrectedBatch, written: Sequence[Path], place: str, *, dry_run: bool) -> None:

@@ -14,7 +14,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, Self, TypeVar
 
 from truepose.errors import DataError
 from truepose.numerics.threads import one_thread
@@ -69,6 +69,9 @@ class Executor(Protocol):
     def run(self, function: Function, tasks: Iterable[Task]) -> Iterator[tuple[int, Any]]:
         """Run tasks; yield each result as it comes, with the place of its task. `tasks` is read as workers get free."""
 
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *error: Any) -> None: ...
+
 
 class Serial:
     """The form that runs tasks one by one in this process."""
@@ -97,10 +100,10 @@ class Serial:
                 result = function(self, task)
             yield index, result
 
-    def __enter__(self) -> Serial:
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: Any) -> None:
         self._values.clear()
 
 

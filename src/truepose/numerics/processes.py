@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from truepose.errors import DataError
 from truepose.numerics.executor import AHEAD, Executor, Function, ReadInputs, Returned, Serial, Task, work
@@ -110,10 +110,10 @@ class Processes:
             self._pool.shutdown(cancel_futures=True)  # waits until the pool itself has seen the end of each process
             self._pool = None
 
-    def __enter__(self) -> Processes:
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
+    def __exit__(self, kind: Any, *_: Any) -> None:
         if kind is not None:
             self._end()
         elif self._pool is not None:
@@ -123,7 +123,7 @@ class Processes:
             self._folder.cleanup()
 
 
-def local(workers: int, purpose: str = "tasks") -> Serial | Processes:
+def local(workers: int, purpose: str = "tasks") -> Executor:
     """Return the executor of this machine for a number of workers: this process for one."""
     return Serial() if min(workers, cores()) <= 1 else Processes(workers, purpose)
 
@@ -159,6 +159,3 @@ def _start(folder: str) -> None:
 def _work(function: Function, task: Task) -> Returned:
     assert _inputs is not None
     return work(function, _inputs, task)
-
-
-_: type[Executor] = Processes

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from truepose.cell import Cell
+from truepose.error_map.map import ErrorMap
 from truepose.errors import DataError, RefusedError, TrueposeError
+from truepose.numerics.executor import Executor
 from truepose.programs.agreement import controllers_for
 from truepose.programs.core.outcomes import CorrectedShare
 from truepose.programs.core.program import Program, ReadOptions
@@ -18,9 +20,12 @@ from truepose.programs.corrected import CorrectedProgram, names, write, write_in
 from truepose.programs.corrector import CorrectionContext, Corrector
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import clear_leftovers
+from truepose.programs.parallel import correct_in_tasks
 from truepose.programs.reading import Reading, read_chosen
 
 _SHOWN: Final = 3  # warnings that a message repeats
+_WORTH_PROCESSES: Final = 40_000
+"""Targets from which processes save more time than their start takes, about 2 s."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,7 @@ def correct_programs(
     options: ReadOptions | None = None,
     controllers: Sequence[str] = (),
     keep_going: bool = False,
+    executor: Executor | None = None,
     **settings: Any,
 ) -> CorrectedBatch:
     r"""Correct the programs of files and folders. Nothing is written; see `CorrectedBatch.write`.
@@ -135,6 +141,8 @@ def correct_programs(
     keep_going : bool
         Whether to correct the other programs if one cannot be read or is refused. In a project (KRL) or a task (RAPID)
         this holds for each module.
+    executor : Executor, optional
+        Where the programs are corrected; by default one after the other in this process. Results do not depend on it.
     **settings
         The other options of `correct_program`.
 
@@ -171,7 +179,9 @@ def correct_programs(
     refused = [RefusedProgram(Path(error.path), str(error)) for error in found.unreadable]
     if found.unreadable and not keep_going:
         raise found.unreadable[0]
-    corrected, more = correct_read(found.programs, error_map, cell, keep_going=keep_going, **settings)
+    corrected, more = correct_read(
+        found.programs, error_map, cell, keep_going=keep_going, executor=executor, **settings
+    )
     return CorrectedBatch(tuple(corrected), (*refused, *more))
 
 
@@ -201,23 +211,49 @@ def read_for(
     return found
 
 
+def worth_processes(programs: Sequence[Program]) -> bool:
+    """Return whether the correction of programs takes longer than the start of processes."""
+    return len(programs) > 1 and sum(len(program.targets) for program in programs) > _WORTH_PROCESSES
+
+
 def correct_read(
-    programs: Iterable[Program], error_map: Corrector, cell: Cell | None, *, keep_going: bool, **settings: Any
+    programs: Iterable[Program],
+    error_map: Corrector,
+    cell: Cell | None,
+    *,
+    keep_going: bool,
+    executor: Executor | None = None,
+    **settings: Any,
 ) -> tuple[list[CorrectedProgram], list[RefusedProgram]]:
-    """Return programs that were read corrected, and those that are refused."""
+    """Return programs that were read corrected, and those that are refused.
+
+    With an executor, `progress` counts programs instead of targets; the results are the same.
+    """
     corrected: list[CorrectedProgram] = []
     refused: list[RefusedProgram] = []
-    for program in programs:
-        try:
-            one = correct_program(program, error_map, cell, keep_going=keep_going, **settings)
-        except TrueposeError as error:
-            if not keep_going:
-                raise
-            refused.append(RefusedProgram(program.path, str(error), max(1, len(program.modules))))
-        else:
+    settings["keep_going"] = keep_going
+    if executor is not None and isinstance(error_map, ErrorMap):
+        results = correct_in_tasks(list(programs), error_map, cell, executor, **settings)
+    else:
+        results = ((program, _tried(program, error_map, cell, settings)) for program in programs)
+    for program, one in results:
+        if isinstance(one, CorrectedProgram):
             corrected.append(one)
             refused += [RefusedProgram(path, reason) for path, reason in one.refused.items()]
+        elif not keep_going:
+            raise one
+        else:
+            refused.append(RefusedProgram(program.path, str(one), max(1, len(program.modules))))
     return corrected, refused
+
+
+def _tried(
+    program: Program, error_map: Corrector, cell: Cell | None, settings: Mapping[str, Any]
+) -> CorrectedProgram | TrueposeError:
+    try:
+        return correct_program(program, error_map, cell, **settings)
+    except TrueposeError as error:
+        return error
 
 
 def check_names(corrected: Sequence[CorrectedProgram], *, in_place: bool = False) -> None:

@@ -72,6 +72,7 @@ def correct_program(
     accept_weak_map: bool = False,
     keep_going: bool = False,
     progress: Progress = lambda _done, _all: None,
+    proven: bool = True,
 ) -> CorrectedProgram:
     r"""Correct the targets of a program. Nothing is written; see `CorrectedProgram.write`.
 
@@ -107,6 +108,9 @@ def correct_program(
         several modules. Their targets stay nominal, and `CorrectedProgram.refused` names their files.
     progress : callable
         A function that is called with the number of targets that are done, and the number of all.
+    proven : bool
+        Whether to check that the program was not corrected before, and to prove the result. A result that is not proven
+        cannot be written; see `truepose.programs.parallel`.
 
     Returns
     -------
@@ -152,7 +156,8 @@ def correct_program(
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
     warnings = _check_robot(error_map, program, cell, other_maker)
-    check_not_corrected(program, known.path)
+    if proven:
+        check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
     own = _reasons(program, "refuse") if on_guard == "refuse" else {}
     several = keep_going and len({source.path.with_suffix("") for source in program.sources}) > 1
@@ -215,7 +220,7 @@ def correct_program(
     outcomes.tell_followers()
     _write_digits(program, outcomes, change.shape[1], resolution)
     joints.finish()
-    hashes = proven_hashes(outcomes, resolution)
+    hashes = proven_hashes(outcomes, resolution) if proven else {}
     map_hash = error_map.hash if isinstance(error_map, HasHash) else None
     return CorrectedProgram(
         program,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from truepose._io import files
 from truepose._io.workbook import to_workbook
@@ -25,6 +25,22 @@ from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, json_pieces, rows
 from truepose.programs.whole import Change, CorrectedFiles
+
+
+class RenderedParts(NamedTuple):
+    """Parts of what is written for a program, each as a function that returns its bytes.
+
+    Attributes
+    ----------
+    files : mapping of Path to callable
+        The corrected files by their original paths, as they are stored.
+    json_rows, csv_rows : callable
+        The targets of the records.
+    """
+
+    files: Mapping[Path, Callable[[], bytes]]
+    json_rows: Callable[[], bytes]
+    csv_rows: Callable[[], bytes]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +74,8 @@ class CorrectedProgram:
     map_state : str, optional
         The state of the map in a store at the time of the correction: ``draft``, ``released`` or ``superseded``; None
         without a store.
+    rendered : RenderedParts, optional
+        The corrected files and the rows of the records, if a worker has written them already.
     """
 
     program: Program
@@ -72,12 +90,16 @@ class CorrectedProgram:
     map_path: Path | None = None
     refused: Mapping[Path, str] = field(default_factory=dict)
     map_state: str | None = None
+    rendered: RenderedParts | None = None
 
     def __repr__(self) -> str:
         return f"<CorrectedProgram {self.program.path}: {self.coverage}>"
 
     def content(self, source: Source) -> Iterator[bytes]:
         """Yield a corrected file, piece by piece."""
+        if self.rendered is not None and source.path in self.rendered.files:
+            yield self.rendered.files[source.path]()
+            return
         yield from source.stored(self._text(source))
 
     def _text(self, source: Source) -> Iterator[bytes]:
@@ -141,7 +163,19 @@ class CorrectedProgram:
                 csv_file.write(encoded("".join(cells)))
                 yield some
 
-        json_file.writelines(json_pieces(self.head(), lines()))
+        def rendered() -> Iterator[list[str]]:
+            assert self.rendered is not None
+            csv_file.write(self.rendered.csv_rows())
+            if text := self.rendered.json_rows().decode():
+                yield [text]
+
+        json_file.writelines(json_pieces(self.head(), lines() if self.rendered is None else rendered()))
+
+    def rendered_rows(self) -> tuple[bytes, bytes]:
+        """Return the targets of both records, JSON and CSV."""
+        parts = list(rows(self.targets, self.continuity))
+        json_rows = ",\n".join(line for lines, _ in parts for line in lines)
+        return encoded(json_rows), encoded("".join(cell for _, cells in parts for cell in cells))
 
     def to_csv(self) -> str:
         """Return the targets as CSV, units in the names."""

@@ -1,0 +1,252 @@
+"""The three forms of the executor give the same bytes, and survive workers, disks and schedulers that fail."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.jobs.clusters import LocalCluster, local_cluster, wait_for_workers
+from tests.jobs.executor_tasks import counted, full_disk, random_product, slow
+
+import truepose as tp
+from truepose.errors import DataError, TrueposeError
+from truepose.jobs.executor import Cluster, FinishedResults, Security, make_executor
+from truepose.jobs.executor.identity import differences, identity
+from truepose.numerics import processes
+from truepose.numerics.executor import Executor, Serial, Task
+from truepose.numerics.processes import Processes
+from truepose.programs import FrameTable
+from truepose.programs.batch import correct_programs
+
+try:
+    import distributed  # noqa: F401
+except ModuleNotFoundError:
+    if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
+        raise
+    pytest.skip("tests of clusters need distributed: pip install 'truepose[scale]'", allow_module_level=True)
+
+FORMS = ("serial", "processes", "cluster")
+Form = Callable[[str], Executor]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    with local_cluster(tmp_path_factory.mktemp("cluster"), 2) as running:
+        yield running
+
+
+@pytest.fixture
+def form(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> Form:
+    monkeypatch.setattr(processes, "cores", lambda: 2)
+
+    def make(name: str) -> Executor:
+        if name == "cluster":
+            return make_executor("tests", cluster=cluster.address)
+        return Serial() if name == "serial" else Processes(2)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def virtual() -> tp.VirtualCell:
+    return tp.VirtualCell("paper", seed=3)
+
+
+@pytest.fixture(scope="module")
+def map_path(virtual: tp.VirtualCell, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "cell.truepose"
+    tp.fit_cell(virtual.cell, virtual.measure(virtual.design(60, seed=1)), "ordinary-kriging").save(path)
+    return path
+
+
+@pytest.fixture
+def programs(virtual: tp.VirtualCell, tmp_path: Path) -> Path:
+    """Folders of KRL programs, one of which cannot be corrected."""
+    p = virtual.cell.load_robot().forward(virtual.design(40, seed=2), tool=virtual.tf_flange_tool)[:, :3, 3]
+    folder, (a, b, c) = tmp_path / "programs", virtual.preset.abc_deg
+    for k in range(6):
+        place = folder / f"part{k}"
+        place.mkdir(parents=True)
+        lines = "".join(f"LIN {{X {x:.3f},Y {y:.3f},Z {z:.3f},A {a},B {b},C {c}}}\n" for x, y, z in p[k::6])
+        text = f"DEF P{k}()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n{lines}END\n"
+        (place / f"p{k}.src").write_text(text if k != 4 else text.replace(",Y", ",Y 1.2.", 1))
+    return folder
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_a_folder_is_corrected_to_the_same_bytes_in_all_forms(form, virtual, map_path, programs, tmp_path):
+    error_map = tp.load_map(map_path)
+    given = sorted(programs.iterdir())
+    frames = FrameTable(tools={1: virtual.tf_flange_tool})
+
+    def written(name: str | None) -> dict[str, str]:
+        options = {"frames": frames, "on_guard": "skip", "keep_going": True}
+        if name is None:
+            batch = correct_programs(given, error_map, **options)
+        else:
+            with form(name) as executor:
+                batch = correct_programs(given, error_map, executor=executor, **options)
+        assert (batch.n_corrected, batch.n_refused) == (5, 1)
+        assert batch.coverage.corrected > 15
+        batch.write(tmp_path / str(name))
+        return hashes(tmp_path / str(name))
+
+    expected = written(None)
+    assert len(expected) >= 15
+    for name in FORMS:
+        assert written(name) == expected, name
+
+
+def test_the_first_refusal_is_the_same_in_all_forms(form, virtual, map_path, programs):
+    error_map = tp.load_map(map_path)
+    told = set()
+    for name in (None, *FORMS):
+        with pytest.raises(TrueposeError) as error:  # noqa: SIM117
+            with form(name or "serial") as executor:
+                correct_programs(sorted(programs.iterdir())[:3], error_map, executor=executor if name else None)
+        told.add((type(error.value), str(error.value)))
+    assert len(told) == 1
+    assert "p0.src" in told.pop()[1]
+
+
+def test_a_program_that_was_corrected_is_refused_in_all_forms(form, virtual, map_path, programs, tmp_path):
+    error_map, given = tp.load_map(map_path), sorted(programs.iterdir())[:2]
+    options = {"frames": FrameTable(tools={1: virtual.tf_flange_tool}), "on_guard": "skip"}
+    correct_programs(given, error_map, **options).write(tmp_path / "out")
+    again = sorted(path for path in (tmp_path / "out").iterdir() if path.is_dir())
+    for name in FORMS:
+        with pytest.raises(TrueposeError, match="was corrected already"), form(name) as executor:
+            correct_programs(again, error_map, executor=executor, **options)
+
+
+def test_cross_validation_is_the_same_in_all_forms(form, virtual):
+    samples = virtual.measure(virtual.design(24, seed=4))
+    candidates = ["registration", "ordinary-kriging"]
+    found = []
+    for name in FORMS:
+        with form(name) as executor:
+            made = tp.fit_cell(virtual.cell, samples, candidates=candidates, folds=3, executor=executor)
+        found.append((made.hash, made.ranking, made.expected))
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_path):
+    extra = cluster.start_worker()
+    wait_for_workers(cluster.address, 3)
+    shared = tmp_path / "shared"
+    with Cluster(cluster.address, folder=shared) as executor:
+        key = executor.share(lambda: b"number ", None)
+        found = {}
+        tasks = (Task((key,), (k, 1.0 if k == 0 else 0.02), str(k)) for k in range(60))
+        for index, result in executor.run(slow, tasks):
+            found[index] = result
+            if len(found) == 10:
+                os.kill(extra.pid, 9)
+    assert found == {k: f"number {k}" for k in range(60)}
+    assert not list((shared / "done").iterdir())  # nothing is left of a run that has ended
+
+
+def test_results_survive_a_lost_scheduler(cluster, tmp_path):
+    kept, notes = tmp_path / "kept", tmp_path / "notes"
+    notes.mkdir()
+
+    def tasks() -> Iterator[Task]:
+        return (Task((), (k, str(notes)), str(k)) for k in range(40))
+
+    lost = LocalCluster(tmp_path)
+    try:
+        lost.start_scheduler()
+        lost.start_worker()
+        wait_for_workers(lost.address, 1)
+        finished = 0
+        with (  # noqa: PT012
+            pytest.raises(DataError, match=r"scheduler tcp://\S+ was lost; \d+ results .* run the same command again"),
+            Cluster(lost.address, kept=kept) as executor,
+        ):
+            for _ in executor.run(counted, tasks()):
+                finished += 1
+                if finished == 20:
+                    lost.scheduler.kill()
+    finally:
+        lost.end()
+    before = len(list(notes.iterdir()))
+    assert len(list((kept / "done").iterdir())) == finished >= 20
+    with Cluster(cluster.address, kept=kept) as executor:
+        found = dict(executor.run(counted, tasks()))
+    assert found == {k: k**2 for k in range(40)}
+    assert len(list(notes.iterdir())) - before == 40 - finished
+    assert not list((kept / "done").iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file sizes cannot be limited on Windows")
+def test_a_full_disk_of_a_worker_is_named(cluster, tmp_path):
+    with (
+        pytest.raises(TrueposeError, match=r"cannot be written"),
+        Cluster(cluster.address, folder=tmp_path / "shared") as executor,
+    ):
+        list(executor.run(full_disk, [Task((), (4096,), "large")]))
+
+
+def test_a_damaged_result_is_computed_again(tmp_path):
+    results = FinishedResults(tmp_path)
+    key = results.key("map", "program")
+    results.blobs.path(results.put(key, b"corrected")).write_bytes(b"corrupted")
+    assert results.get(key) is None
+    (tmp_path / "done" / key).write_text("../../secret")
+    assert results.get(key) is None
+
+
+def test_other_versions_are_named():
+    own = identity()
+    assert differences(own, dict(own)) == ""
+    assert "numpy 1.0, here " in differences(own, {**own, "numpy": "1.0"})
+
+
+def test_workers_with_several_threads_are_refused(tmp_path):
+    several = LocalCluster(tmp_path)
+    try:
+        several.start_scheduler()
+        with pytest.raises(DataError, match="has no worker; start some with: dask worker"):
+            Cluster(several.address)
+        several.start_worker("--nthreads=2")
+        wait_for_workers(several.address, 1)
+        with pytest.raises(DataError, match="has 2 threads, and results need one each"):
+            Cluster(several.address)
+    finally:
+        several.end()
+
+
+def test_wrong_addresses_and_options_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("truepose.jobs.executor.cluster._CONNECT_S", 0.5)
+    with pytest.raises(DataError, match=r"no scheduler answers at tcp://127.0.0.1:1 .*start one with"):
+        make_executor("tests", cluster="tcp://127.0.0.1:1")
+    with pytest.raises(DataError, match="no scheduler answers at nonsense://x"):
+        make_executor("tests", cluster="nonsense://x")
+    with pytest.raises(DataError, match="give only one of them"):
+        make_executor("tests", cluster="tcp://127.0.0.1:1", workers=2)
+    with pytest.raises(DataError, match="need --cluster ADDRESS"):
+        make_executor("tests", folder=tmp_path)
+    security = Security(tmp_path / "ca", tmp_path / "cert", tmp_path / "key")
+    with pytest.raises(DataError, match="is not encrypted"):
+        make_executor("tests", cluster="tcp://127.0.0.1:1", security=security)
+
+
+def test_arrays_of_a_task_are_equal_to_the_last_bit(form):
+    found = []
+    for name in FORMS:
+        with form(name) as executor:
+            results = dict(executor.run(random_product, (Task((), (seed,)) for seed in range(8))))
+        found.append(np.concatenate([results[k] for k in range(8)]).tobytes())
+    assert found[0] == found[1] == found[2]
