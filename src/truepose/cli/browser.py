@@ -23,10 +23,17 @@ def app(
         str, typer.Option("--cluster", envvar="TRUEPOSE_CLUSTER", help="Scheduler of a cluster for the jobs.")
     ] = "",
     demo: Annotated[bool, typer.Option("--demo", help="Add a virtual cell if the workspace holds no cell.")] = False,
+    store: Annotated[str | None, typer.Option("--store", metavar="URL", help="Store whose users log in.")] = None,
+    host: Annotated[str, typer.Option("--host", help="Address to listen on; another needs --store.")] = "127.0.0.1",
+    url: Annotated[
+        str | None, typer.Option("--url", help="Address that people open, such as https://truepose.example.")
+    ] = None,
 ) -> None:
-    """Show the cells of a folder in the browser: measure, fit, correct and report; only this machine can reach it."""
+    """Show the cells of a folder in the browser: measure, fit, correct and report; other machines only with --store."""
+    if store is None and (host != "127.0.0.1" or url is not None):
+        raise DataError("--host and --url need users, who log in: name their store with --store URL")
     try:
-        from truepose.web.server import serve
+        from truepose.web.server import WithUsers, serve
     except ModuleNotFoundError as error:
         raise DataError(f"the application needs {error.name}; install it with: pip install 'truepose[app]'") from None
     from truepose.web.workspace import Workspace
@@ -44,4 +51,5 @@ def app(
     def announce(url: str) -> None:
         say(f"Open {url}", "Stop with Ctrl-C.")
 
-    serve(workspace, port=port, workers=workers, browser=browser, announce=announce)
+    users = None if store is None else WithUsers(store, host, url)
+    serve(workspace, port=port, workers=workers, browser=browser, announce=announce, users=users)

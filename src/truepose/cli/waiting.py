@@ -1,8 +1,8 @@
 """A process that waits for a command of truepose on its stdin, and then runs it: ``python -m truepose.cli.waiting``.
 
-The command is one line of JSON: ``arguments`` (without ``truepose``), ``folder`` (where to run) and ``output`` (the
-file for stdout). With the argument ``ready`` the process first imports what most commands need, so that the command
-starts at once. It ends when stdin is closed.
+The command is one line of JSON: ``arguments`` (without ``truepose``), ``folder`` (where to run), ``output`` (the file
+for stdout) and ``environment`` (more variables). With the argument ``ready`` the process first imports what most
+commands need, so that the command starts at once. It ends when stdin is closed.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ def main() -> None:
     if not (line := _line()):
         return
     order = json.loads(line)
+    os.environ.update(order.get("environment", {}))
     os.chdir(order["folder"])
     output = os.open(order["output"], _WRITE, 0o644)
     os.dup2(output, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import PurePosixPath
@@ -23,6 +24,8 @@ COMMANDS: Final = frozenset(
     }
 )
 """The commands that can be jobs: those that end on their own and have --json."""
+acting_user: Final[ContextVar[str]] = ContextVar("acting_user", default="")
+"""The name of the user whose request is being answered; empty without users."""
 _ID: Final = re.compile(r"\d{8}-[0-9a-f]{8}")
 
 
@@ -62,6 +65,8 @@ class Job:
         The warnings of the command.
     revision : int
         A number that grows with every change of the job.
+    user : str
+        The name of the user who started it; empty without users.
     """
 
     id: str
@@ -82,6 +87,7 @@ class Job:
     problem: dict[str, Any] | None = None
     warnings: tuple[str, ...] = ()
     revision: int = 0
+    user: str = ""
 
     @property
     def active(self) -> bool:

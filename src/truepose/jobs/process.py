@@ -57,8 +57,12 @@ class CommandProcess:
         self._stdin, self._stderr = self._process.stdin, io.BufferedReader(cast(io.FileIO, self._process.stderr))
         self._other: deque[str] = deque(maxlen=_OTHER_LINES)
 
-    def begin(self, command: Sequence[str], folder: Path, output: Path) -> None:
+    def begin(
+        self, command: Sequence[str], folder: Path, output: Path, variables: Mapping[str, str] | None = None
+    ) -> None:
         """Let the process run a command in a folder, and write its JSON to a file.
+
+        The variables are added to its environment; they are sent through the pipe, so no list of processes shows them.
 
         Raises
         ------
@@ -66,7 +70,8 @@ class CommandProcess:
             If the process has ended.
         """
         name, *rest = command
-        order = {"arguments": [name, "--json", *rest], "folder": str(folder), "output": str(output)}
+        order: dict[str, Any] = {"arguments": [name, "--json", *rest], "folder": str(folder), "output": str(output)}
+        order["environment"] = dict(variables or {})
         line = memoryview(json.dumps(order).encode() + b"\n")
         while line:
             line = line[self._stdin.write(line) or 0 :]

@@ -6,7 +6,8 @@ import os
 import secrets
 import threading
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any, Final, Literal
 
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.jobs.folder import JobFolder
-from truepose.jobs.job import Job, State, UnknownJobError, check_command
+from truepose.jobs.job import Job, State, UnknownJobError, acting_user, check_command
 from truepose.jobs.run import Run, interrupted
 from truepose.jobs.spare import Processes
 from truepose.problem import problem
@@ -23,6 +24,8 @@ _GRACE: Final = 0.5
 """Seconds that an interrupted command has before it is killed."""
 _END: Final = 2.0
 """Seconds that a killed command may need to be gone."""
+Environment = Callable[[Job], AbstractContextManager[Mapping[str, str]]]
+"""A function that gives the variables for the environment of a job."""
 
 
 class JobQueue:
@@ -36,6 +39,8 @@ class JobQueue:
         The largest number of jobs that run at once. If it is above 1, they share the processors.
     ready : bool
         Whether a process waits for the next job with its modules imported, so that the job starts sooner.
+    environment : callable, optional
+        A function that gives the variables for the environment of a job of a user, from its start to its end.
 
     Examples
     --------
@@ -46,7 +51,9 @@ class JobQueue:
     'kuka-kr150-2'
     """
 
-    def __init__(self, workspace: Path, *, workers: int = 1, ready: bool = True) -> None:
+    def __init__(
+        self, workspace: Path, *, workers: int = 1, ready: bool = True, environment: Environment | None = None
+    ) -> None:
         if workers < 1:
             raise DataError(f"workers must be at least 1, got {workers}")
         self._workspace = Path(os.path.realpath(workspace))
@@ -57,7 +64,7 @@ class JobQueue:
         self._waiting: deque[str] = deque()
         self._running: dict[str, Run] = {}
         self._unsaved: dict[str, str] = {}  # why, by job
-        self._open = False
+        self._open, self._environment = False, environment
 
     def __enter__(self) -> JobQueue:
         self.start()
@@ -141,6 +148,7 @@ class JobQueue:
                 title=title,
                 state="queued",
                 created=_now(),
+                user=acting_user.get(),
             )
             self._store.save(job)
             self._jobs[job.id] = job
@@ -311,7 +319,14 @@ class JobQueue:
         folder = self._workspace / job.folder
         if not folder.is_dir():
             raise FileError(job.folder, "no such folder")
-        process = self._processes.begin(job.command, folder, self._store.output(job))
+        given = self._environment(job) if self._environment and job.user else nullcontext({})
+        with given as variables:
+            return self._run(job, run, folder, variables)
+
+    def _run(self, job: Job, run: Run, folder: Path, variables: Mapping[str, str]) -> dict[str, Any]:
+        """Run a command with some variables, and return what changes by its end."""
+        job_id = job.id
+        process = self._processes.begin(job.command, folder, self._store.output(job), variables)
         with self._changed:
             run.process = process
             if run.stopped is not None:

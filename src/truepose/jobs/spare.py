@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from truepose.jobs.process import CommandProcess
@@ -25,18 +25,18 @@ class Processes:
         self._lock = threading.Lock()
         self._spare: CommandProcess | None = None
 
-    def begin(self, command: Sequence[str], folder: Path, output: Path) -> CommandProcess:
-        """Return a process that runs a command in a folder; its JSON goes to the file `output`.
+    def begin(self, command: Sequence[str], folder: Path, output: Path, variables: Mapping[str, str]) -> CommandProcess:
+        """Return a process that runs a command in a folder with variables; its JSON goes to the file `output`.
 
         Raises
         ------
         OSError
             If the system cannot start it.
         """
-        if (spare := self._take()) is not None and _began(spare, command, folder, output):
+        if (spare := self._take()) is not None and _began(spare, command, folder, output, variables):
             return spare
         process = CommandProcess(threads=self._threads())
-        if not _began(process, command, folder, output):
+        if not _began(process, command, folder, output, variables):
             raise OSError("the process for the command ended at its start")
         return process
 
@@ -67,10 +67,12 @@ class Processes:
         return None if self._workers == 1 else max(1, cores() // self._workers)
 
 
-def _began(process: CommandProcess, command: Sequence[str], folder: Path, output: Path) -> bool:
+def _began(
+    process: CommandProcess, command: Sequence[str], folder: Path, output: Path, variables: Mapping[str, str]
+) -> bool:
     """Let a process begin; return False if it has ended."""
     try:
-        process.begin(command, folder, output)
+        process.begin(command, folder, output, variables)
     except OSError:
         process.kill()
         process.wait()

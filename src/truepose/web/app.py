@@ -6,11 +6,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI, Request
 
 from truepose import __version__
 from truepose.jobs import JobQueue
-from truepose.web import history, jobs, pages, problems, reports, session, verifications
+from truepose.web import history, jobs, login, pages, problems, reports, session, users, verifications
 from truepose.web.arms import routes as arms
 from truepose.web.cells import routes as cells
 from truepose.web.corrections import routes as corrections
@@ -19,27 +19,37 @@ from truepose.web.measure import routes as measure
 from truepose.web.meshes import routes as meshes
 from truepose.web.programs import previews
 from truepose.web.programs import routes as programs
-from truepose.web.security import Guard
+from truepose.web.security import Gate
+from truepose.web.team.team import Team
 from truepose.web.workspace import Workspace
 
 API = "/api/v1"
 
 
-def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1, ready: bool = False) -> FastAPI:
+async def _permitted(request: Request) -> None:
+    request.app.state.guard.permit(request)
+
+
+def create_app(
+    workspace: Workspace, guard: Gate, *, workers: int = 1, ready: bool = False, team: Team | None = None
+) -> FastAPI:
     """Return the application of a workspace.
 
     Parameters
     ----------
     workspace : Workspace
         The folder of cells that the pages show and write.
-    guard : Guard
-        The start-up token, and the addresses that the server answers.
+    guard : Gate
+        The guard: `Guard` with a start-up token, or `TeamGuard`.
     workers : int
         The largest number of jobs that run at once.
     ready : bool
         Whether a process waits for the next job with its modules imported.
+    team : Team, optional
+        The users, with a store.
     """
-    queue = JobQueue(workspace.root, workers=workers, ready=ready)
+    environment = None if team is None else team.job_environment
+    queue = JobQueue(workspace.root, workers=workers, ready=ready, environment=environment)
 
     @asynccontextmanager
     async def running(_app: FastAPI) -> AsyncIterator[dict[str, Any]]:
@@ -55,11 +65,13 @@ def create_app(workspace: Workspace, guard: Guard, *, workers: int = 1, ready: b
         openapi_url=f"{API}/openapi.json",
         generate_unique_id_function=lambda route: route.name,
     )
-    app.state.workspace, app.state.guard, app.state.jobs = workspace, guard, queue
+    app.state.workspace, app.state.guard, app.state.jobs, app.state.team = workspace, guard, queue, team
     problems.install(app)
-    api = APIRouter(prefix=API)
+    api = APIRouter(prefix=API, dependencies=[Depends(_permitted)])
     for routes in (
         session,
+        login,
+        users,
         cells,
         arms,
         meshes,

@@ -9,11 +9,12 @@ from typing import Annotated, Final
 
 import anyio
 from anyio import to_thread
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import TypeAdapter
 from starlette.responses import FileResponse, StreamingResponse
 
 from truepose.jobs import Job, JobQueue, State
+from truepose.web.team.visits import check_job
 from truepose.web.workspace import InJobs
 
 router = APIRouter(tags=["jobs"])
@@ -72,14 +73,16 @@ async def job_events(job: str, jobs: InJobs, last_event_id: Annotated[str | None
 
 
 @router.delete("/jobs/{job}")
-def cancel_job(job: str, jobs: InJobs) -> Job:
-    """Cancel a job, and return it when it has ended."""
+def cancel_job(job: str, jobs: InJobs, request: Request) -> Job:
+    """Cancel a job, and return it when it has ended; that of another user needs the role that starts one."""
+    check_job(request, jobs.get(job), own=True)
     return jobs.cancel(job)
 
 
 @router.post("/jobs/{job}/run", status_code=202)
-def run_job_again(job: str, jobs: InJobs) -> Job:
-    """Run the command of a job that has ended again, as a new job."""
+def run_job_again(job: str, jobs: InJobs, request: Request) -> Job:
+    """Run the command of a job that has ended again, as a new job of the user who asks."""
+    check_job(request, jobs.get(job))
     return jobs.run_again(job)
 
 

@@ -11,24 +11,23 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-import time
-from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import cookie_parser
+from starlette.requests import Request, cookie_parser
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from truepose.web.problems import problem_response
+from truepose.web.throttle import Window
 from truepose.web.uploads import BodyTooLargeError, largest_body
 
 CSRF_HEADER: Final = "X-Truepose-CSRF"
 _TRIES, _WINDOW_S = 10, 60.0
-_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 HEADERS: Final = {
     "Content-Security-Policy": (
         "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
@@ -40,6 +39,26 @@ HEADERS: Final = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 """The headers of every answer: nothing from elsewhere, nothing inline, no foreign frame."""
+
+
+class Gate(Protocol):
+    """What the application needs of its guard: `Guard`, or that of a server with users."""
+
+    @property
+    def start_url(self) -> str:
+        """The address to open first."""
+
+    def middleware(self, app: ASGIApp) -> ASGIApp:
+        """Return the application behind the guard."""
+
+    async def answer(self, scope: Scope) -> Response | None:
+        """Return the answer to a request that is not passed on; None if it may pass."""
+
+    def permit(self, request: Request) -> None:
+        """Refuse an endpoint that the user of a request may not use."""
+
+    def csrf_of(self, request: Request) -> str:
+        """Return the value of the header that changes need."""
 
 
 @dataclass
@@ -56,7 +75,7 @@ class Guard:
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    _wrong: deque[float] = field(default_factory=deque)
+    _wrong: Window = field(default_factory=lambda: Window(_TRIES, _WINDOW_S))
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -90,7 +109,18 @@ class Guard:
 
     def middleware(self, app: ASGIApp) -> ASGIApp:
         """Return the application behind this guard."""
-        return _Guarded(app, self)
+        return Guarded(app, self)
+
+    async def answer(self, scope: Scope) -> Response | None:
+        """Return the answer to a request that is refused or starts a session; None if it may pass."""
+        return self.refusal(scope) or self.start(scope)
+
+    def permit(self, _request: Request) -> None:
+        """Permit every endpoint: who has the session is the one user."""
+
+    def csrf_of(self, _request: Request) -> str:
+        """Return the value of the header that changes need."""
+        return self.csrf
 
     def refusal(self, scope: Scope) -> Response | None:
         """Return the answer to a request that is refused; None if it may pass."""
@@ -103,7 +133,7 @@ class Guard:
             return problem_response(401, "No session", "open the address with the token that 'truepose app' printed")
         if not hmac.compare_digest(value.encode(), self.session.encode()):
             return self._wrong_try("the session is not of this server")
-        if scope["method"] in _SAFE:
+        if scope["method"] in SAFE:
             return None
         origin = headers.get("origin")
         if origin is not None and origin.removeprefix("http://") not in self.hosts:
@@ -129,24 +159,30 @@ class Guard:
 
     def _wrong_try(self, what: str) -> Response:
         """Return 403, or 429 after many wrong tries in a minute."""
-        now = time.monotonic()
-        while self._wrong and now - self._wrong[0] > _WINDOW_S:
-            self._wrong.popleft()
-        if len(self._wrong) >= _TRIES:
+        if self._wrong.full():
             return problem_response(
                 429, "Too many wrong tries", "wait a minute", headers={"Retry-After": f"{_WINDOW_S:.0f}"}
             )
-        self._wrong.append(now)
+        self._wrong.add()
         return problem_response(403, "Refused", f"{what}; open the address that 'truepose app' printed")
 
 
-class _Guarded:
-    """The application behind the guard: refusals, the limit of bodies, and the headers of every answer."""
+class Guarded:
+    """The application behind a guard: refusals, the limit of bodies, and the headers of every answer.
 
-    def __init__(self, app: ASGIApp, guard: Guard) -> None:
+    Parameters
+    ----------
+    app : ASGIApp
+        The application.
+    guard : Gate
+        The guard.
+    """
+
+    def __init__(self, app: ASGIApp, guard: Gate) -> None:
         self._app, self._guard = app, guard
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -161,7 +197,7 @@ class _Guarded:
                     headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
-        if (answer := self._guard.refusal(scope) or self._guard.start(scope)) is not None:
+        if (answer := await self._guard.answer(scope)) is not None:
             await answer(scope, receive, send_guarded)
             return
         limited = _Limited(self._app, largest_body(path))

@@ -1,0 +1,186 @@
+"""The users of a server: their log-ins and sessions, checked against the store at every request."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from truepose.errors import DataError, RefusedError, StoreError
+from truepose.web.problems import WebError
+from truepose.web.team.sessions import Session, Sessions
+from truepose.web.throttle import Waits, Window
+
+if TYPE_CHECKING:
+    from truepose.jobs import Job
+    from truepose.store.access import Identity
+    from truepose.store.roles import Role
+    from truepose.store.store import Store
+
+STORE_VARIABLE: Final = "TRUEPOSE_STORE"
+"""The variable with the store's address in the environment of a job."""
+TOKEN_VARIABLE: Final = "TRUEPOSE_STORE_TOKEN"
+"""The variable with the token in the environment of a job."""
+_WRONG_TRIES, _WINDOW_S = 60, 60.0
+_AT_ONCE: Final = 2  # each check of a password takes 64 MB
+_REFUSED: Final = (
+    "the user name or the password is wrong, or the user is disabled; after wrong tries, wait some minutes"
+)
+
+
+class WaitError(WebError):
+    """Too many wrong tries.
+
+    Parameters
+    ----------
+    seconds : float
+        The seconds to wait.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = max(1, round(seconds))
+        super().__init__(429, "Too many wrong tries", f"wait {self.seconds} s, then try again")
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """The user of a request.
+
+    Attributes
+    ----------
+    session : Session
+        The session.
+    roles : tuple of str
+        The roles that are in force now.
+    """
+
+    session: Session
+    roles: tuple[Role, ...]
+
+    @property
+    def identity(self) -> Identity:
+        """Who it is."""
+        return self.session.identity
+
+
+class Team:
+    """The users of a server.
+
+    Parameters
+    ----------
+    store : Store
+        The store.
+    address : str
+        The address of the store, for jobs.
+    sessions : Sessions, optional
+        The sessions.
+    clock : callable, optional
+        A function that returns the time in seconds, for waits after wrong tries.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        address: str,
+        sessions: Sessions | None = None,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        given = {} if clock is None else {"clock": clock}
+        self.store, self.address = store, address
+        self.sessions = sessions or Sessions()
+        self._waits, self._window = Waits(**given), Window(_WRONG_TRIES, _WINDOW_S, **given)
+        self._checks = threading.Semaphore(_AT_ONCE)
+
+    def log_in(self, name: str, password: str) -> tuple[str, Session]:
+        """Open a session of a user who knows the password, and return its id.
+
+        Raises
+        ------
+        WebError
+            If name and password do not belong together (401, the same for all reasons), or there were too many wrong
+            tries (429).
+        """
+        identity = self.confirmed(name, password)
+        return self.sessions.begin(identity, self._standing(identity)[1])
+
+    def confirmed(self, name: str, password: str) -> Identity:
+        """Return the identity of a user who knows the password; see `log_in`."""
+        from truepose.store.access import log_in
+        from truepose.store.names import name_key
+
+        key = name_key(name.strip())[:200]
+        if self._window.full():
+            raise WaitError(self._window.seconds)
+        if wait := self._waits.begin(key):
+            raise WaitError(wait)
+        try:
+            with self._checks:
+                identity = log_in(self.store, name, password)
+        except (RefusedError, DataError):
+            self._window.add()
+            raise WebError(401, "Not logged in", _REFUSED) from None
+        self._waits.clear(key)
+        return identity
+
+    def visitor(self, id_: str) -> Visitor | None:
+        """Return the user of a session; None if it has ended, or the user was disabled or got another password.
+
+        Raises
+        ------
+        StoreError
+            If the store cannot be reached.
+        """
+        if (session := self.sessions.find(id_)) is None:
+            return None
+        try:
+            roles, password = self._standing(session.identity)
+        except RefusedError:
+            roles, password = (), ""
+        if not roles or password != session.password:
+            self.sessions.end(session)
+            return None
+        return Visitor(session, roles)
+
+    def renew(self, session: Session) -> None:
+        """Keep a session whose own user has changed the password; all others of the user end."""
+        session.password = self._standing(session.identity)[1]
+
+    @contextmanager
+    def job_environment(self, job: Job) -> Iterator[Mapping[str, str]]:
+        """Give the variables by which a job acts as its user: a token that ends with the job.
+
+        Raises
+        ------
+        RefusedError
+            If the user was disabled meanwhile.
+        """
+        from truepose.store.access import Identity, roles_of
+        from truepose.store.tokens import create_token, revoke_token
+        from truepose.store.users import find_user
+
+        with self.store.reading() as connection:
+            row = find_user(connection, job.user)
+            identity = Identity(row["id"], row["name"])
+            roles = roles_of(connection, identity)
+        text, token = create_token(self.store, identity, f"job {job.id}", roles, days=1)
+        try:
+            yield {STORE_VARIABLE: self.address, TOKEN_VARIABLE: text}
+        finally:
+            with suppress(StoreError, RefusedError):  # without the store, the token ends with the day
+                revoke_token(self.store, identity, token.identity)
+
+    def _standing(self, identity: Identity) -> tuple[tuple[Role, ...], str]:
+        """Return the roles in force, and a fingerprint of the stored password."""
+        import sqlalchemy as sa
+
+        from truepose.store import schema
+        from truepose.store.access import roles_of
+
+        with self.store.reading() as connection:
+            roles = roles_of(connection, identity)
+            kept = sa.select(schema.user.c.password).where(schema.user.c.id == identity.user_id)
+            password = connection.execute(kept).scalar()
+        return roles, hashlib.sha256((password or "").encode()).hexdigest()
