@@ -9,7 +9,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,7 @@ _NUMBERS = itertools.count()
 
 
 @pytest.fixture(scope="session")
-def postgres(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sa.URL]:
+def postgres() -> Iterator[sa.URL]:
     """The address of a PostgreSQL server."""
     if given := os.environ.get("TRUEPOSE_POSTGRES_URL"):
         yield sa.make_url(given).set(drivername="postgresql+psycopg")
@@ -37,13 +39,16 @@ def postgres(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sa.URL]:
         import psycopg  # noqa: F401
     except ImportError as error:
         missing(f"no {error.name}: pip install pgserver 'truepose[postgres]', or set TRUEPOSE_POSTGRES_URL")
-    server = started(tmp_path_factory.mktemp("postgres"))
+    # not in pytest's folder, which another run closes for the user that root's server runs as
+    folder = Path(tempfile.mkdtemp(prefix="truepose-postgres-"))
+    server = started(folder / "data")
     server.psql("ALTER SYSTEM SET fsync = off")  # the server itself is never killed here
     server.psql("SELECT pg_reload_conf()")
     try:
         yield sa.make_url(server.get_uri()).set(drivername="postgresql+psycopg")
     finally:
         server.cleanup()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def started(folder: Path) -> Any:

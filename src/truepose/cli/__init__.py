@@ -30,6 +30,7 @@ from truepose.cli import (
     report,
     setup,
     similarity,
+    store,
     update,
     verify,
     watch,
@@ -81,9 +82,21 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
     "Report": {"report": report.report},
     "Browser": {"app": browser.app},
 }
+_STORE: Final[dict[str, Callable[..., None]]] = {
+    "init": store.init,
+    "verify": store.verify,
+    "head": store.head,
+    "backup": store.backup,
+    "restore": store.restore,
+    "migrate": store.migrate,
+}
 for _panel, _commands in _COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(_name, cls=Command, rich_help_panel=_panel)(_command)
+_store = typer.Typer(help="Keep cells, maps, programs and their history for a team.", no_args_is_help=True)
+for _name, _command in _STORE.items():
+    _store.command(_name, cls=Command)(_command)
+app.add_typer(_store, name="store", rich_help_panel="Store")
 
 
 @app.callback(invoke_without_command=True)

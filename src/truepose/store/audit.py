@@ -115,7 +115,7 @@ def append(connection: sa.Connection, before: Head, user: str, entries: Iterable
 def broken_links(connection: sa.Connection) -> Iterator[str]:
     """Yield what is wrong in the chain: an entry that was edited, removed or inserted."""
     expected = Head(0, START)
-    rows = connection.execution_options(yield_per=_MANY).execute(sa.select(audit).order_by(audit.c.sequence))
+    rows = connection.execute(sa.select(audit).order_by(audit.c.sequence), execution_options={"yield_per": _MANY})
     for found in rows.mappings():
         row = dict(found)
         sequence, where = row["sequence"], describe(row)

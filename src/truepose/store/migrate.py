@@ -13,7 +13,7 @@ from alembic.migration import MigrationContext
 from truepose.errors import StoreError
 from truepose.store import schema
 
-_SCRIPTS: Final = Path(__file__).parent / "migrations"
+SCRIPTS: Final = Path(__file__).parent / "migrations"
 
 
 def version_of(connection: sa.Connection) -> int:
@@ -46,7 +46,7 @@ def check_version(connection: sa.Connection, shown: str, *, older: bool = False)
 def upgrade(connection: sa.Connection, version: int = schema.VERSION) -> None:
     """Bring the schema of an open transaction to a version."""
     config = Config()
-    config.set_main_option("script_location", str(_SCRIPTS).replace("%", "%%"))
+    config.set_main_option("script_location", str(SCRIPTS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     command.upgrade(config, str(version))

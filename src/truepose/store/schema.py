@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-VERSION: Final = 1
+VERSION: Final = 2
 """The version of this schema: the number of the newest migration."""
 LARGEST_BLOB: Final = 64 * 2**20
 """The largest blob in bytes that a database keeps itself, without a folder of blobs."""
@@ -255,7 +255,15 @@ audit = _table(
     sa.Column("previous", _SHA, nullable=False),
     sa.Column("hash", _SHA, nullable=False, unique=True),
 )
-sa.Index(None, audit.c.object, audit.c.object_id, audit.c.sequence)
+for _columns in (
+    (audit.c.object, audit.c.object_id, audit.c.sequence),
+    (correction.c.map_id, correction.c.id),
+    (verification.c.map_id, verification.c.id),
+    (verification.c.correction_id, verification.c.id),
+    (map.c.cell_id, map.c.id),
+    (release.c.object, release.c.object_id, release.c.id),
+):
+    sa.Index(None, *_columns)
 
 AUDITED: Final = tuple(table for table in metadata.sorted_tables if table not in (blob, audit))
 """The tables whose rows have entries in the audit trail, each after those that it refers to."""

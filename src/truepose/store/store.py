@@ -66,18 +66,45 @@ class Store:
         DataError
             If the address cannot be read, or the driver is not installed.
         """
-        store = cls(backend_of(address))
+        if create:
+            with cls.making(address) as (store, connection):
+                upgrade(connection)
+                identity = {"store": str(uuid.uuid4()), "schema": schema.VERSION, "program": __version__}
+                Change(connection, "truepose", store.blobs).note("store.init", identity)
+            return store
+        store = cls.unchecked(address)
         try:
-            if create:
-                store._create()
-            else:
-                store.backend.check_exists()
-                with store.reading() as connection:
-                    check_version(connection, store.backend.shown)
+            with store.reading() as connection:
+                check_version(connection, store.backend.shown)
         except BaseException:
             store.close()
             raise
         return store
+
+    @classmethod
+    def unchecked(cls, address: str | Path) -> Self:
+        """Open a store of any version, to migrate it; see `open`."""
+        store = cls(backend_of(address))
+        store.backend.check_exists()
+        return store
+
+    @classmethod
+    @contextmanager
+    def making(cls, address: str | Path) -> Iterator[tuple[Self, sa.Connection]]:
+        """Make a store in the transaction that the block fills; see `open`."""
+        store = cls(backend_of(address))
+        try:
+            store.backend.prepare()
+            with store._explained():
+                with store.backend.writer() as connection:
+                    if sa.inspect(connection).get_table_names():
+                        raise StoreError(f"{store.backend.shown}: exists already; open it, or choose another place")
+                    yield store, connection
+                    head = audit.head(connection)
+                anchor.write(store.backend.anchor, head)
+        except BaseException:
+            store.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -135,7 +162,7 @@ class Store:
         if self.blobs is not None:
             return self.blobs.read(sha)
         with self.reading() as connection:
-            return blob_in_database(connection, sha, self.backend.shown)
+            return blob_content(self, connection, sha)
 
     def serve_lock(self) -> AbstractContextManager[None]:
         """Hold the right to serve the store; SQLite allows one server, PostgreSQL any number."""
@@ -154,18 +181,10 @@ class Store:
         anchor.write(self.backend.anchor, change.head)
         return before, schema.VERSION
 
-    def _create(self) -> None:
-        self.backend.prepare()
-        with self._explained():
-            with self.backend.writer() as connection:
-                if sa.inspect(connection).get_table_names():
-                    raise StoreError(f"{self.backend.shown}: exists already; open it, or choose another place")
-                upgrade(connection)
-                change = Change(connection, "truepose", self.blobs)
-                change.note(
-                    "store.init", {"store": str(uuid.uuid4()), "schema": schema.VERSION, "program": __version__}
-                )
-            anchor.write(self.backend.anchor, change.head)
+    def grant(self, role: str) -> None:
+        """Give a role of the database server the rights that the application needs; see `Backend.grant`."""
+        with self._explained(), self.backend.writer() as connection:
+            self.backend.grant(connection, role)
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -176,8 +195,11 @@ class Store:
             raise StoreError(f"{self.backend.shown}: {self.backend.explain(error)}") from error
 
 
-def blob_in_database(connection: sa.Connection, sha: str, shown: str) -> bytes:
-    """Return a blob that the database keeps; see `Store.read_blob`."""
+def blob_content(store: Store, connection: sa.Connection, sha: str) -> bytes:
+    """Return a blob within a transaction; see `Store.read_blob`."""
+    if store.blobs is not None:
+        return store.blobs.read(sha)
+    shown = store.backend.shown
     content = connection.execute(sa.select(schema.blob.c.content).where(schema.blob.c.sha256 == sha)).scalar()
     if content is None:
         raise StoreError(f"{shown}: blob {sha} is missing; restore it from a backup")

@@ -49,6 +49,9 @@ class Backend(Protocol):
     def serve_lock(self) -> AbstractContextManager[None]:
         """Hold the lock of the one server that may use the database; other engines allow several servers."""
 
+    def grant(self, connection: sa.Connection, role: str) -> None:
+        """Give a role of the server all tables, but the audit trail for appending only."""
+
     def damage(self, connection: sa.Connection) -> list[str]:
         """Return what the engine's own check finds."""
 

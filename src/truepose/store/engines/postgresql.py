@@ -82,6 +82,30 @@ class PostgresqlBackend:
         """Allow several servers: PostgreSQL is made for it."""
         yield
 
+    def grant(self, connection: sa.Connection, role: str) -> None:
+        """Give a role what the application needs: all tables, but the audit trail for appending only.
+
+        Raises
+        ------
+        StoreError
+            If the role does not exist.
+        """
+        known = sa.text("SELECT 1 FROM pg_roles WHERE rolname = :role")
+        if connection.execute(known, {"role": role}).scalar() is None:
+            raise StoreError(f"the server has no role {role!r}; make it with CREATE ROLE")
+        name = connection.dialect.identifier_preparer.quote(role)
+        schema = connection.dialect.identifier_preparer.quote(
+            str(connection.execute(sa.text("SELECT current_schema()")).scalar())
+        )
+        for statement in (
+            f"GRANT USAGE ON SCHEMA {schema} TO {name}",
+            f"GRANT SELECT, INSERT, UPDATE, DELETE ON ALL TABLES IN SCHEMA {schema} TO {name}",
+            f"REVOKE ALL ON audit, blob, alembic_version FROM {name}",
+            f"GRANT SELECT, INSERT ON audit, blob TO {name}",
+            f"GRANT SELECT ON alembic_version TO {name}",
+        ):
+            connection.exec_driver_sql(statement)
+
     def damage(self, connection: sa.Connection) -> list[str]:
         """Return triggers that are missing or disabled; PostgreSQL checks its pages when it reads them."""
         statement = "SELECT tgname FROM pg_trigger WHERE tgrelid = 'audit'::regclass AND tgenabled <> 'D'"
@@ -102,28 +126,3 @@ class PostgresqlBackend:
         if isinstance(error, sa.exc.OperationalError) and not code:
             return f"cannot be reached ({first_line(error)}); check the address, and that the server runs"
         return f"{first_line(error)}; nothing was stored"
-
-
-def grant(connection: sa.Connection, role: str) -> None:
-    """Give a role of the server what the application needs: all tables, but the audit trail for appending only.
-
-    Raises
-    ------
-    StoreError
-        If the role does not exist.
-    """
-    known = sa.text("SELECT 1 FROM pg_roles WHERE rolname = :role")
-    if connection.execute(known, {"role": role}).scalar() is None:
-        raise StoreError(f"the server has no role {role!r}; make it with CREATE ROLE")
-    name = connection.dialect.identifier_preparer.quote(role)
-    schema = connection.dialect.identifier_preparer.quote(
-        str(connection.execute(sa.text("SELECT current_schema()")).scalar())
-    )
-    for statement in (
-        f"GRANT USAGE ON SCHEMA {schema} TO {name}",
-        f"GRANT SELECT, INSERT, UPDATE, DELETE ON ALL TABLES IN SCHEMA {schema} TO {name}",
-        f"REVOKE ALL ON audit, blob, alembic_version FROM {name}",
-        f"GRANT SELECT, INSERT ON audit, blob TO {name}",
-        f"GRANT SELECT ON alembic_version TO {name}",
-    ):
-        connection.exec_driver_sql(statement)

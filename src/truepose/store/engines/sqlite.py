@@ -13,7 +13,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 from truepose._io.locks import lock
-from truepose.errors import StoreError
+from truepose.errors import DataError, StoreError
 from truepose.store.engines.base import first_line, missing_guards
 from truepose.store.engines.file_systems import refuse_network
 
@@ -102,6 +102,10 @@ class SqliteBackend:
             yield
         finally:
             os.close(descriptor)
+
+    def grant(self, connection: sa.Connection, role: str) -> None:
+        """Refuse: a file has no roles."""
+        raise DataError("SQLite has no roles; rights are those of the folder (--grant is for PostgreSQL)")
 
     def damage(self, connection: sa.Connection) -> list[str]:
         """Return the findings of SQLite's integrity check, and triggers that are missing."""

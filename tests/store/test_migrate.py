@@ -1,0 +1,64 @@
+"""Stores of older versions are brought to the newest; those of newer versions are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from truepose.errors import StoreError
+from truepose.store import migrate, records, rows, schema
+from truepose.store.address import backend_of
+from truepose.store.change import Change
+from truepose.store.store import Store
+from truepose.store.verify import verify
+
+
+def old_store(address: str, version: int) -> Store:
+    """Make a store of an older version with rows, as its program would have."""
+    store = Store(backend_of(address))
+    store.backend.prepare()
+    with store.backend.writer() as connection:
+        migrate.upgrade(connection, version)
+        change = Change(connection, "a", store.blobs)
+        change.note("store.init", {"schema": version})
+        cell = records.put_cell(change, "Cell 4", b"[cell]")
+        map_id = records.put_map(change, records.NewMap(cell, "m", b"map", "idw", {"mean_mm": 0.1}))
+        program = records.put_program(change, records.put_robot(change, "Cell 4"), "P.src", b"DEF P()")
+        records.put_correction(change, records.NewCorrection(program, map_id, {}, b"out", b"record", 3, 2, 1))
+    return store
+
+
+@pytest.mark.parametrize("version", range(1, schema.VERSION))
+def test_older_stores_are_migrated_with_their_rows(new_address: Callable[[], str], version: int) -> None:
+    address = new_address()
+    with old_store(address, version) as store:
+        before = store.head()
+    with pytest.raises(StoreError, match=f"schema version {version}.*truepose store migrate"):
+        Store.open(address)
+    with Store.unchecked(address) as store:
+        assert store.migrate("b") == (version, schema.VERSION)
+        assert store.migrate("b") == (schema.VERSION, schema.VERSION)
+    with Store.open(address) as store, store.reading() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), schema.metadata) == []
+        assert [row["targets"] for row in rows.recall(connection, 1).rows] == [3]
+        assert verify(store, head=before.hash).faults == []
+        assert store.head().sequence == before.sequence + 1
+
+
+def test_a_store_of_a_newer_program_is_refused(store: Store, address: str) -> None:
+    newer = schema.VERSION + 1
+    with store.backend.engine.begin() as connection:
+        connection.execute(sa.text(f"UPDATE alembic_version SET version_num = '{newer}'"))
+    with pytest.raises(StoreError, match=f"version {newer}.*update truepose"):
+        Store.open(address)
+    with pytest.raises(StoreError, match="update truepose"):
+        store.migrate("a")
+
+
+def test_every_version_has_a_migration() -> None:
+    found = sorted(path.name.partition("_")[0] for path in (migrate.SCRIPTS / "versions").glob("v*.py"))
+    assert found == [f"v{number}" for number in range(1, schema.VERSION + 1)]
