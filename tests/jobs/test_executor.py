@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from tests.jobs.clusters import LocalCluster, local_cluster, wait_for_workers
 from tests.jobs.executor_tasks import counted, full_disk, random_product, slow
 
 import truepose as tp
+from truepose.error_map import bulk
 from truepose.errors import DataError, TrueposeError
 from truepose.jobs.executor import Cluster, FinishedResults, Security, make_executor
 from truepose.jobs.executor.identity import differences, identity
@@ -22,6 +25,7 @@ from truepose.numerics.executor import Executor, Serial, Task
 from truepose.numerics.processes import Processes
 from truepose.programs import FrameTable
 from truepose.programs.batch import correct_programs
+from truepose.samples import write_samples
 
 try:
     import distributed  # noqa: F401
@@ -140,6 +144,59 @@ def test_cross_validation_is_the_same_in_all_forms(form, virtual):
             made = tp.fit_cell(virtual.cell, samples, candidates=candidates, folds=3, executor=executor)
         found.append((made.hash, made.ranking, made.expected))
     assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_table_is_predicted_to_the_same_bytes_in_all_forms(
+    cluster, virtual, map_path, tmp_path, monkeypatch, run, ending
+):
+    pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
+    monkeypatch.setattr(processes, "cores", lambda: 2)
+    monkeypatch.setattr(bulk, "ROWS", 50)
+    poses = tp.Poses(q=virtual.design(230, seed=6))
+    table = tmp_path / f"poses.{ending}"
+    if ending == "csv":
+        write_samples(table, poses)
+    else:
+        poses.to_frame().assign(part="door").to_parquet(table)
+    found = []
+    for options in (["--workers", "1"], ["--workers", "2"], ["--cluster", cluster.address]):
+        out = tmp_path / f"out{len(found)}.{ending}"
+        done = run("predict", map_path, table, "--out", out, "--json", *options)
+        assert done.code == 0, done
+        found.append((hashlib.sha256(out.read_bytes()).hexdigest(), json.loads(done.out)["max_std_mm"]))
+    assert found[0] == found[1] == found[2]
+    if ending == "parquet":
+        written = pandas.read_parquet(tmp_path / "out0.parquet")
+        assert list(written["part"].unique()) == ["door"]
+        p, std = tp.load_map(map_path).predict_measured(poses)
+        np.testing.assert_allclose(written[["x_pred_mm", "y_pred_mm", "z_pred_mm"]], p, atol=1e-9)
+        np.testing.assert_allclose(written["std_mm"], np.linalg.norm(std, axis=1), atol=1e-9)
+        assert not [path for path in tmp_path.iterdir() if path.name.startswith(".truepose")]
+
+
+def test_damaged_parquet_is_refused_by_name(map_path, tmp_path, run):
+    pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
+    whole = tmp_path / "poses.parquet"
+    pandas.DataFrame({"q1_deg": np.zeros(9)}).to_parquet(whole)
+    (tmp_path / "cut.parquet").write_bytes(whole.read_bytes()[:-9])
+    (tmp_path / "text.parquet").write_text("q1_deg,q2_deg\n1,2\n")
+    pandas.DataFrame({"q1_deg": [0.0, np.nan]}).to_parquet(tmp_path / "nan.parquet")
+    pandas.DataFrame({"q1": ["a"]}).to_parquet(tmp_path / "words.parquet")
+    for name, reason in (
+        ("cut", "is not a table in Parquet"),
+        ("text", "is not a table in Parquet"),
+        ("nan", "q1_deg is not a number"),
+        ("words", "needs columns q1_deg"),
+        ("missing", "no such file"),
+    ):
+        done = run("predict", map_path, tmp_path / f"{name}.parquet", "--out", tmp_path / "out.parquet")
+        assert done.code == 1
+        assert reason in done.err, name
+        assert f"{name}.parquet" in done.err
+        assert not (tmp_path / "out.parquet").exists()
+    done = run("predict", map_path, whole, "--out", tmp_path / "out.csv")
+    assert "give both as Parquet" in done.err
 
 
 def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_path):

@@ -4,23 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath
+from truepose.cli.options import Execution, Force, Json, MapPath, with_groups
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
 from truepose.cli.summaries import show_better, show_campaign, show_worth
 
+if TYPE_CHECKING:
+    from truepose._typing import FloatArray
+    from truepose.cli.output import Steps
+
 _STATES = ("before", "after")
+_EXECUTION = Execution()
+_WORTH_PROCESSES = 150_000  # poses
 
 
+class _Totals:
+    """What a prediction says about all poses, and how many are done."""
+
+    def __init__(self, n: int, progress: Steps) -> None:
+        self.done, self.sum, self.largest = 0, 0.0, 0.0
+        self._n, self._progress = n, progress
+
+    def add(self, p: FloatArray, std: FloatArray) -> dict[str, FloatArray]:
+        """Count a part; return its columns."""
+        import numpy as np
+
+        total = np.linalg.norm(std, axis=1)
+        self.done, self.sum = self.done + len(p), self.sum + float(total.sum())
+        self.largest = max(self.largest, float(total.max()))
+        self._progress.count(self.done, self._n)
+        columns = {f"{axis}_pred_mm": p[:, k] for k, axis in enumerate("xyz")}
+        return columns | {"std_mm": total, **{f"{axis}_pred_std_mm": std[:, k] for k, axis in enumerate("xyz")}}
+
+
+@with_groups
 def predict(
     map_path: MapPath,
     poses_path: Annotated[
-        Path, typer.Argument(metavar="POSES", help="Table of poses with columns q1_deg … or x_cmd_mm ….")
+        Path, typer.Argument(metavar="POSES", help="Table (CSV, .xlsx, .parquet) with columns q1_deg … or x_cmd_mm ….")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The table to write.")] = Path("predicted.csv"),
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The table to write; by default predicted.csv or predicted.parquet.")
+    ] = None,
+    execution: Execution = _EXECUTION,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -28,24 +57,37 @@ def predict(
     import numpy as np
 
     from truepose.error_map import load_map
+    from truepose.error_map.bulk import ROWS, in_parts, predict_parts
+    from truepose.errors import DataError
     from truepose.samples import append_columns
+    from truepose.samples.parquet import ParquetTable, is_parquet, write_parts
     from truepose.trackers import read_plan
 
+    large = is_parquet(poses_path)
+    out = out or Path("predicted.parquet" if large else "predicted.csv")
+    if is_parquet(out) != large:
+        raise DataError(f"{poses_path} and {out}: give both as Parquet (.parquet) or none of them")
     overwrite(force, out)
     with working("Reading the map", quiet=as_json) as progress:
         error_map = load_map(map_path)
-        poses = read_plan(poses_path)
+        poses = ParquetTable(poses_path) if large else read_plan(poses_path)
         progress(f"Predicting {len(poses)} poses")
-        p, std = error_map.predict_measured(poses)
-    total = np.linalg.norm(std, axis=1)
-    columns = {f"{axis}_pred_mm": p[:, k] for k, axis in enumerate("xyz")}
-    columns |= {"std_mm": total, **{f"{axis}_pred_std_mm": std[:, k] for k, axis in enumerate("xyz")}}
-    append_columns(poses_path, out, columns)
+        with execution.executor("prediction", pays=len(poses) > _WORTH_PROCESSES) as executor:
+            totals = _Totals(len(poses), progress)
+            if isinstance(poses, ParquetTable):
+                parts = predict_parts(error_map, poses.parts(ROWS), executor)
+                write_parts(out, ((part, totals.add(p, std)) for part, p, std in parts))
+            else:
+                found = [totals.add(p, std) for _, p, std in predict_parts(error_map, in_parts(poses), executor)]
+                append_columns(
+                    poses_path, out, {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+                )
+    mean, largest = totals.sum / totals.done, totals.largest
     if as_json:
-        emit_json({"out": out, "n": len(p), "mean_std_mm": float(total.mean()), "max_std_mm": float(total.max())})
+        emit_json({"out": out, "n": totals.done, "mean_std_mm": mean, "max_std_mm": largest})
     else:
-        std_words = f"standard deviation {total.mean():.3f} mm on average, {total.max():.3f} mm at most"
-        say(f"Wrote {out}: {len(p)} poses, {std_words}.")
+        std_words = f"standard deviation {mean:.3f} mm on average, {largest:.3f} mm at most"
+        say(f"Wrote {out}: {totals.done} poses, {std_words}.")
 
 
 def validate(

@@ -18,10 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from truepose._io.archive import LARGEST_MAP
-from truepose._io.files import read_bytes
 from truepose.cell import Cell
-from truepose.error_map.encoding import from_bytes, to_bytes
+from truepose.error_map.bulk import share_map, shared_map
 from truepose.error_map.map import ErrorMap
 from truepose.errors import FileError, TrueposeError
 from truepose.numerics.executor import Executor, Inputs, Task
@@ -69,7 +67,7 @@ def correct_in_tasks(
     **settings
         The other options of `correct_program`.
     """
-    shared = executor.share(lambda: _map_bytes(error_map), error_map)
+    shared = share_map(error_map, executor)
     here: dict[int, Outcome] = {}
     places: list[int] = []
 
@@ -104,7 +102,7 @@ def correct_in_tasks(
 def correct_task(inputs: Inputs, task: Task) -> _Sent | TrueposeError:
     """Correct a program in a worker."""
     data, path, cell, settings = task.values
-    error_map = inputs.get(task.inputs[0], partial(_map_of, path))
+    error_map = shared_map(inputs, task.inputs[0], path)
     program: Program = pickle.loads(data)
     try:
         one = correct_program(program, error_map, cell, proven=False, **settings)
@@ -155,27 +153,6 @@ def _received(program: Program, sent: _Sent, spool: _Spool) -> Outcome:
             return FileError(path, "the corrected file did not arrive whole; run again")
     files = {path: spool.add(data) for path, data in sent.files.items()}
     return replace(one, rendered=RenderedParts(files, spool.add(sent.json_rows), spool.add(sent.csv_rows)))
-
-
-def _map_bytes(error_map: ErrorMap) -> bytes:
-    """Return the file of a map; it is read again, because a map keeps none of its bytes.
-
-    Raises
-    ------
-    FileError
-        If the file was changed since.
-    """
-    if error_map.path is None:
-        return to_bytes(error_map)
-    data = read_bytes(error_map.path, LARGEST_MAP)
-    if hashlib.sha256(data).hexdigest() != error_map.hash:
-        raise FileError(error_map.path, "changed while it was used; run again")
-    return data
-
-
-def _map_of(path: Path | None, data: bytes) -> ErrorMap:
-    found = from_bytes(data, path or "map", ErrorMap)
-    return found if path is not None else replace(found, stored=None)
 
 
 def _packed(data: bytes) -> bytes:
