@@ -49,7 +49,7 @@ def test_a_release_keeps_who_when_and_what_it_means(store, team):
         (signature,) = releases.signatures(connection, made["id"])
     assert signature["user"] == "eva"
     assert signature["second_user_id"] == team["anna"].user_id
-    assert signature["meaning"] == releases.RELEASED
+    assert signature["meaning"] == releases.MEANINGS["release"]
     assert signature["reason"] == "checked with 40 poses"
     assert signature["created"].endswith("Z")
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("quick_hashes")
 
 @pytest.fixture
 def chief(store: Store) -> Identity:
-    users.add_user(store, None, "chief", ["admin"], password=PASSWORD)
+    users.add_user(store, access.open_identity("test"), "chief", ["admin"], password=PASSWORD)
     return log_in(store, "chief", PASSWORD)
 
 
@@ -38,13 +38,18 @@ def actions(store: Store) -> list[tuple[str, str, str]]:
 
 
 def test_the_first_user_must_be_an_administrator_and_is_added_without_a_log_in(store):
-    assert not users.has_users(store)
+    somebody = access.open_identity("account")
+    with changing(store, somebody, "fit"):
+        pass
+    with pytest.raises(RefusedError, match="needs the role release"), changing(store, somebody, "release"):
+        pytest.fail("nobody can release without users")
     with pytest.raises(DataError, match="first user of a store must have the role admin"):
-        users.add_user(store, None, "eva", ["release"], password=PASSWORD)
-    users.add_user(store, None, "chief", ["admin"], password=PASSWORD)
-    with pytest.raises(RefusedError, match="the store has users; log in as an administrator"):
-        users.add_user(store, None, "eva", ["admin"], password=PASSWORD)
-    assert users.has_users(store)
+        users.add_user(store, somebody, "eva", ["release"], password=PASSWORD)
+    users.add_user(store, somebody, "chief", ["admin"], password=PASSWORD)
+    with pytest.raises(RefusedError, match="the store has users; log in as one of them"):
+        users.add_user(store, somebody, "eva", ["admin"], password=PASSWORD)
+    with pytest.raises(RefusedError, match="the store has users; log in"), changing(store, somebody, "fit"):
+        pytest.fail("the store is no longer open")
 
 
 def test_only_administrators_manage_users(store, anna, chief):

@@ -20,6 +20,7 @@ from truepose.cli.options import (
     with_groups,
 )
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, working
+from truepose.cli.store_record import RecordIn, record_map, recorder
 from truepose.cli.summaries import (
     show_better,
     show_calibration,
@@ -49,6 +50,7 @@ def fit(
     execution: Execution = _EXECUTION,
     accept_campaign: AcceptCampaign = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="Show also the identified parameters.")] = False,
+    store: RecordIn = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -60,11 +62,12 @@ def fit(
     from truepose.samples import read_samples
 
     overwrite(force, out)
-    with working(quiet=as_json) as progress, ExitStack() as stack:
+    with recorder(store, "fit") as record, working(quiet=as_json) as progress, ExitStack() as stack:
         executor = stack.enter_context(execution.executor("cross-validation")) if execution.asked else None
+        samples = read_samples(samples_path)
         error_map = fit_cell(
             load_cell(cell_path),
-            read_samples(samples_path),
+            samples,
             predictor,
             candidates=candidates if candidates in ("quick", "all") else candidates.split(","),
             splits=splits.split(","),
@@ -74,6 +77,8 @@ def fit(
             accept_campaign=accept_campaign,
         )
         error_map.save(out)
+        if record is not None:
+            record_map(record, cell_path, out, error_map, samples_path, samples)
         progress("Comparing with another predictor")
         better = better_predictor(error_map)
     data = {"map": out, **fit_figures(error_map), "better": None if better is None else better.to_dict()}

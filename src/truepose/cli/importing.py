@@ -10,6 +10,7 @@ import typer
 from truepose.cli.measurement import Measurement
 from truepose.cli.options import AcceptCampaign, CellPath, Force, Json, with_groups
 from truepose.cli.output import emit_json, overwrite, say, working
+from truepose.cli.store_record import RecordIn, record_samples, recorder
 from truepose.cli.summaries import show_campaign
 from truepose.cli.tool import show_tool
 
@@ -35,6 +36,7 @@ def import_readings(
         typer.Option("--mask", help="Table of points to leave out (point or row, reason); they stay in the samples."),
     ] = None,
     measurement: Measurement = _MEASUREMENT,
+    store: RecordIn = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -46,7 +48,10 @@ def import_readings(
 
     overwrite(force, out, *measurement.check())
     cell = load_cell(cell_path)
-    with working("Matching the readings with the plan", quiet=as_json) as progress:
+    with (
+        recorder(store, "measure") as record,
+        working("Matching the readings with the plan", quiet=as_json) as progress,
+    ):
         found = import_samples(
             cell,
             readings_path,
@@ -60,7 +65,9 @@ def import_readings(
             progress=progress,
             matched=lambda understood: None if as_json else say(*understood.sentences()),
         )
-    found.write(out)
+        found.write(out)
+        if record is not None:
+            record_samples(record, cell_path, out, readings_path, found.samples, found.campaign.to_dict())
     if as_json:
         from truepose.error_map.figures import tool_data
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from truepose.cli.options import Execution, Force, Json, MapPath, with_groups
+from truepose.cli.options import Execution, Force, Json, MapPath, check_pairs, with_groups
 from truepose.cli.output import emit_json, overwrite, say, working
+from truepose.cli.store_record import RecordIn, ReleasedOnly, map_to_use, record_corrections, recorder
 
 if TYPE_CHECKING:
     from truepose.cell import Cell
@@ -274,13 +275,14 @@ def correct(
     report: ReportPath = None,
     targets: TargetsPath = None,
     execution: Execution = _EXECUTION,
+    store: RecordIn = None,
+    released_only: ReleasedOnly = False,
     force: Force = False,
     no_targets: NoTargets = False,
     as_json: Json = False,
 ) -> None:
     """Correct the targets of robot programs; write the programs and a record of every target."""
     from truepose.cli.verdicts import show_backups
-    from truepose.error_map import load_map
     from truepose.errors import DataError, RefusedError
     from truepose.programs import CorrectedBatch, Coverage, RefusedProgram
     from truepose.programs.batch import check_names, correct_read, read_for, worth_processes
@@ -288,11 +290,12 @@ def correct(
 
     if in_place and (out is not None or whole):
         raise DataError(f"{'--whole' if whole else '--out'} has no effect with --in-place; give one of them")
+    check_pairs(("--released-only", True if released_only else None, "--store", store))
     out = out or Path("corrected")
     _allow_files(report, targets, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
-    with working("Reading the map", quiet=as_json) as progress:
-        error_map = load_map(map_path)
+    with recorder(store, "correct") as record, working("Reading the map", quiet=as_json) as progress:
+        error_map, row = map_to_use(record, map_path, released_only=released_only)
         cell = reading.cell()
         frames = reading.frames(cell or error_map.cell)
         progress("Reading the programs")
@@ -318,6 +321,9 @@ def correct(
                 accept_weak_map=accept_weak_map,
                 progress=progress.count,
             )
+        if row is not None:
+            beside = map_path if map_path.is_file() else None  # the list of corrected programs lies beside a file
+            corrected = [replace(one, map_state=row["state"], map_path=beside) for one in corrected]
         unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
         batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
         progress("Writing")
@@ -326,6 +332,8 @@ def correct(
         if corrected and not dry_run:
             how = {"force": force, "workbook": xlsx}
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
+            if record is not None:
+                record_corrections(record, corrected, written)
         refusals = [one.reason for one in batch.refused]
         _write_report(Coverage.of_outcomes([one.targets for one in corrected], refusals), report)
         if targets is not None:

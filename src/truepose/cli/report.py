@@ -9,6 +9,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, working
+from truepose.cli.store_record import RecordIn, record_report, recorder
 
 
 def report(
@@ -32,6 +33,7 @@ def report(
     interactive: Annotated[
         bool, typer.Option("--interactive", help="Add a view of errors and arm that can be turned (.html only).")
     ] = False,
+    store: RecordIn = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -42,8 +44,9 @@ def report(
     from truepose.samples import read_samples
 
     overwrite(force, out)
-    with working(quiet=as_json) as progress:
-        error_map = load_map(map_path)
+    with recorder(store, "view") as record, working(quiet=as_json) as progress:
+        error_map, row = (load_map(map_path), None) if record is None else record.load_map(map_path)
+        entry = None if record is None or row is None else record.entry(row)
         held_out = None if test is None else read_samples(test)
         cell = None if cell_path is None else load_cell(cell_path)
         progress("Writing the report")
@@ -56,7 +59,10 @@ def report(
             verifications=verifications or [],
             locale=locale,
             interactive=interactive,
+            store=entry,
         )
+        if record is not None and row is not None and entry is not None:
+            record_report(record, out, row, entry.head)
     if as_json:
         emit_json({"report": out})
     else:

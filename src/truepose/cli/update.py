@@ -10,6 +10,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
+from truepose.cli.store_record import RecordIn, map_to_use, record_update, recorder
 from truepose.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -37,30 +38,35 @@ def update(
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Add the samples even if the map is not valid for them.")
     ] = False,
+    store: RecordIn = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Test whether a map is still valid for new samples, and add them to it."""
     import numpy as np
 
-    from truepose.error_map import load_map, recheck, update_map
+    from truepose.error_map import recheck, update_map
     from truepose.samples import read_samples
 
     overwrite(force, *([] if out is None else [out]))
-    with working("Reading the map", quiet=as_json) as progress:
-        error_map, samples = load_map(map_path), read_samples(samples_path)
-        progress("Testing the map with the new samples")
-        before = recheck(error_map, samples) if refit is None else None
-    if before is not None and out is not None and before.holding.verdict == "does not hold" and not anyway:
-        remedy = "use --refit, fit a new map, or add the samples with --anyway"
-        raise RefusedError(f"{map_path}: {' '.join(before.words)} Nothing was written; {remedy}")
-    only_tested = out is None and refit is None
-    with working("Fitting the map again", quiet=as_json):
-        new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
-        after = before if before is not None else recheck(new, samples)
-    far = [samples.identify(i) for i in after.holding.far]
-    if out is not None:
-        new.save(out)
+    with recorder(store, "fit") as record:
+        with working("Reading the map", quiet=as_json) as progress:
+            error_map, row = map_to_use(record, map_path)
+            samples = read_samples(samples_path)
+            progress("Testing the map with the new samples")
+            before = recheck(error_map, samples) if refit is None else None
+        if before is not None and out is not None and before.holding.verdict == "does not hold" and not anyway:
+            remedy = "use --refit, fit a new map, or add the samples with --anyway"
+            raise RefusedError(f"{map_path}: {' '.join(before.words)} Nothing was written; {remedy}")
+        only_tested = out is None and refit is None
+        with working("Fitting the map again", quiet=as_json):
+            new = error_map if only_tested else update_map(error_map, samples, None if refit is None else refit.value)
+            after = before if before is not None else recheck(new, samples)
+        far = [samples.identify(i) for i in after.holding.far]
+        if out is not None:
+            new.save(out)
+            if record is not None and row is not None:
+                record_update(record, row, out, new, samples_path, samples)
     if as_json:
         emit_json(
             {"map": map_path, "samples": samples_path, "out": out, "refit": refit, **after.to_dict(), "far_points": far}

@@ -12,6 +12,7 @@ from truepose.cli.measurement import Measurement
 from truepose.cli.options import Force, Json, MapPath, with_groups
 from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.cli.programs import Reading
+from truepose.cli.store_record import RecordIn, map_to_use, record_verification, recorder
 
 if TYPE_CHECKING:
     from truepose.programs import ProgramVerification
@@ -59,6 +60,7 @@ def verify(
         typer.Option("--out", help="File to write: .csv, .xlsx, or .json for 'report --verification'."),
     ] = None,
     reading: Reading = _READING,
+    store: RecordIn = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -67,7 +69,6 @@ def verify(
 
     from truepose._io.files import write_atomic
     from truepose._io.workbook import in_format
-    from truepose.error_map import load_map
     from truepose.errors import FileError
     from truepose.programs import verify_program
     from truepose.trackers import read_measurement
@@ -75,8 +76,8 @@ def verify(
     if out is not None and out.suffix.lower() not in (".csv", ".xlsx", ".json"):
         raise FileError(out, "expected a name that ends in .csv, .xlsx or .json")
     overwrite(force, *([] if out is None else [out]), *measurement.check())
-    with working("Reading the map", quiet=as_json) as progress:
-        error_map = load_map(map_path)
+    with recorder(store, "verify") as record, working("Reading the map", quiet=as_json) as progress:
+        error_map, _ = map_to_use(record, map_path)
         cell, settings = reading.cell(), measurement.settings()
         progress("Comparing readings with targets")
         found = verify_program(
@@ -92,9 +93,11 @@ def verify(
             frames=reading.frames(cell or error_map.cell),
             options=reading.options(),
         )
-    if out is not None:
         in_json = json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n"
-        write_atomic(out, in_json if out.suffix.lower() == ".json" else in_format(out, found.to_csv()))
+        if out is not None:
+            write_atomic(out, in_json if out.suffix.lower() == ".json" else in_format(out, found.to_csv()))
+        if record is not None:
+            record_verification(record, found, in_json.encode(), program_path, out)
     if as_json:
         emit_json(found.to_dict())
     else:

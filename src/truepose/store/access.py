@@ -33,14 +33,19 @@ _WRONG: Final = "the user name or the password is wrong, or the user is disabled
 _NO_TOKEN: Final = "the token is not known or was revoked; create a new one with 'truepose store token create'"
 
 
+OPEN_ROLES: Final[tuple[Role, ...]] = ("read", "measure", "program")
+"""The roles of everybody in a store without users, where nobody can release."""
+_NOBODY: Final = 0
+
+
 @dataclass(frozen=True)
 class Identity:
-    """Somebody who has logged in.
+    """Somebody who has logged in, or uses a store without users; see `open_identity`.
 
     Attributes
     ----------
     user_id : int
-        The user.
+        The user; 0 in a store without users.
     name : str
         The name of the user.
     token_id : int or None
@@ -50,6 +55,16 @@ class Identity:
     user_id: int
     name: str
     token_id: int | None = None
+
+
+def open_identity(account: str) -> Identity:
+    """Return the identity of an account of the machine, which has rights as long as the store has no users."""
+    return Identity(_NOBODY, account)
+
+
+def any_user(connection: sa.Connection) -> bool:
+    """Return whether the store has a user; the first one is added without a log-in."""
+    return connection.execute(sa.select(schema.user.c.id).limit(1)).first() is not None
 
 
 def delay_after(failures: int) -> timedelta:
@@ -145,6 +160,10 @@ def roles_of(connection: sa.Connection, identity: Identity) -> tuple[Role, ...]:
     RefusedError
         If the user is disabled, or the token was revoked or has expired.
     """
+    if identity.user_id == _NOBODY:
+        if any_user(connection):
+            raise RefusedError("the store has users; log in as one of them")
+        return OPEN_ROLES
     user = _row(connection, schema.user, identity.user_id)
     if user is None or user["disabled"]:
         raise RefusedError(f"the user {identity.name} is disabled; ask an administrator")

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from truepose.errors import DataError, RefusedError
 from truepose.store import schema
-from truepose.store.access import Identity, changing, confirm, viewing
+from truepose.store.access import Identity, changing, check, confirm, viewing
 from truepose.store.names import name_key
 from truepose.store.rows import LONGEST_PAGE, decoded, recall
 
@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from truepose.store.change import Change
     from truepose.store.store import Store
 
-RELEASED: Final = "I have reviewed this map and release it for the correction of programs."
-"""The meaning of the signature of a release."""
-WITHDRAWN: Final = "I withdraw this map; programs that it corrected must be reviewed."
-"""The meaning of the signature of a withdrawal."""
+MEANINGS: Final = {
+    "release": "I have reviewed this map and release it for the correction of programs.",
+    "withdrawal": "I withdraw this map; programs that it corrected must be reviewed.",
+}
+"""The meaning of each signature."""
 _PART: Final = re.compile(r"[0-9a-f]{8,64}")
 
 
@@ -138,7 +139,8 @@ def release_map(store: Store, by: Identity, named: str, password: str, *, commen
     DataError
         If there is no such map.
     """
-    with viewing(store, by) as connection:
+    with store.reading() as connection:
+        check(connection, by, "release")
         find_map(connection, named)
     confirm(store, by, password)
     with changing(store, by, "release") as change:
@@ -154,7 +156,7 @@ def release_map(store: Store, by: Identity, named: str, password: str, *, commen
         for one in before:
             change.update(schema.map, one["id"], {"state": "superseded"}, "map.supersede")
         change.update(schema.map, row["id"], {"state": "released"}, "map.release")
-        _sign(change, by, row["id"], RELEASED, comment, maker)
+        _sign(change, by, row["id"], MEANINGS["release"], comment, maker)
     return Released({**row, "state": "released"}, [{**one, "state": "superseded"} for one in before])
 
 
@@ -171,7 +173,8 @@ def withdraw_map(store: Store, by: Identity, named: str, password: str, reason: 
     reason = " ".join(reason.split())
     if not reason:
         raise DataError("a map is withdrawn for a reason; give it with --reason")
-    with viewing(store, by) as connection:
+    with store.reading() as connection:
+        check(connection, by, "release")
         find_map(connection, named)
     confirm(store, by, password)
     with changing(store, by, "release") as change:
@@ -179,7 +182,7 @@ def withdraw_map(store: Store, by: Identity, named: str, password: str, reason: 
         if row["state"] == "withdrawn":
             raise RefusedError(f"{shown(row)} is withdrawn already; 'truepose store recall' lists its programs")
         change.update(schema.map, row["id"], {"state": "withdrawn"}, "map.withdraw")
-        _sign(change, by, row["id"], WITHDRAWN, reason, None)
+        _sign(change, by, row["id"], MEANINGS["withdrawal"], reason, None)
         return _recall(change.connection, {**row, "state": "withdrawn"})
 
 

@@ -7,7 +7,6 @@ Unicode form are one user. Users are disabled, never deleted: their signatures s
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +14,11 @@ import sqlalchemy as sa
 
 from truepose.errors import DataError, RefusedError
 from truepose.store import schema
-from truepose.store.access import Identity, changing, viewing
+from truepose.store.access import Identity, any_user, changing, check, open_identity, viewing
 from truepose.store.passwords import check_password, hashed, user_key
 from truepose.store.roles import ROLES, Role, checked_roles
 
 if TYPE_CHECKING:
-    from truepose.store.change import Change
     from truepose.store.store import Store
 
 
@@ -56,7 +54,7 @@ class User:
 def has_users(store: Store) -> bool:
     """Return whether the store has a user; the first one is added without a log-in."""
     with store.reading() as connection:
-        return connection.execute(sa.select(schema.user.c.id).limit(1)).first() is not None
+        return any_user(connection)
 
 
 def list_users(store: Store, by: Identity) -> list[User]:
@@ -100,15 +98,18 @@ def add_user(
     DataError
         If the name, a role or the password is refused, or another user has the name or the subject.
     RefusedError
-        If `by` is no administrator, or is None and the store has users.
+        If `by` is no administrator, unless the store has no users.
     """
     key, held, shown = user_key(name), checked_roles(roles), name.strip()
     if password is not None:
         check_password(password, name)
     secret = None if password is None else hashed(password)
-    with _managing(store, by, shown) as change:
-        if by is None:
-            _check_first(change.connection, held)
+    by = by or open_identity(shown)
+    with store.transaction(by.name) as change:
+        if any_user(change.connection):
+            check(change.connection, by, "manage")
+        elif "admin" not in held:
+            raise DataError("the first user of a store must have the role admin, to add the others")
         _check_free(change.connection, shown, key, subject)
         values = {"name": shown, "key": key, "password": secret, "subject": subject, "disabled": False}
         user_id = change.insert(schema.user, {**values, "failures": 0})
@@ -182,18 +183,6 @@ def find_user(connection: sa.Connection, name: str) -> dict[str, Any]:
 def _user(row: Any, roles: set[str]) -> User:
     held = tuple(role for role in ROLES if role in roles)
     return User(row["id"], row["name"], held, row["disabled"], row["subject"])
-
-
-def _managing(store: Store, by: Identity | None, name: str) -> AbstractContextManager[Change]:
-    return store.transaction(name) if by is None else changing(store, by, "manage")
-
-
-def _check_first(connection: sa.Connection, roles: tuple[Role, ...]) -> None:
-    """Refuse to add a user without an administrator, unless it is the first one."""
-    if connection.execute(sa.select(schema.user.c.id).limit(1)).first() is not None:
-        raise RefusedError("the store has users; log in as an administrator to add another")
-    if "admin" not in roles:
-        raise DataError("the first user of a store must have the role admin, to add the others")
 
 
 def _check_free(connection: sa.Connection, name: str | None, key: str | None, subject: str | None) -> None:

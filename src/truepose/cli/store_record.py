@@ -1,0 +1,244 @@
+"""The option ``--store`` of commands that make files: what they make is recorded in a store, too.
+
+The log-in and the right are checked before any work, so a command that may not record does nothing. The files are
+written first. If the store is lost after that, they stay, and the command fails with the one that takes them in later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truepose.cli.store import opened
+from truepose.cli.store_login import identify
+from truepose.errors import DataError, FileError, RefusedError, StoreError, TrueposeError
+
+if TYPE_CHECKING:
+    from truepose.error_map import ErrorMap
+    from truepose.programs import CorrectedProgram, ProgramVerification
+    from truepose.report.evidence import StoreEntry
+    from truepose.samples import Samples
+    from truepose.store.access import Identity
+    from truepose.store.change import Change
+    from truepose.store.roles import Action
+    from truepose.store.store import Store
+
+RecordIn = Annotated[
+    str | None,
+    typer.Option(
+        "--store",
+        envvar="TRUEPOSE_STORE",
+        help="Record the result in this store, too: a folder, sqlite:///FILE or postgresql://…; see 'truepose store'.",
+    ),
+]
+ReleasedOnly = Annotated[bool, typer.Option("--released-only", help="With --store: refuse a map that is not released.")]
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A store that a command records in, as somebody with the right to.
+
+    Attributes
+    ----------
+    store : Store
+        The store.
+    by : Identity
+        Who runs the command.
+    address : str
+        The address as it was given.
+    action : str
+        What the command does.
+    """
+
+    store: Store
+    by: Identity
+    address: str
+    action: Action
+
+    def record(self, files: Sequence[Path], write: Callable[[Change], Any]) -> None:
+        """Write rows about files that have been written.
+
+        Raises
+        ------
+        StoreError
+            If the store refuses or is lost; the files stay, and the message names the command that takes them in.
+        """
+        from truepose.store.access import changing
+
+        try:
+            with changing(self.store, self.by, self.action) as change:
+                write(change)
+        except TrueposeError as error:
+            if not files:
+                raise
+            more = f" and {len(files) - 1} more" if len(files) > 1 else ""
+            place = files[0] if len(files) == 1 else _common(files)
+            raise StoreError(
+                f"{error}; {files[0]}{more} {'are' if more else 'is'} written, but the store has no row of it: "
+                f"take it in with 'truepose store import {place} --store {self.address}'"
+            ) from error
+
+    def map_row(self, named: Path, sha256: str | None = None) -> dict[str, Any]:
+        """Return the row of a map by its hash, or by a name or part of a hash."""
+        from truepose.store.access import viewing
+        from truepose.store.releases import find_map
+
+        with viewing(self.store, self.by) as connection:
+            try:
+                return find_map(connection, sha256 or str(named))
+            except DataError:
+                if sha256 is None:
+                    raise
+                remedy = f"add it with 'truepose store import {named} --store {self.address}'"
+                raise RefusedError(f"{named}: this map is not in the store; {remedy}") from None
+
+    def load_map(self, named: Path) -> tuple[ErrorMap, dict[str, Any]]:
+        """Return a map that a file holds, or that the store has under a name or hash, with its row."""
+        from truepose.error_map import ErrorMap, load_map
+        from truepose.error_map.encoding import from_bytes
+
+        if named.is_file():
+            error_map = load_map(named)
+            return error_map, self.map_row(named, error_map.hash)
+        try:
+            row = self.map_row(named)
+        except DataError as error:
+            raise FileError(named, f"no such file, and {error}") from None
+        return from_bytes(self.store.read_blob(row["sha256"]), named, ErrorMap), row
+
+    def entry(self, row: Mapping[str, Any]) -> StoreEntry:
+        """Return the head of the audit trail and the state of a map, for a report."""
+        from truepose.report.evidence import StoreEntry
+
+        head = self.store.head()
+        return StoreEntry(head.sequence, head.hash, row["state"])
+
+
+def map_to_use(
+    record: Recorder | None, named: Path, *, released_only: bool = False
+) -> tuple[ErrorMap, dict[str, Any] | None]:
+    """Return the map of a file or of the store, and its row in the store; refuse one that must not be used.
+
+    Raises
+    ------
+    RefusedError
+        If it is withdrawn, or not released with `released_only`, or a file that the store does not have.
+    """
+    from truepose.error_map import load_map
+
+    if record is None:
+        return load_map(named), None
+    from truepose.store.releases import check_usable
+
+    error_map, row = record.load_map(named)
+    check_usable(row, released_only=released_only)
+    return error_map, row
+
+
+@contextmanager
+def recorder(address: str | None, action: Action) -> Iterator[Recorder | None]:
+    """Open the store of a command, and check that its user may record; None without a store."""
+    if address is None:
+        yield None
+        return
+    with opened(address) as store:
+        from truepose.store.access import check
+
+        by = identify(store)
+        with store.reading() as connection:
+            check(connection, by, action)
+        yield Recorder(store, by, address, action)
+
+
+def record_samples(
+    to: Recorder, cell_path: Path, out: Path, readings: Path, samples: Samples, figures: Mapping[str, Any]
+) -> None:
+    """Record an imported table of samples, with the tracker's file and the tests of the campaign."""
+    from truepose.cell import load_cell
+    from truepose.store.recording import CellFile, add_cell, add_samples
+
+    def write(change: Change) -> None:
+        cell_id = add_cell(change, CellFile.of(cell_path, load_cell(cell_path)))
+        add_samples(change, cell_id, out, samples, source=readings, figures=figures)
+
+    to.record([out], write)
+
+
+def record_map(
+    to: Recorder, cell_path: Path, out: Path, error_map: ErrorMap, samples_path: Path, samples: Samples
+) -> None:
+    """Record a fitted map with its cell and its samples."""
+    from truepose.store.recording import CellFile, add_cell, add_map, add_samples
+
+    def write(change: Change) -> None:
+        cell_id = add_cell(change, CellFile.of(cell_path, error_map.cell))
+        reading_set = add_samples(change, cell_id, samples_path, samples)
+        add_map(change, cell_id, out, error_map, reading_sets=(reading_set,))
+
+    to.record([out], write)
+
+
+def record_update(
+    to: Recorder, parent: Mapping[str, Any], out: Path, error_map: ErrorMap, samples_path: Path, samples: Samples
+) -> None:
+    """Record an updated map with the map that it was made from, and the new samples."""
+    from truepose.store.recording import add_map, add_samples
+    from truepose.store.rows import reading_sets_of
+
+    def write(change: Change) -> None:
+        before = [row["id"] for row in reading_sets_of(change.connection, parent["id"])]
+        reading_set = add_samples(change, parent["cell_id"], samples_path, samples)
+        sets = (*before, reading_set)
+        add_map(change, parent["cell_id"], out, error_map, reading_sets=sets, parent_id=parent["id"])
+
+    to.record([out], write)
+
+
+def record_corrections(to: Recorder, corrected: Sequence[CorrectedProgram], written: Sequence[Path]) -> None:
+    """Record corrected programs by the records that were written."""
+    from truepose.programs.record import SUFFIX, head_of
+    from truepose.store.recording import add_corrections
+
+    before = {s.sha256: b"".join(s.stored([s.data])) for one in corrected for s in one.program.sources}
+    after = {one.hashes[s.path]: b"".join(one.content(s)) for one in corrected for s in one.program.sources}
+    known = {**after, **before}
+
+    def write(change: Change) -> None:
+        for path in (path for path in written if path.name.endswith(SUFFIX)):
+            add_corrections(change, path.read_bytes(), head_of(path), known.get)
+
+    to.record(written, write)
+
+
+def record_verification(to: Recorder, found: ProgramVerification, data: bytes, program: Path, out: Path | None) -> None:
+    """Record the verification of a program."""
+    import hashlib
+
+    from truepose._io.files import read_bytes
+    from truepose.store.recording import add_verification
+
+    sha = hashlib.sha256(read_bytes(program)).hexdigest() if program.is_file() else None
+    files = [out] if out is not None and out.suffix.lower() == ".json" else []
+    to.record(files, lambda change: add_verification(change, found, data, output_sha256=sha))
+
+
+def record_report(to: Recorder, out: Path, row: Mapping[str, Any], head: str) -> None:
+    """Record that a report was made: the hash of its file, its map and the head that it shows."""
+
+    def write(change: Change) -> None:
+        sha = change.blob_file(out)
+        change.note("report.add", {"sha256": sha, "name": out.name, "map_id": row["id"], "head": head})
+
+    to.record([out], write)
+
+
+def _common(files: Sequence[Path]) -> Path:
+    """Return the folder that holds all files."""
+    import os
+
+    return Path(os.path.commonpath([path.resolve().parent for path in files]))
