@@ -31,6 +31,8 @@ from truepose.cli import (
     setup,
     similarity,
     store,
+    store_release,
+    store_users,
     update,
     verify,
     watch,
@@ -84,6 +86,11 @@ _COMMANDS: Final[dict[str, dict[str, Callable[..., None]]]] = {
 }
 _STORE: Final[dict[str, Callable[..., None]]] = {
     "init": store.init,
+    "import": store_release.import_folder,
+    "list": store_release.list_objects,
+    "release": store_release.release,
+    "withdraw": store_release.withdraw,
+    "recall": store_release.recall,
     "verify": store.verify,
     "head": store.head,
     "backup": store.backup,
@@ -96,6 +103,8 @@ for _panel, _commands in _COMMANDS.items():
 _store = typer.Typer(help="Keep cells, maps, programs and their history for a team.", no_args_is_help=True)
 for _name, _command in _STORE.items():
     _store.command(_name, cls=Command)(_command)
+_store.add_typer(store_users.user_commands, name="user")
+_store.add_typer(store_users.token_commands, name="token")
 app.add_typer(_store, name="store", rich_help_panel="Store")
 
 
