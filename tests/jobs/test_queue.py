@@ -428,7 +428,7 @@ def test_torn_and_foreign_files_are_left_out(workspace: Path, content: bytes) ->
         queue.wait(job.id, timeout=LONG)
     (workspace / ".truepose" / "jobs" / "00000007-00000000.json").write_bytes(content)
     later = JobQueue(workspace, ready=False)
-    with pytest.warns(RecoveryWarning, match=r"00000007-00000000.json is no job"):
+    with pytest.warns(RecoveryWarning, match=r"00000007-00000000.json: left out, because"):
         later.start()
     with later:
         assert [one.id for one in later.list()] == [job.id]
@@ -454,7 +454,7 @@ def test_a_job_with_strange_values_is_left_out(workspace: Path, change: dict[str
     path = workspace / ".truepose" / "jobs" / f"{job.id}.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     later = JobQueue(workspace, ready=False)
-    with pytest.warns(RecoveryWarning, match="is no job"):
+    with pytest.warns(RecoveryWarning, match="cannot read it as a job"):
         later.start()
     with later:
         assert later.list() == []

@@ -1,4 +1,4 @@
-"""What the server says in English has its text in German and Chinese: titles of problems and jobs, steps of commands."""
+"""What the server says in English has its text in German and Chinese: titles of problems and jobs, and steps."""
 
 from __future__ import annotations
 

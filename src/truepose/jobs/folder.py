@@ -74,7 +74,9 @@ class JobFolder:
                 found.append(self._read(path))
             except (ValueError, KeyError, TypeError, RecursionError) as error:
                 why = str(error).splitlines()[0] if str(error) else type(error).__name__
-                warnings.warn(f"{path.name} is no job of this version and is left out: {why}", RecoveryWarning, 2)
+                warnings.warn(
+                    f"{path.name}: left out, because this version cannot read it as a job ({why})", RecoveryWarning, 2
+                )
         return found
 
     def last_number(self) -> int:

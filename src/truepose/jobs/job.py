@@ -99,6 +99,16 @@ class Job:
         """The sequence number."""
         return int(self.id.partition("-")[0])
 
+    @property
+    def out(self) -> str | None:
+        """The file or folder that the command writes (``--out``), as seen from its folder; None if it states none."""
+        for word, following in zip(self.command, (*self.command[1:], None), strict=True):
+            if word == "--out":
+                return following
+            if word.startswith("--out="):
+                return word.removeprefix("--out=")
+        return None
+
     def to_dict(self) -> dict[str, Any]:
         """Return the job as JSON values."""
         return asdict(self)

@@ -50,6 +50,7 @@ def create_app(
     """
     environment = None if team is None else team.job_environment
     queue = JobQueue(workspace.root, workers=workers, ready=ready, environment=environment)
+    workspace.promises.jobs = queue.list
 
     @asynccontextmanager
     async def running(_app: FastAPI) -> AsyncIterator[dict[str, Any]]:

@@ -8,7 +8,7 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -20,6 +20,7 @@ from truepose.errors import FileError
 from truepose.jobs import JobQueue
 from truepose.programs.record import SUFFIX as RECORD_SUFFIX
 from truepose.web.problems import missing
+from truepose.web.promises import Promises
 from truepose.web.uploads import safe_name
 
 Kind = Literal["map", "samples", "plan", "record", "verification", "report", "readings", "program"]
@@ -77,11 +78,14 @@ class CellFolder:
         Its folder.
     name : str
         Its path in the workspace, with slashes; the name of the workspace if that is a cell itself.
+    promises : Promises
+        The names of files that jobs are to write.
     """
 
     id: str
     folder: Path
     name: str
+    promises: Promises = field(repr=False, compare=False)
 
     @property
     def file(self) -> Path:
@@ -111,19 +115,20 @@ class CellFolder:
         raise missing(f"this {kind or 'file'}")
 
     def new(self, folder: str, name: str) -> Path:
-        """Return a path for a new file or folder, such as ``maps/a.truepose``; never that of an existing one.
+        """Return a path for a new file or folder, such as ``maps/a.truepose``.
 
-        The folder is one of ours; the name may come from anywhere.
+        It is never that of an existing one, nor one that a waiting or running job is to write. The folder
+        is one of ours; the name may come from anywhere.
         """
         if (self.folder / folder).is_symlink():
             raise FileError(self.folder / folder, "is a link; replace it by a folder")
         name = safe_name(name)
         stem, dot, suffix = name.partition(".")
         taken = _names(self.folder / folder)
-        for number in range(1, _MOST_FILES):
-            free = name if number == 1 else f"{stem}-{number}{dot}{suffix}"
-            if free.lower() not in taken:
-                return self.folder / folder / free
+        numbered = (name if number == 1 else f"{stem}-{number}{dot}{suffix}" for number in range(1, _MOST_FILES))
+        candidates = (self.folder / folder / free for free in numbered if free.lower() not in taken)
+        if (found := self.promises.first_free(candidates)) is not None:
+            return found
         raise FileError(self.folder / folder, "holds too many files; remove some")
 
     def relative(self, path: Path) -> str:
@@ -210,6 +215,7 @@ class Workspace:
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
         self.root.mkdir(parents=True, exist_ok=True)
+        self.promises = Promises(self.root)
         self._maps: OrderedDict[tuple[Path, int, int], ErrorMap] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -284,7 +290,7 @@ class Workspace:
 
     def _cell(self, folder: Path) -> CellFolder:
         name = folder.relative_to(self.root).as_posix()
-        return CellFolder(identity(name), folder, self.root.name if folder == self.root else name)
+        return CellFolder(identity(name), folder, self.root.name if folder == self.root else name, self.promises)
 
 
 def _is_cell(folder: Path) -> bool:
