@@ -47,7 +47,7 @@ NEEDED: Final[dict[str, Action]] = {
 OPEN: Final = frozenset({"log_in"})
 """Endpoints that nobody has logged in for yet."""
 OF_COMMANDS: Final[dict[str, Action]] = {
-    **dict.fromkeys(("demo", "warm-up", "plan", "import", "init", "check-point"), "measure"),
+    **dict.fromkeys(("demo", "warm-up", "plan", "import", "mask", "init", "check-point"), "measure"),
     **dict.fromkeys(("fit", "update", "study"), "fit"),
     **dict.fromkeys(("correct", "check", "frames"), "correct"),
     **dict.fromkeys(("verify", "validate"), "verify"),
