@@ -90,6 +90,8 @@ class Opened:
         self.page.on("console", self._said)
         self.page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
         self.page.on("request", lambda request: self._asked(request.url))
+        # from the start: a key may open a file chooser before the browser hears that somebody waits for one
+        self.page.on("filechooser", lambda _: None)
 
     def _said(self, message: ConsoleMessage) -> None:
         where = message.location.get("url", "").removeprefix(self.origin)

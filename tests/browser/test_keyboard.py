@@ -2,30 +2,66 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from pathlib import Path
 
 from tests.browser.opening import PAGES, Browser, Opened, Server
+
+from truepose.error_map import load_map
+from truepose.samples import read_samples
 
 _FOCUSED = """() => {
   const one = document.activeElement
   const outline = getComputedStyle(one)
   const seen = outline.outlineStyle !== 'none' && parseFloat(outline.outlineWidth) > 0
-  const name = (one.getAttribute('aria-label') ?? one.textContent ?? '').trim().slice(0, 60)
+  const name = (one.getAttribute('aria-label') ?? (one.labels?.[0] ?? one).textContent ?? '').trim().slice(0, 60)
   return { tag: one.tagName.toLowerCase(), role: one.getAttribute('role'), name, seen }
 }"""
 
 
-def tab_to(app: Opened, name: str, *, most: int = 80) -> None:
-    """Press Tab until the focused element has a name."""
+def tab_to(app: Opened, name: str, *, most: int = 80, whole: bool = False) -> None:
+    """Press Tab until the name of the focused element starts so, or is that as a whole."""
     found = []
     for _ in range(most):
         app.page.keyboard.press("Tab")
         focused = app.page.evaluate(_FOCUSED)
         assert focused["tag"] == "body" or focused["seen"], f"the focus is not seen at {focused}"
         found.append(focused["name"])
-        if focused["name"].startswith(name):
+        if focused["name"].removesuffix(" …") == name or (not whole and focused["name"].startswith(name)):
             return
     raise AssertionError(f"no way to {name!r} by Tab; only to {found}")
+
+
+def give_by_keys(app: Opened, *files: Path) -> None:
+    """Go to the next button that chooses files, and give it some."""
+    tab_to(app, "Choose")
+    with app.page.expect_file_chooser() as chooser:
+        app.page.keyboard.press("Enter")
+    chooser.value.set_files([str(file) for file in files])
+
+
+def choose_by_keys(app: Opened, label: str, start: str) -> None:
+    """Choose an entry of a list by its first letters, as browsers have it."""
+    tab_to(app, label)
+    app.page.keyboard.type(start)
+    chosen = app.page.evaluate("() => document.activeElement.selectedOptions[0].textContent")
+    assert chosen.startswith(start), f"{label} is {chosen}"
+
+
+def press(app: Opened, name: str) -> None:
+    """Press a button that can be pressed: go there by Tab."""
+    app.page.locator("button:enabled", has_text=re.compile(f"^{name}( …)?$")).last.wait_for()
+    tab_to(app, name, whole=True)
+    app.page.keyboard.press("Enter")
+
+
+def download_by_keys(app: Opened, name: str) -> Path:
+    """Follow a link that sends a file."""
+    tab_to(app, name, most=200)
+    with app.page.expect_download() as saved:
+        app.page.keyboard.press("Enter")
+    return Path(saved.value.path())
 
 
 def test_every_page_is_reached_by_keys(browser: Browser, server: Server) -> None:
@@ -61,6 +97,67 @@ def test_a_program_is_verified_by_keys(browser: Browser, own_server: Server, vir
         assert "XP24" in chosen.inner_text()
         keyboard.press("ArrowUp")
         assert "XP23" in chosen.inner_text()
+
+
+def test_the_whole_day_goes_by_keys(browser: Browser, own_server: Server, virtual_cell: Path) -> None:
+    folder = own_server.workspace / "virtual-cell"
+    with browser.opened(own_server) as app:
+        page, keyboard = app.page, app.page.keyboard
+        page.evaluate(
+            "() => ['mousedown', 'touchstart'].forEach(one => addEventListener(one, () => window.mouse = one))"
+        )
+
+        keyboard.press("2")
+        app.shown("measure")
+        tab_to(app, "Plan")
+        keyboard.press("ArrowRight")  # to the tab Import
+        page.get_by_role("group", name="Drop the measurement file").wait_for()
+        give_by_keys(app, virtual_cell / "fit_readings.txt")
+        page.get_by_role("region", name="Match with the plan").get_by_text("points of the plan").wait_for()
+        choose_by_keys(app, "Plan", "fit_plan")
+        page.get_by_role("region", name="Errors after registration").wait_for()
+        press(app, "Import")
+        page.get_by_text("samples are in").wait_for()
+        (samples,) = folder.glob("samples/*.csv")
+        assert len(read_samples(samples)) == len(read_samples(virtual_cell / "fit_samples.csv"))
+
+        keyboard.press("3")
+        app.shown("map")
+        press(app, "Fit a map")
+        page.get_by_role("dialog").get_by_label("Samples").locator("option").first.wait_for(state="attached")
+        choose_by_keys(app, "Samples", f"samples/{samples.name}")
+        choose_by_keys(app, "Predictor", "kinematic-kriging")
+        tab_to(app, "Name of the map")
+        keyboard.type("by keys")
+        press(app, "Fit")
+        page.get_by_role("dialog").wait_for(state="detached")
+        made = load_map(folder / "maps" / "by keys.truepose")
+        assert made.predictor_name == "kinematic-kriging"
+
+        keyboard.press("4")
+        app.shown("programs")
+        give_by_keys(app, *(virtual_cell / "program" / name for name in ("panel.src", "panel.dat", "$config.dat")))
+        page.wait_for_url("**/upload/**")
+        app.ready()
+        choose_by_keys(app, "Error map", "maps/by keys")
+        press(app, "Correct")
+        page.get_by_text("23 of 24 targets corrected").wait_for()
+        app.ready()
+        with zipfile.ZipFile(download_by_keys(app, "Download the corrected files")) as files:
+            (name,) = (name for name in files.namelist() if name.endswith("panel.dat"))
+            assert files.read(name) == (folder / "corrected" / "panel" / "panel.dat").read_bytes()
+        record = (folder / "corrected" / "panel" / "panel.corrections.json").read_text("utf-8")
+        assert made.hash in record
+
+        keyboard.press("5")
+        app.shown("verify")
+        give_by_keys(app, virtual_cell / "panel_corrected_readings.txt")
+        press(app, "Verify")
+        page.get_by_role("grid", name="Measured targets").wait_for()
+        page.get_by_text("24 pass, 0 undecided, 0 fail").wait_for()
+        saved = download_by_keys(app, "Download (JSON)")
+        assert saved.read_bytes() == next(folder.glob("verifications/*.json")).read_bytes()
+        assert page.evaluate("() => window.mouse === undefined")
 
 
 def test_the_keys_are_listed_and_the_list_gives_the_focus_back(browser: Browser, server: Server) -> None:
