@@ -73,3 +73,22 @@ def test_a_plan_states_what_was_measured_and_what_to_choose_from(browser: Browse
         choose(page.get_by_label("Candidates"), "held_out_plan")
         command = "--after=map.truepose --candidates=held_out_plan.csv --out plans/posterior-60"
         assert page.get_by_text(command).count()
+
+
+def test_a_change_does_not_send_the_measurement_file_again(browser: Browser, own_server: Server) -> None:
+    readings = own_server.workspace / "virtual-cell" / "held_out_readings.txt"
+    sent: list[int] = []
+    with browser.opened(own_server) as app:
+        page = app.page
+        page.on("request", lambda one: "preview=true" in one.url and sent.append(len(one.post_data_buffer or b"")))
+        app.go("measure/import")
+        page.locator("input[type=file]:not([webkitdirectory])").first.set_input_files(str(readings))
+        choose(page.get_by_role("combobox", name="Plan", exact=True), "held_out_plan")
+        page.get_by_role("grid", name="Errors after registration").wait_for()
+        first = len(sent)
+        with page.expect_response(lambda one: "preview=true" in one.url) as asked:
+            page.get_by_label("accept another order").check()
+        assert asked.value.ok
+    assert max(sent) > readings.stat().st_size
+    assert first < len(sent)
+    assert max(sent[first:]) < readings.stat().st_size / 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,6 +178,55 @@ def test_masks_that_make_no_sense_write_nothing(running: Bench, reasons: dict[An
     answer = running.client.post(f"{API}/cells/{running.cell}/samples/{entry['id']}/mask", json={"reasons": reasons})
     assert answer.status_code == 422
     assert running.left() == before
+
+
+def test_a_file_is_sent_once_and_then_named_by_its_hash(running: Bench, tmp_path: Path) -> None:
+    content = running.readings.read_bytes()
+    first = running.send().json()
+    address = f"{API}/cells/{running.cell}/readings"
+
+    def again(preview: bool = True, **form: Any) -> Any:
+        data = {"options": json.dumps({"stored": first["stored"], "plan": running.plan, **form})}
+        empty = {"options": (None, data["options"])}
+        return running.client.post(address, params={"preview": preview}, files=empty)
+
+    assert again().json() == first
+    masked = again(mask=[{"row": GROSS, "point": f"P{GROSS:03d}", "reason": REASON}]).json()
+    assert masked["stored"] == first["stored"]
+    assert masked["registered"]["rows"][GROSS]["masked"] == REASON
+    job = wait(running, again(preview=False))
+    assert job.state == "done", job.problem
+    kept = running.folder / "readings" / "tracker.csv"
+    assert kept.read_bytes() == content
+    kept.write_bytes(b"changed by hand")
+    assert again().json()["registered"] == first["registered"]
+    (stored,) = (running.folder.parent / ".truepose" / "uploads").iterdir()
+    assert stored.name == first["stored"]
+    os.utime(stored, (1e9, 1e9))
+    assert running.send(name="other.csv").json()["stored"] != first["stored"]
+    assert not stored.exists()
+    gone = again()
+    assert (gone.status_code, "choose it again" in gone.json()["detail"]) == (410, True)
+
+
+def test_a_plan_that_is_sent_is_kept_as_well(bench: Bench) -> None:
+    address, plan = f"{API}/cells/{bench.cell}/readings", (bench.folder / "plans" / "plan.csv").read_bytes()
+    files = {"file": ("a.csv", bench.readings.read_bytes()), "plan": ("a plan.csv", plan)}
+    options = {"plan_file": "a plan.csv"}
+    first = bench.client.post(address, params={"preview": True}, files=files, data={"options": json.dumps(options)})
+    known = {**options, "stored": first.json()["stored"], "stored_plan": first.json()["stored_plan"]}
+    again = bench.client.post(address, params={"preview": True}, files={"options": (None, json.dumps(known))})
+    assert again.json() == first.json()
+    assert again.json()["matched"]["samples"] == N
+
+
+@pytest.mark.parametrize("stored", ["../../cell", "0" * 64, "A" * 64, ""])
+def test_a_hash_that_is_none_finds_no_file(bench: Bench, stored: str) -> None:
+    before = bench.left()
+    body = {"options": (None, json.dumps({"stored": stored, "plan": bench.plan}))}
+    answer = bench.client.post(f"{API}/cells/{bench.cell}/readings", params={"preview": True}, files=body)
+    assert answer.status_code in (410, 422)
+    assert bench.left() == before
 
 
 def test_an_import_never_writes_over_another(running: Bench) -> None:

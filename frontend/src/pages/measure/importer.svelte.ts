@@ -1,5 +1,5 @@
 /** The import of a measurement file while its settings are chosen: every change asks the server what would come of it. */
-import { upload, type Schemas } from '../../lib/api'
+import { ApiError, upload, type Schemas } from '../../lib/api'
 import { showProblem } from '../../lib/notices.svelte'
 import type { PathFile } from '../../lib/files'
 import { runJob, type Job } from '../../lib/jobs.svelte'
@@ -35,6 +35,8 @@ export class Importer {
   asking = $state(false)
   job = $state.raw<Job | null>(null)
   #undone: (readonly Masked[])[] = $state.raw([])
+  /** The ids of files that the server keeps, so that a change does not send them again. */
+  #stored = new Map<File, string>()
   #abort = new AbortController()
   #timer: ReturnType<typeof setTimeout> | undefined
 
@@ -135,14 +137,30 @@ export class Importer {
     }
   }
 
-  #send(preview: boolean, signal?: AbortSignal): Promise<unknown> {
+  async #send(preview: boolean, signal?: AbortSignal): Promise<unknown> {
     const body = new FormData()
-    const { file } = this
+    const file = this.file?.file
+    const plan = this.planFile?.file
     if (!file) throw new Error('no file')
-    body.append('options', JSON.stringify(this.#options()))
-    body.append('file', file.file, file.file.name)
-    if (this.planFile) body.append('plan', this.planFile.file, this.planName)
-    return upload('/api/v1/cells/{cell}/readings', { path: { cell: this.cell }, query: { preview }, body, signal })
+    const stored = { stored: this.#stored.get(file), stored_plan: plan && this.#stored.get(plan) }
+    body.append('options', JSON.stringify({ ...this.#options(), ...stored }))
+    if (!stored.stored) body.append('file', file, file.name)
+    if (plan && !stored.stored_plan) body.append('plan', plan, this.planName)
+    try {
+      const options = { path: { cell: this.cell }, query: { preview }, body, signal }
+      const answer: unknown = await upload('/api/v1/cells/{cell}/readings', options)
+      if (preview) this.#keep(answer as Preview, file, plan)
+      return answer
+    } catch (error) {
+      if (!(error instanceof ApiError) || error.status !== 410 || !this.#stored.size) throw error
+      this.#stored.clear() // removed by age: send it once more
+      return this.#send(preview, signal)
+    }
+  }
+
+  #keep(answer: Preview, file: File, plan: File | undefined): void {
+    if (answer.stored) this.#stored.set(file, answer.stored)
+    if (plan && answer.stored_plan) this.#stored.set(plan, answer.stored_plan)
   }
 
   #options(): Record<string, unknown> {

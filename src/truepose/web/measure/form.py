@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -13,6 +13,7 @@ from truepose.trackers import Columns
 from truepose.web.problems import WebError
 
 _Column = int
+_HASH: Final = "^[0-9a-f]{64}$"
 
 
 class ColumnChoice(BaseModel):
@@ -62,6 +63,8 @@ class ReadingForm(BaseModel):
     model_config = ConfigDict(extra="forbid")
     plan: str | None = Field(None, description="id of a plan of the cell")
     plan_file: str | None = Field(None, description="name of an uploaded file that holds the plan")
+    stored: str | None = Field(None, pattern=_HASH, description="id of the measurement file that a preview kept")
+    stored_plan: str | None = Field(None, pattern=_HASH, description="id of the plan_file that a preview kept")
     columns: ColumnChoice | None = None
     unit: Literal["mm", "m", "cm", "in"] | None = None
     reflectors: int | None = Field(None, ge=1, le=100)

@@ -86,6 +86,8 @@ class ReadingsPreview(BaseModel):
     registered: Registered | None = None
     problem: str | None = Field(None, description="why the import would be refused, with the remedy")
     warnings: list[str] = []
+    stored: str | None = Field(None, description="id of the kept measurement file, instead of sending it again")
+    stored_plan: str | None = Field(None, description="id of the kept plan")
 
 
 def preview_readings(cell: Cell, path: Path, plan: Path | None, form: ReadingForm, *, folder: Path) -> ReadingsPreview:

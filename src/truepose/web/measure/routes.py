@@ -21,6 +21,7 @@ from truepose.samples.tidy import read_all_samples
 from truepose.trackers import read_plan
 from truepose.web.measure.form import MaskRequest, ReadingForm, mask_of
 from truepose.web.measure.previews import ReadingsPreview, preview_readings
+from truepose.web.measure.uploads import StoredUploads
 from truepose.web.multipart import Upload, received
 from truepose.web.problems import WebError
 from truepose.web.uploads import LARGEST_READINGS, largest_file
@@ -35,9 +36,12 @@ FORM: Final[dict[str, Any]] = {
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
-                    "required": ["file"],
                     "properties": {
-                        "file": {"type": "string", "format": "binary", "description": "The measurement file."},
+                        "file": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "The measurement file.",
+                        },
                         "plan": {"type": "string", "format": "binary", "description": "A plan that is not stored yet."},
                         "options": {"type": "string", "description": "ReadingForm as JSON."},
                     },
@@ -262,13 +266,20 @@ def program(cell: InCell, file: str) -> Response:
     openapi_extra=FORM,
     responses={200: {"model": ReadingsPreview}},
 )
-async def send_readings(request: Request, cell: InCell, jobs: InJobs, preview: bool = False) -> Job | Response:
-    """Keep a measurement file and start its import; as a preview, only tell what would come of it."""
-    async with received(request, cell.folder / "readings", largest=_largest) as upload:
+async def send_readings(
+    request: Request, cell: InCell, workspace: InWorkspace, jobs: InJobs, preview: bool = False
+) -> Job | Response:
+    """Keep a measurement file and start its import; as a preview, only tell what would come of it.
+
+    A preview keeps the files for a while and returns their ids. Later requests state these instead of the files.
+    """
+    stored = StoredUploads(workspace)
+    async with received(request, cell.folder / "readings", least=0, largest=_largest) as upload:
         form = ReadingForm.parse(upload.fields.get("options", ""))
+        await to_thread.run_sync(lambda: _take_stored(stored, upload, form, own=not preview))
         if not preview:
             return await to_thread.run_sync(_import, cell, jobs, upload, form)
-        found = await to_thread.run_sync(_preview, cell, upload, form)
+        found = await to_thread.run_sync(_preview, cell, stored, upload, form)
         return Response(found.model_dump_json(), media_type="application/json")
 
 
@@ -292,9 +303,21 @@ def _files(cell: CellFolder, upload: Upload, form: ReadingForm) -> tuple[Path, P
     return others[0], plan
 
 
-def _preview(cell: CellFolder, upload: Upload, form: ReadingForm) -> ReadingsPreview:
+def _take_stored(stored: StoredUploads, upload: Upload, form: ReadingForm, *, own: bool) -> None:
+    """Add the files that an earlier preview kept to an upload."""
+    for id_, given in ((form.stored, None), (form.stored_plan, form.plan_file)):
+        if id_ is not None:
+            name = stored.place(id_, upload.folder, own=own).name
+            upload.files[PurePosixPath(name)] = given or name
+
+
+def _preview(cell: CellFolder, stored: StoredUploads, upload: Upload, form: ReadingForm) -> ReadingsPreview:
     readings, plan = _files(cell, upload, form)
-    return preview_readings(cell.load(), readings, plan, form, folder=upload.folder)
+    found = preview_readings(cell.load(), readings, plan, form, folder=upload.folder)
+    found.stored = form.stored or stored.keep(readings)
+    if plan is not None and upload.folder in plan.parents:
+        found.stored_plan = form.stored_plan or stored.keep(plan)
+    return found
 
 
 def _import(cell: CellFolder, jobs: JobQueue, upload: Upload, form: ReadingForm) -> Job:
