@@ -113,7 +113,7 @@ def test_an_update_keeps_its_parent_for_the_recall(enter, tokens, files, tmp_pat
     (updated,) = found["updated"]
     assert (updated["map"]["name"], [one["program"] for one in updated["corrections"]]) == ("april", ["part.csv"])
     text = enter("store", "recall", "march", token=tokens["eva"]).out
-    assert "0 with this map, 1 with 1 maps updated from it." in text
+    assert "0 with this map, 1 with maps updated from it." in text
 
 
 def test_a_report_shows_the_head_and_the_state(enter, tokens, files, address, no_figures):

@@ -190,7 +190,14 @@ def _every(done: Recall) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 
 def _show(done: Recall) -> None:
     rows = [
-        (one["program"], one["robot"], row["name"], one["output_sha256"][:_HASH], one["made_by"], one["created"][:10])
+        (
+            one["program"],
+            one["robot"],
+            f"{row['name']}, DRAFT" if one["draft"] else row["name"],
+            one["output_sha256"][:_HASH],
+            one["made_by"],
+            one["created"][:10],
+        )
         for row, one in _every(done)
     ]
     if not rows:
@@ -201,7 +208,7 @@ def _show(done: Recall) -> None:
     if len(rows) > _SHOWN:
         say(f"and {len(rows) - _SHOWN} more; --csv of 'truepose store recall' lists all")
     n = len(done.corrections)
-    say(f"{n} with this map, {len(rows) - n} with {len(done.updated)} maps updated from it.")
+    say(f"{n} with this map, {len(rows) - n} with maps updated from it.")
 
 
 def _csv(done: Recall) -> str:
