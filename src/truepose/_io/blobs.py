@@ -55,9 +55,12 @@ class BlobFolder:
         return self.root / sha[:2] / sha[2:]
 
     def put(self, data: bytes) -> str:
-        """Store bytes and return their SHA-256; they are on the disk when it returns."""
+        """Store bytes and return their SHA-256; they are on the disk when it returns.
+
+        A blob of another length than its content has was truncated later, and is replaced.
+        """
         sha = hashlib.sha256(data).hexdigest()
-        if sha not in self:
+        if not self._has(sha, len(data)):
             with self._draft() as (file, draft):
                 file.write(data)
                 self._keep(file, draft, sha)
@@ -80,7 +83,7 @@ class BlobFolder:
             while part := source.read(_PART):
                 found.update(part)
                 file.write(part)
-            if (sha := found.hexdigest()) not in self:
+            if not self._has(sha := found.hexdigest(), file.tell()):
                 self._keep(file, draft, sha)
         return sha
 
@@ -109,6 +112,9 @@ class BlobFolder:
             for path in sorted(folder.iterdir()):
                 if (sha := folder.name + path.name) and _SHA.fullmatch(sha):
                     yield sha
+
+    def _has(self, sha: str, size: int) -> bool:
+        return sha in self and self.path(sha).stat().st_size == size
 
     @contextlib.contextmanager
     def _draft(self) -> Iterator[tuple[BinaryIO, Path]]:

@@ -6,10 +6,11 @@ from alembic import context
 
 from truepose.store.schema import metadata
 
-context.configure(
-    connection=context.config.attributes["connection"],
-    target_metadata=metadata,
-    transactional_ddl=True,
-    render_as_batch=True,
-)
-context.run_migrations()
+if hasattr(context, "config"):  # Alembic runs it; what lists all modules only imports it
+    context.configure(
+        connection=context.config.attributes["connection"],
+        target_metadata=metadata,
+        transactional_ddl=True,
+        render_as_batch=True,
+    )
+    context.run_migrations()
