@@ -5,13 +5,16 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from fastapi.testclient import TestClient
 
 from truepose.web import Workspace, create_app
 from truepose.web.security import CSRF_HEADER, Guard
+
+if TYPE_CHECKING:
+    from truepose.store.store import Store
 
 BASE = "http://127.0.0.1:8765"
 
@@ -34,6 +37,18 @@ def client(workspace: Workspace) -> Iterator[TestClient]:
 def cell(workspace: Workspace) -> str:
     """The address of the cell."""
     return f"/api/v1/cells/{workspace.cells()[0].id}"
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """A store with an administrator and the users of `tests.web.people`."""
+    from tests.web.people import add_people
+
+    from truepose.store.store import Store
+
+    with Store.open(tmp_path / "store", create=True) as opened:
+        add_people(opened)
+        yield opened
 
 
 def ended(client: TestClient, answer: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +11,20 @@ from fastapi.testclient import TestClient
 
 pytest.importorskip("alembic", reason="a server with users needs: pip install 'truepose[store]'")
 
+from tests.web.people import PASSWORD, browsers, enter
+
 from truepose.errors import DataError, StoreError
+from truepose.jobs.job import COMMANDS
 from truepose.store.access import log_in
 from truepose.store.store import Store
-from truepose.store.users import add_user, set_disabled, set_password, set_roles
-from truepose.web import Workspace, create_app
+from truepose.store.users import set_disabled, set_password, set_roles
+from truepose.web import Workspace
 from truepose.web.security import CSRF_HEADER
 from truepose.web.team.address import Address
-from truepose.web.team.guard import TeamGuard
-from truepose.web.team.permissions import NEEDED, OPEN
+from truepose.web.team.permissions import NEEDED, OF_COMMANDS, OPEN
 from truepose.web.team.sessions import IDLE_S, LONGEST_S, Sessions
 from truepose.web.team.team import Team
 
-PASSWORD = "a long enough password"
-URL = "https://truepose.example"
 FREE_TRIES = 3
 
 
@@ -36,16 +36,6 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    with Store.open(tmp_path / "store", create=True) as opened:
-        add_user(opened, None, "root", ["admin"], password=PASSWORD)
-        root = log_in(opened, "root", PASSWORD)
-        add_user(opened, root, "Jürgen", ["measure", "program"], password=PASSWORD)
-        add_user(opened, root, "reader", ["read"], password=PASSWORD)
-        yield opened
 
 
 @pytest.fixture
@@ -61,21 +51,7 @@ def team(store: Store, clock: Clock, tmp_path: Path) -> Team:
 @pytest.fixture
 def opened(team: Team, tmp_path: Path) -> Callable[..., TestClient]:
     """Return a function that returns a browser: of a user, or of nobody."""
-    guard = TeamGuard(Address.of(URL, "127.0.0.1", 8765), team)
-    app = create_app(Workspace(tmp_path / "work"), guard, team=team)
-
-    def browser(name: str | None = None, password: str = PASSWORD) -> TestClient:
-        client = TestClient(app, base_url=URL, headers={CSRF_HEADER: "log-in"}, raise_server_exceptions=False)
-        if name is not None:
-            assert enter(client, name, password).status_code == 204
-            client.headers[CSRF_HEADER] = client.get("/api/v1/session").json()["csrf"]
-        return client
-
-    return browser
-
-
-def enter(client: TestClient, name: str, password: str) -> Any:
-    return client.post("/api/v1/login", json={"name": name, "password": password})
+    return browsers(Workspace(tmp_path / "work"), team)
 
 
 def test_a_user_logs_in_and_out(opened: Callable[..., TestClient]) -> None:
@@ -155,7 +131,7 @@ def test_a_disabled_user_is_out_at_the_next_request(opened: Callable[..., TestCl
 def test_a_changed_password_ends_the_other_sessions(opened: Callable[..., TestClient], store: Store) -> None:
     one, other = opened("reader"), opened("reader")
     new = {"password": PASSWORD, "new_password": "another long password"}
-    assert one.put("/api/v1/password", json={**new, "password": "wrong"}).status_code == 401
+    assert one.put("/api/v1/password", json={**new, "password": "wrong"}).status_code == 403
     assert one.put("/api/v1/password", json={**new, "new_password": "short"}).status_code == 422
     assert other.get("/api/v1/session").status_code == 200
     assert one.put("/api/v1/password", json=new).status_code == 204
@@ -184,6 +160,10 @@ def test_every_route_needs_a_role(opened: Callable[..., TestClient]) -> None:
     paths = opened().app.openapi()["paths"]  # type: ignore[attr-defined]
     names = {one["operationId"] for path, ways in paths.items() if path.startswith("/api/") for one in ways.values()}
     assert names == set(NEEDED) | OPEN
+
+
+def test_every_job_has_an_action() -> None:
+    assert set(OF_COMMANDS) == COMMANDS
 
 
 def test_a_route_without_an_entry_is_refused(opened: Callable[..., TestClient], monkeypatch: Any) -> None:

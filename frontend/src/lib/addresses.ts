@@ -1,5 +1,5 @@
 /** Addresses of pages: `#/PAGE/CELL/REST…?QUERY`. */
-export const PAGES = ['cell', 'measure', 'map', 'programs', 'verify', 'report', 'history'] as const
+export const PAGES = ['cell', 'measure', 'map', 'programs', 'verify', 'report', 'history', 'release', 'users'] as const
 export type PageName = (typeof PAGES)[number]
 
 export interface Route {

@@ -81,18 +81,28 @@ interface AnyOptions {
   signal?: AbortSignal
 }
 
-let token: Promise<string> | undefined
+let asked: Promise<Schemas['Session']> | undefined
 
-/** The value of the header that shows that a request comes from this page (asked for once). */
-export function csrf(): Promise<string> {
-  token ??= send('GET', '/api/v1/session', {})
-    .then((response) => response.json() as Promise<{ csrf: string }>)
-    .then((session) => session.csrf)
+/** The session of this page (asked for once). */
+export function session(): Promise<Schemas['Session']> {
+  asked ??= send('GET', '/api/v1/session', {})
+    .then((response) => response.json() as Promise<Schemas['Session']>)
     .catch((error: unknown) => {
-      token = undefined
+      asked = undefined
       throw error
     })
-  return token
+  return asked
+}
+
+/** The value of the header that shows that a request comes from this page. */
+export async function csrf(): Promise<string> {
+  return (await session()).csrf
+}
+
+/** Log in; afterwards the page is loaded again. */
+export async function logIn(name: string, password: string): Promise<void> {
+  const headers = { 'Content-Type': 'application/json', 'X-Truepose-CSRF': 'log-in' }
+  await send('POST', '/api/v1/login', { headers, body: JSON.stringify({ name, password }) })
 }
 
 /** Call an operation and return its data, status and ETag. */
@@ -117,6 +127,10 @@ export async function post<P extends PathWith<'post'>>(path: P, ...rest: Rest<Op
 
 export async function put<P extends PathWith<'put'>>(path: P, ...rest: Rest<Options<P, 'put'>>) {
   return (await call('put', path, ...rest)).data
+}
+
+export async function patch<P extends PathWith<'patch'>>(path: P, ...rest: Rest<Options<P, 'patch'>>) {
+  return (await call('patch', path, ...rest)).data
 }
 
 export async function del<P extends PathWith<'delete'>>(path: P, ...rest: Rest<Options<P, 'delete'>>) {

@@ -9,7 +9,7 @@ export interface Notice {
 }
 
 const list = $state<Notice[]>([])
-const session = $state({ lost: false })
+const session = $state({ lost: false, users: false })
 let last = 0
 
 export const notices: readonly Notice[] = list
@@ -17,11 +17,16 @@ export const notices: readonly Notice[] = list
 /** Whether the server does not know this browser (any more): only the start address helps. */
 export const sessionLost = (): boolean => session.lost
 
+/** Whether users of this server log in by name and password. */
+export const loginNeeded = (): boolean => session.lost && session.users
+
 /** Show what went wrong: title, detail, file and line, remedy. Aborted requests are no problem. */
 export function showProblem(error: unknown): void {
   if (error instanceof DOMException && error.name === 'AbortError') return
-  if (error instanceof ApiError && error.status === 401) session.lost = true
-  else if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
+  if (error instanceof ApiError && error.status === 401) {
+    session.lost = true
+    session.users = Boolean(error.problem['users'])
+  } else if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
   else add({ kind: 'problem', title: error instanceof Error ? error.message : String(error) })
 }
 

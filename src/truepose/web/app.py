@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, FastAPI, Request
 
 from truepose import __version__
 from truepose.jobs import JobQueue
-from truepose.web import history, jobs, login, pages, problems, reports, session, users, verifications
+from truepose.web import history, jobs, login, pages, problems, releases, reports, session, users, verifications
 from truepose.web.arms import routes as arms
 from truepose.web.cells import routes as cells
 from truepose.web.corrections import routes as corrections
@@ -73,6 +73,7 @@ def create_app(
         session,
         login,
         users,
+        releases,
         cells,
         arms,
         meshes,

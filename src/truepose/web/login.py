@@ -52,7 +52,7 @@ def change_password(given: NewPassword, team: InTeam, visit: InVisit) -> Respons
     """Change the own password; the other sessions of the user end."""
     from truepose.store.users import set_password
 
-    team.confirmed(visit.identity.name, given.password)
+    team.confirm_again(visit.identity, given.password)
     set_password(team.store, visit.identity, visit.identity.name, given.new_password)
     team.renew(visit.session)
     return Response(status_code=204)

@@ -21,6 +21,7 @@ _VIEW: Final = (
     *("correction_record", "correction_coverage"),
     *("verifiable", "verifications", "verification", "reports", "write", "download", "preview"),
     *("history", "history_table", "list_jobs", "get_job", "job_result", "job_events"),
+    *("stored_maps", "recalled", "recall_table", "audit_trail", "drift"),
     *("cancel_job", "run_job_again"),  # these check the command of the job, too
 )
 NEEDED: Final[dict[str, Action]] = {
@@ -42,6 +43,8 @@ NEEDED: Final[dict[str, Action]] = {
     "list_users": "manage",
     "new_user": "manage",
     "change_user": "manage",
+    "release": "release",
+    "withdraw": "release",
 }
 """The action that a user must be permitted, by the name of the endpoint."""
 OPEN: Final = frozenset({"log_in"})

@@ -125,6 +125,21 @@ class Team:
         self._waits.clear(key)
         return identity
 
+    def confirm_again(self, identity: Identity, password: str) -> None:
+        """Check the password of a user who has logged in, within the same limits of wrong tries.
+
+        Raises
+        ------
+        WebError
+            If it is wrong (403), or there were too many wrong tries (429).
+        """
+        try:
+            self.confirmed(identity.name, password)
+        except WebError as error:
+            if error.status != 401:
+                raise
+            raise WebError(403, "Wrong password", "the password is wrong; nothing was changed or signed") from None
+
     def visitor(self, id_: str) -> Visitor | None:
         """Return the user of a session; None if it has ended, or the user was disabled or got another password.
 

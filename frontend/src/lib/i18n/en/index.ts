@@ -8,5 +8,7 @@ import programs from './programs.json'
 import verify from './verify.json'
 import report from './report.json'
 import history from './history.json'
+import release from './release.json'
+import users from './users.json'
 
-export const en = { common, shell, cell, measure, map, meshes, programs, verify, report, history }
+export const en = { common, shell, cell, measure, map, meshes, programs, verify, report, history, release, users }

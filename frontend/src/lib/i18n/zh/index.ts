@@ -8,10 +8,12 @@ import programs from './programs.json'
 import verify from './verify.json'
 import report from './report.json'
 import history from './history.json'
+import release from './release.json'
+import users from './users.json'
 import said from './said.json'
 import type { Messages, Surplus } from '../types'
 
-export const zh = { common, shell, cell, measure, map, meshes, programs, verify, report, history } satisfies Messages
+export const zh = { common, shell, cell, measure, map, meshes, programs, verify, report, history, release, users } satisfies Messages
 
 // a text that English does not have is an error here
 type None<T extends never> = T
