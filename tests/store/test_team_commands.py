@@ -87,6 +87,7 @@ def test_two_engineers_and_a_quality_manager(enter, tokens, files, tmp_path):
     assert enter(*named, token=tokens["ben"]).json["programs"][0]["map_state"] == "released"
     done = enter("verify", "march", out / "part.csv", files / "readings.txt", *VERIFY, token=tokens["ben"])
     assert done.code == 0, done
+    assert "DRAFT: the program was corrected with a map that was not released" in done.out
     listed = enter("store", "list", "corrections", "--json", token=tokens["ben"]).json["corrections"]
     assert [(one["draft"], one["made_by"]) for one in listed] == [(False, "ben"), (True, "ben")]
     (verified,) = enter("store", "list", "verifications", "--json", token=tokens["eva"]).json["verifications"]

@@ -111,6 +111,8 @@ def verify(
 def _show(found: ProgramVerification) -> None:
     from rich.markup import escape
 
+    from truepose.programs.record import DRAFT, head_of
+
     order = {"fail": 0, "undecided": 1, "pass": 2}
     shown = sorted(found.targets, key=lambda t: order[t.decision])[:_LISTED]
     shown = list(found.targets) if len(found.targets) <= _LISTED else shown
@@ -129,5 +131,7 @@ def _show(found: ProgramVerification) -> None:
     say(table(f"Re-measured targets of {Path(found.program).name} [mm]", columns, rows))
     if len(found.targets) > len(shown):
         say(f"… and {len(found.targets) - len(shown)} more that pass (--out lists all).")
+    if found.record and head_of(Path(found.record)).get("map_state") == DRAFT:
+        say("[yellow]DRAFT[/]: the program was corrected with a map that was not released")
     verdict, *others = found.sentences()
     say(f"[{_COLOURS[found.decision]}]{escape(verdict)}[/]", *map(escape, others))
