@@ -6,7 +6,7 @@ import pytest
 from tests.store.people import PASSWORD, join
 
 from truepose.errors import DataError, RefusedError
-from truepose.store import records, releases, schema, users
+from truepose.store import records, releases, rows, schema, users
 from truepose.store.access import Identity, changing, viewing
 from truepose.store.releases import check_usable, find_map, recall_map, release_map, withdraw_map
 from truepose.store.store import Store
@@ -162,14 +162,16 @@ def test_a_withdrawn_map_lists_every_program_and_those_of_its_updates(store, tea
     assert [one["name"] for one, _ in recall_map(store, team["ben"], "april").updated] == ["may"]
 
 
-def test_a_recall_is_complete_beyond_a_page(store, team, monkeypatch):
+def test_a_recall_is_complete_and_its_pages_have_the_same_rows(store, team):
     made = new_map(store, team["anna"], "march")
-    monkeypatch.setattr(releases, "LONGEST_PAGE", 3)
     for k in range(7):
         new_correction(store, team["ben"], made["id"], f"p{k}")
-    assert [one["program"] for one in recall_map(store, team["ben"], "march").corrections] == [
-        f"p{k}" for k in reversed(range(7))
-    ]
+    every = recall_map(store, team["ben"], "march").corrections
+    assert [one["program"] for one in every] == [f"p{k}" for k in reversed(range(7))]
+    with viewing(store, team["ben"]) as connection:
+        first = rows.recall(connection, made["id"], limit=4)
+        second = rows.recall(connection, made["id"], after=first.following, limit=4)
+    assert [{k: v for k, v in one.items() if k != "options"} for one in [*first.rows, *second.rows]] == every
 
 
 def test_maps_are_found_by_hash_part_or_name(store, team):

@@ -7,7 +7,6 @@ its cell; the one before is superseded. A withdrawn map is never used again.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +16,7 @@ from truepose.errors import DataError, RefusedError
 from truepose.store import schema
 from truepose.store.access import Identity, changing, check, confirm, viewing
 from truepose.store.names import name_key
-from truepose.store.rows import LONGEST_PAGE, decoded, recall
+from truepose.store.rows import decoded, recall_all
 
 if TYPE_CHECKING:
     from truepose.store.change import Change
@@ -205,17 +204,8 @@ def signatures(connection: sa.Connection, map_id: int) -> list[dict[str, Any]]:
 
 
 def _recall(connection: sa.Connection, row: dict[str, Any]) -> Recall:
-    updated = [(one, list(_corrections(connection, one["id"]))) for one in _updated(connection, row["id"])]
-    return Recall(row, list(_corrections(connection, row["id"])), updated)
-
-
-def _corrections(connection: sa.Connection, map_id: int) -> Iterator[dict[str, Any]]:
-    after: int | None = None
-    while True:
-        part = recall(connection, map_id, after=after, limit=LONGEST_PAGE)
-        yield from part.rows
-        if (after := part.following) is None:
-            return
+    updated = [(one, recall_all(connection, one["id"])) for one in _updated(connection, row["id"])]
+    return Recall(row, recall_all(connection, row["id"]), updated)
 
 
 def _updated(connection: sa.Connection, map_id: int) -> list[dict[str, Any]]:

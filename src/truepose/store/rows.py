@@ -101,20 +101,35 @@ def listed(
 
 def recall(connection: sa.Connection, map_id: int, *, after: int | None = None, limit: int = 50) -> Page:
     """Return a page of the corrections with a map, each with its program and robot."""
+    query = _with_programs(schema.correction).where(schema.correction.c.map_id == map_id)
+    return listed(connection, query, schema.correction, after=after, limit=limit)
+
+
+def recall_all(connection: sa.Connection, map_id: int) -> list[dict[str, Any]]:
+    """Return all corrections with a map, the newest first, without their options."""
+    correction = schema.correction
+    columns = [column for column in correction.c if column.name != "options"]
+    query = _with_programs(*columns).where(correction.c.map_id == map_id).order_by(correction.c.id.desc())
+    found = connection.execute(query)
+    names = tuple(found.keys())
+    return [dict(zip(names, row, strict=True)) for row in found]
+
+
+def _with_programs(*columns: Any) -> sa.Select[Any]:
+    """Return the query of corrections, each with its program and robot."""
     correction, program, robot = schema.correction, schema.program, schema.robot
-    query = (
+    return (
         sa.select(
-            correction,
+            *columns,
             program.c.name.label("program"),
             program.c.sha256.label("program_sha256"),
             robot.c.id.label("robot_id"),
             robot.c.name.label("robot"),
         )
+        .select_from(correction)
         .join(program, program.c.id == correction.c.program_id)
         .join(robot, robot.c.id == program.c.robot_id)
-        .where(correction.c.map_id == map_id)
     )
-    return listed(connection, query, correction, after=after, limit=limit)
 
 
 def newest_cells(connection: sa.Connection) -> Sequence[dict[str, Any]]:
