@@ -65,7 +65,7 @@ def test_verdicts_differ_by_shape_word_and_colour(browser: Browser, server: Serv
     with browser.opened(server, theme=theme) as app:
         app.go("programs")
         app.page.locator("main a", has_text="panel").first.click()
-        legend = app.page.locator("main .legend .entry")
+        legend = app.page.locator("main .legend .mark")
         legend.first.wait_for()
         entries = [legend.filter(has_text=word).first for word in VERDICTS]
         shapes = [entry.locator("path").get_attribute("d") for entry in entries]

@@ -7,3 +7,11 @@ export const VERDICT_PATHS: Record<VerdictKind, string> = {
   skipped: 'M6 1L11 6L6 11L1 6z',
   refused: 'M6 1.500L11 10.500L1 10.500z',
 }
+
+/** How its shape is drawn, the same in tables and legends. */
+export const VERDICT_MARKS = {
+  corrected: { kind: 'filled', color: 'var(--corrected)' },
+  unchanged: { kind: 'hollow', color: 'var(--muted)' },
+  skipped: { kind: 'hollow', color: 'var(--skipped)' },
+  refused: { kind: 'filled', color: 'var(--refused)' },
+} as const
