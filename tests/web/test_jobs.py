@@ -6,12 +6,14 @@ import contextlib
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -265,3 +267,51 @@ def test_the_real_server_may_save_a_file_that_it_has_read_or_written(server: Ser
         text = read.json()["text"] + "# changed\n"
         saved = server.client.put(address, json={"text": text}, headers={"If-Match": read.headers["etag"]})
         assert saved.status_code == 200, saved.text
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the memory from /proc")
+def test_two_gigabytes_are_refused_while_they_stream_and_take_neither_memory_nor_disk(
+    server: Server, folder: Path
+) -> None:
+    made = server.client.post(f"{API}/cells", data={"name": "hall", "robot": "kuka-kr150-2"}).json()
+    programs, before = folder / "hall" / "programs", _memory(server)
+    headers = {
+        "Content-Type": "multipart/form-data; boundary=b",
+        "Cookie": "; ".join(f"{name}={value}" for name, value in server.client.cookies.items()),
+        CSRF_HEADER: server.client.headers[CSRF_HEADER],
+        "Transfer-Encoding": "chunked",  # no length is stated
+    }
+    sent, on_disk, memory, piece = 0, 0, 0, bytes(1 << 20)
+    with contextlib.closing(HTTPConnection("127.0.0.1", server.client.base_url.port, timeout=LONG)) as connection:
+        connection.putrequest("POST", f"{API}/cells/{made['id']}/programs")
+        for header in headers.items():
+            connection.putheader(*header)
+        head = b'--b\r\nContent-Disposition: form-data; name="files"; filename="a.src"\r\n\r\n'
+        connection.endheaders()
+        connection.send(b"%x\r\n%b\r\n" % (len(head), head))
+        while sent < 2 << 30 and not select.select([connection.sock], [], [], 0)[0]:
+            connection.send(b"%x\r\n%b\r\n" % (len(piece), piece))
+            sent += len(piece)
+            on_disk = max(on_disk, sum(_size(path) for path in programs.rglob("*")))
+            memory = max(memory, _memory(server))
+        answer = connection.getresponse()
+        assert answer.status == 413
+        assert "a.src has more than 64 MB" in json.loads(answer.read())["detail"]
+    assert 64 << 20 <= sent < 128 << 20
+    assert 0 < on_disk <= 64 << 20
+    assert memory - before < 32 << 20
+    assert server.client.get(f"{API}/cells/{made['id']}/programs").json() == []
+    assert [path for path in programs.rglob("*") if path.is_file()] == []
+
+
+def _size(path: Path) -> int:
+    """Return the size of a file, which may have gone."""
+    with contextlib.suppress(FileNotFoundError):
+        return path.stat().st_size if path.is_file() else 0
+    return 0
+
+
+def _memory(server: Server) -> int:
+    """Return the resident memory of the server in bytes."""
+    (line,) = re.findall(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{server.process.pid}/status").read_text("ascii"))
+    return int(line) << 10
