@@ -422,6 +422,14 @@ def test_a_plan_is_that_of_the_command_line(running: Bench) -> None:
     assert expected["n"] == 8
     cell = Workspace(running.folder.parent).cell(running.cell).load()
     assert expected["rows"] == expected_accuracy(cell, poses.q)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truepose.web.measure.routes.expected_accuracy", lambda *_: [])
+        assert running.get(f"plans/{made['id']}/expected") == expected  # kept: it takes seconds
+        settings = running.folder / "cell.toml"
+        before = settings.read_text("utf-8")
+        settings.write_text(f"{before}\n[measuring]\nrepeatability_mm = 0.123\n", "utf-8")
+        assert running.get(f"plans/{made['id']}/expected")["rows"] == []  # of another cell
+        settings.write_text(before, "utf-8")
     program = running.client.get(f"{API}/cells/{running.cell}/plans/{made['id']}/program")
     assert program.headers["content-disposition"].startswith("attachment")
     beside = next((running.folder / made["name"]).parent.glob("measure.*"))

@@ -8,7 +8,9 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, Request
 
 from truepose import __version__
 from truepose._io.files import write_atomic
@@ -72,3 +74,15 @@ class ResultCache:
     def _lock(self, name: str) -> threading.Lock:
         with self._guard:
             return self._locks.setdefault(name, threading.Lock())
+
+
+def _cache(request: Request) -> ResultCache:
+    state = request.app.state
+    if not hasattr(state, "results"):
+        state.results = ResultCache(state.workspace)
+    cache: ResultCache = state.results
+    return cache
+
+
+InCache = Annotated[ResultCache, Depends(_cache)]
+"""The kept results of the workspace, as a parameter of a route."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 from urllib.parse import quote
 
 import numpy as np
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
 from truepose.error_map import ErrorMap
@@ -18,7 +18,7 @@ from truepose.predictors.registry import PREDICTORS, predictor_spec
 from truepose.predictors.selection.choice import QUICK
 from truepose.report.knowledge import knowledge
 from truepose.samples import Poses
-from truepose.web.cache import ResultCache
+from truepose.web.cache import InCache
 from truepose.web.maps import arrays, tables
 from truepose.web.maps.facts import MapEntry, MapFacts, entry, facts
 from truepose.web.maps.variograms import Language, Refit, Space, Variogram, variogram
@@ -86,9 +86,8 @@ class Predicted(BaseModel):
 class OfMap:
     """The map of the path parameter ``sha``, and the cache."""
 
-    def __init__(self, request: Request, workspace: InWorkspace, sha: str) -> None:
-        self.workspace, self.sha = workspace, sha
-        self.cache = _cache(request)
+    def __init__(self, workspace: InWorkspace, cache: InCache, sha: str) -> None:
+        self.workspace, self.cache, self.sha = workspace, cache, sha
 
     @property
     def cell(self) -> CellFolder:
@@ -107,16 +106,7 @@ class OfMap:
         return Response(made, media_type="application/octet-stream", headers={"Cache-Control": "private, max-age=3600"})
 
 
-def _cache(request: Request) -> ResultCache:
-    state = request.app.state
-    if not hasattr(state, "results"):
-        state.results = ResultCache(state.workspace)
-    cache: ResultCache = state.results
-    return cache
-
-
 InMap = Annotated[OfMap, Depends()]
-InCache = Annotated[ResultCache, Depends(_cache)]
 
 
 @router.get("/predictors")

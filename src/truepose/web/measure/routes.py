@@ -16,9 +16,11 @@ from truepose.cell import Cell
 from truepose.errors import DataError, TrueposeError, one_line
 from truepose.jobs import Job, JobQueue
 from truepose.planning import METHODS, expected_accuracy, measuring_program
+from truepose.robots import to_toml
 from truepose.samples import Poses, Samples
 from truepose.samples.tidy import read_all_samples
 from truepose.trackers import read_plan
+from truepose.web.cache import InCache
 from truepose.web.measure.form import MaskRequest, ReadingForm, mask_of
 from truepose.web.measure.previews import ReadingsPreview, preview_readings
 from truepose.web.measure.uploads import StoredUploads
@@ -238,10 +240,12 @@ def _table(stored: StoredFile, cell: Cell, poses: Poses, reasons: list[str] | No
 
 
 @router.get("/cells/{cell}/plans/{file}/expected")
-def expected(cell: InCell, file: str) -> ExpectedAccuracy:
+def expected(cell: InCell, file: str, cache: InCache) -> ExpectedAccuracy:
     """Return the accuracy to expect after a plan, and after fewer or more poses."""
-    q = _joints(cell.get(file, "plan"))
-    return ExpectedAccuracy.model_validate({"n": len(q), "rows": expected_accuracy(cell.load(), q)})
+    q, settings = _joints(cell.get(file, "plan")), cell.load()
+    key = ("expected", settings.to_toml(), to_toml(settings.load_robot()), q.tobytes())
+    rows = cache.json(key, lambda: expected_accuracy(settings, q))
+    return ExpectedAccuracy.model_validate({"n": len(q), "rows": rows})
 
 
 def _joints(stored: StoredFile) -> Any:
