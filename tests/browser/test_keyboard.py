@@ -113,7 +113,8 @@ def test_the_whole_day_goes_by_keys(browser: Browser, own_server: Server, virtua
         keyboard.press("ArrowRight")  # to the tab Import
         page.get_by_role("group", name="Drop the measurement file").wait_for()
         give_by_keys(app, virtual_cell / "fit_readings.txt")
-        page.get_by_role("region", name="Match with the plan").get_by_text("points of the plan").wait_for()
+        plans = page.get_by_role("region", name="Match with the plan").get_by_role("combobox", name="Plan")
+        plans.locator("option", has_text="fit_plan").wait_for(state="attached")
         choose_by_keys(app, "Plan", "fit_plan")
         page.get_by_role("region", name="Errors after registration").wait_for()
         press(app, "Import")
