@@ -11,9 +11,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 _ROOT = Path(__file__).parents[2]
-_WAIT_S = 60.0
+_WAIT_S = 120.0
+_IDLE, _LIFETIME = "--idle-timeout=10m", "--lifetime=10m"  # if the tests are killed
 
 
 @dataclass
@@ -28,7 +30,9 @@ class LocalCluster:
     def start_scheduler(self, *options: str) -> None:
         """Start a scheduler on a free port and wait for its address."""
         file = self.folder / f"scheduler-{time.monotonic_ns()}.json"
-        self.scheduler = _start("scheduler", "--host=127.0.0.1", "--port=0", f"--scheduler-file={file}", *options)
+        self.scheduler = _start(
+            "scheduler", "--host=127.0.0.1", "--port=0", f"--scheduler-file={file}", _IDLE, *options
+        )
         for _ in _polls("the scheduler did not start"):
             if file.exists() and (text := file.read_text("utf-8")):
                 self.address = json.loads(text)["address"]
@@ -37,7 +41,7 @@ class LocalCluster:
     def start_worker(self, *options: str, before: Sequence[str] = ()) -> subprocess.Popen[bytes]:
         """Start a worker with one thread; `before` is a command that starts it."""
         local = f"--local-directory={self.folder}"
-        worker = _start("worker", self.address, "--nthreads=1", "--no-nanny", local, *options, before=before)
+        worker = _start("worker", self.address, "--nthreads=1", "--no-nanny", _LIFETIME, local, *options, before=before)
         self.workers.append(worker)
         return worker
 
@@ -62,11 +66,11 @@ def local_cluster(folder: Path, workers: int) -> Iterator[LocalCluster]:
         cluster.end()
 
 
-def wait_for_workers(address: str, count: int) -> None:
+def wait_for_workers(address: str, count: int, security: Any = None) -> None:
     """Wait until a scheduler has a number of workers."""
     from distributed import Client
 
-    with Client(address, set_as_default=False) as client:
+    with Client(address, security=security, set_as_default=False) as client:
         client.wait_for_workers(count, timeout=_WAIT_S)
 
 

@@ -26,9 +26,10 @@ from truepose.numerics.processes import Processes
 from truepose.programs import FrameTable
 from truepose.programs.batch import correct_programs
 from truepose.samples import write_samples
+from truepose.studies.paper import METHODS, run_study
 
 try:
-    import distributed  # noqa: F401
+    import distributed
 except ModuleNotFoundError:
     if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
         raise
@@ -90,9 +91,10 @@ def hashes(folder: Path) -> dict[str, str]:
     }
 
 
-def test_a_folder_is_corrected_to_the_same_bytes_in_all_forms(form, virtual, map_path, programs, tmp_path):
+@pytest.mark.parametrize("given", ["folders", "files"])  # workers can prove single files only
+def test_programs_are_corrected_to_the_same_bytes_in_all_forms(form, virtual, map_path, programs, tmp_path, given):
     error_map = tp.load_map(map_path)
-    given = sorted(programs.iterdir())
+    given = sorted(programs.iterdir() if given == "folders" else programs.rglob("*.src"))
     frames = FrameTable(tools={1: virtual.tf_flange_tool})
 
     def written(name: str | None) -> dict[str, str]:
@@ -197,6 +199,40 @@ def test_damaged_parquet_is_refused_by_name(map_path, tmp_path, run):
         assert not (tmp_path / "out.parquet").exists()
     done = run("predict", map_path, whole, "--out", tmp_path / "out.csv")
     assert "give both as Parquet" in done.err
+
+
+def test_a_study_is_the_same_in_all_forms(form):
+    found = []
+    for name in FORMS:
+        with form(name) as executor:
+            found.append(run_study(seeds=[3], per_axis=3, methods=METHODS[:1], executor=executor))
+    assert len(found[0]) == 4
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_cluster_with_tls_wants_certificates(tmp_path, monkeypatch):
+    pytest.importorskip("cryptography", reason="pip install cryptography")
+    made = distributed.Security.temporary()
+    files = {"ca": made.tls_ca_file, "cert": made.tls_client_cert, "key": made.tls_client_key}
+    for name, text in files.items():
+        (tmp_path / f"{name}.pem").write_text(text)
+    own = {name: tmp_path / f"{name}.pem" for name in files}
+    options = [f"--tls-{name}{'-file' if name == 'ca' else ''}={path}" for name, path in own.items()]
+    secret = LocalCluster(tmp_path)
+    try:
+        secret.start_scheduler("--protocol=tls", *options)
+        assert secret.address.startswith("tls://")
+        secret.start_worker(*options)
+        security = Security(**own)
+        wait_for_workers(secret.address, 1, security=made)
+        with Cluster(secret.address, security=security) as executor:
+            key = executor.share(lambda: b"number ", None)
+            assert dict(executor.run(slow, [Task((key,), (7, 0.0))])) == {0: "number 7"}
+        monkeypatch.setattr("truepose.jobs.executor.cluster._CONNECT_S", 1.0)
+        with pytest.raises(DataError, match="no scheduler answers at tls://"):
+            Cluster(secret.address)
+    finally:
+        secret.end()
 
 
 def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_path):

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from truepose.cli.options import Force, Json
+from truepose.cli.options import Execution, Force, Json, with_groups
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
 
 Preset = Annotated[str, typer.Option(help="Preset of the virtual cells: paper, hard or ideal.")]
@@ -43,6 +43,10 @@ def demo(
     )
 
 
+_EXECUTION = Execution()
+
+
+@with_groups
 def study(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for results, table and picture.")] = Path(
         "truepose-study"
@@ -50,6 +54,7 @@ def study(
     seeds: Annotated[int, typer.Option(help="Number of virtual cells.", min=1)] = 10,
     per_axis: Annotated[int, typer.Option(help="Number of grid nodes per axis; n is its cube.", min=3)] = 5,
     preset: Preset = "paper",
+    execution: Execution = _EXECUTION,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -57,8 +62,8 @@ def study(
     from truepose.studies.paper import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
 
     overwrite(force, *(directory / name for name in STUDY_FILES))
-    with working(quiet=as_json) as progress:
-        results = run_study(preset, range(seeds), per_axis=per_axis, progress=progress)
+    with working(quiet=as_json) as progress, execution.executor("study", pays=False) as executor:
+        results = run_study(preset, range(seeds), per_axis=per_axis, executor=executor, progress=progress)
     write_study(directory, results)
     if as_json:
         emit_json({"directory": directory, "results": [asdict(result) for result in results]})

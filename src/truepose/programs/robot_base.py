@@ -79,14 +79,15 @@ def _at(folder: Path, *names: str) -> list[Path]:
         return [file for file in inside if file.relative_to(folder).as_posix().lower() == wanted]
     places = [folder]
     for name in names:
-        places = [entry for place in places for entry in _entries(place) if entry.name.lower() == name]
+        places = [entry for place in places for entry in _entries(place, name)]
     return [place for place in places if place.is_file()]
 
 
-def _entries(folder: Path) -> list[Path]:
+def _entries(folder: Path, name: str) -> list[Path]:
+    """Return the entries of a folder with a name in lower case; folders may have many others."""
     try:
         with os.scandir(folder) as entries:
-            return sorted(Path(entry) for entry in entries)
+            return sorted(Path(entry) for entry in entries if entry.name.lower() == name)
     except OSError:
         return []
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,6 +25,7 @@ from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.fit import fit_cell
 from truepose.geometry import apply_transform, euler, invert_transform, make_transform
+from truepose.numerics.executor import Executor, Inputs, Serial, Task
 from truepose.predictors import OrdinaryKriging
 from truepose.samples import Samples
 from truepose.simulation import VirtualCell
@@ -121,6 +123,7 @@ def run_study(
     *,
     per_axis: int = 5,
     methods: Sequence[Method] = METHODS,
+    executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
 ) -> list[Result]:
     """Run every method on the same readings of virtual cells, at fixed and at free orientation.
@@ -135,16 +138,26 @@ def run_study(
         The number of grid nodes along each axis of the work region; its cube is also the number of random samples.
     methods : sequence of Method
         The methods to compare.
+    executor : Executor, optional
+        Where the experiments run; by default in this process. Results do not depend on it.
     progress : callable
         A function of a line about the current step.
     """
-    results = []
-    for seed in seeds:
-        for orientation in ORIENTATIONS:
-            for sampling in SAMPLINGS:
-                progress(f"Robot {seed}, {orientation} orientation, {sampling}")
-                results += _experiment(VirtualCell(preset, seed=seed), orientation, sampling, per_axis, methods)
-    return results
+
+    def tasks() -> Iterator[Task]:
+        for seed, orientation, sampling in product(seeds, ORIENTATIONS, SAMPLINGS):
+            progress(f"Robot {seed}, {orientation} orientation, {sampling}")
+            values = preset, seed, orientation, sampling, per_axis, tuple(methods)
+            yield Task((), values, repr(values))
+
+    found = dict((executor or Serial()).run(experiment_task, tasks()))
+    return [result for place in sorted(found) for result in found[place]]
+
+
+def experiment_task(_: Inputs, task: Task) -> list[Result]:
+    """Measure one cell in one way, and apply all methods to it: a task."""
+    preset, seed, *how = task.values
+    return _experiment(VirtualCell(preset, seed=seed), *how)
 
 
 def _experiment(

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _CONNECT_S: Final = 10
 _POLL_S: Final = 0.2
+_CLOSE_S: Final = 5.0
+_CLOSE_INTERRUPTED_S: Final = 0.2
 _NEEDED: Final = "a cluster needs the package distributed; install it with: pip install 'truepose[scale]'"
 
 
@@ -190,16 +192,19 @@ class Cluster:
         return self
 
     def __exit__(self, kind: Any, *_: Any) -> None:
-        with suppress(Exception):
-            if self._pending and self._client.status == "running":
-                self._client.cancel(list(self._pending), asynchronous=False, force=True)
         self._pending.clear()
         self._held.clear()
-        with suppress(Exception):
-            self._client.close(timeout=1)
+        # the scheduler forgets the tasks of a client that is gone; an interrupted command does not wait for that
+        close = threading.Thread(target=self._close, name="truepose-cluster", daemon=True)
+        close.start()
+        close.join(_CLOSE_S if kind is None else _CLOSE_INTERRUPTED_S)
         if kind is None and self._results is not None:
             for key in self._used:
                 self._results.discard(key)
+
+    def _close(self) -> None:
+        with suppress(Exception):
+            self._client.close(timeout=1)
 
 
 def _connect(address: str, security: Security | None) -> Client:
