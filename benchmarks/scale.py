@@ -63,8 +63,8 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         page.say(
             f"{count} programs of {TARGETS} KRL targets, map of 200 samples (ordinary Kriging): correction, proof, "
             f"records and writing; {1 if quick else 2} runs, the faster one. {os.cpu_count()} processors, of which "
-            f"other work took a part (load {load:.1f} at the start). Four workers share these processors, so their row shows "
-            "what too many workers cost, not scaling. The outputs of all rows have the same SHA-256."
+            f"other work took a part (load {load:.1f} at the start). Four workers share these processors, so their row "
+            "shows what too many workers cost, not scaling. The outputs of all rows have the same SHA-256."
         )
         page.head(["form", "workers", "wall time", "programs per s", "speed-up", "own CPU a program", "worker's peak"])
         base, digests, costs = 0.0, set(), []
