@@ -47,14 +47,15 @@ class Server:
     @property
     def origin(self) -> str:
         """The address without path."""
-        return self.start_url.split("/?")[0]
+        return self.start_url.split("/?")[0].rstrip("/")
 
     @classmethod
     @contextmanager
-    def started(cls, workspace: Path) -> Iterator[Server]:
-        """Start a server on a free port, and stop it at the end."""
+    def started(cls, workspace: Path, *options: str) -> Iterator[Server]:
+        """Start a server on a free port with more options, and stop it at the end."""
         with tempfile.TemporaryDirectory(prefix="truepose-state-") as state:
             command = [sys.executable, "-m", "truepose", "app", str(workspace), "--port", "0", "--no-browser"]
+            command += options
             process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, text=True, env={**os.environ, "TRUEPOSE_STATE": state}
             )
