@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from truepose._io import files
+from truepose._io import commits, files
 from truepose.errors import FileError, RecoveryWarning
 from truepose.programs import corrected as corrected_module
 from truepose.programs import history
@@ -274,6 +274,22 @@ def test_the_next_run_says_what_it_did(fast_folder: Path, monkeypatch: pytest.Mo
             assert len(told) == 1
             assert case.is_corrected() is (number != -2)
             assert not case.leftovers()
+
+
+def test_recovery_goes_through_all_folders_and_says_where_it_cannot(
+    fast_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    below = [Case(fast_folder / name, 2, "in place") for name in ("a", "b")]
+    with light(monkeypatch) as patch:
+        for case in below:
+            case.folder.mkdir(parents=True, exist_ok=True)
+            killed_at(case, patch, "replace", -2)
+    below[0].paths[0].write_bytes(b"edited by hand")
+    left, restored = commits.recover_below(fast_folder)
+    assert "was changed after an interrupted run" in left
+    assert "these files were restored" in restored
+    assert below[0].paths[0].read_bytes() == b"edited by hand"
+    assert not below[1].leftovers()
 
 
 @pytest.mark.promise("A .src/.dat pair that a killed run left half-corrected is whole again when it is read next.")

@@ -103,7 +103,10 @@ def test_a_server_killed_between_two_renames_leaves_all_or_nothing_and_the_job_r
     assert len([path for path in out.iterdir() if not path.name.startswith(".")]) == 1
 
     later = started()
-    assert later.client.get(f"{API}/jobs/{job['id']}").json()["state"] == "interrupted"
+    left = later.client.get(f"{API}/jobs/{job['id']}").json()
+    assert left["state"] == "interrupted"
+    assert list(out.iterdir()) == []  # all or nothing, before anybody runs anything
+    assert [str(out) in said for said in left["warnings"]] == [True]
     again = finished(later, later.client.post(f"{API}/jobs/{job['id']}/run").json())
     assert again["state"] == "done", again["problem"]
     assert again["command"] == job["command"]

@@ -228,6 +228,20 @@ def recover(folder: Path) -> None:
             ) from None
 
 
+def recover_below(folder: Path) -> list[str]:
+    """Recover in a folder and in those below it; return a sentence about each run, also where it is not possible."""
+    said: list[str] = []
+    for place in sorted({path.parent for path in folder.rglob(".truepose-*.journal")}):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", RecoveryWarning)
+            try:
+                recover(place)
+            except FileError as error:
+                said.append(str(error))
+        said += [str(one.message) for one in caught]
+    return said
+
+
 def _recover(path: Path) -> str:
     """Recover from one journal, unless its process lives; return a sentence about it."""
     flags = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from truepose._io.commits import recover_below
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.jobs.folder import JobFolder
 from truepose.jobs.job import Job, State, UnknownJobError, acting_user, check_command
@@ -76,6 +77,8 @@ class JobQueue:
     def start(self) -> None:
         """Take the workspace and read its jobs; those that an earlier application left are interrupted now.
 
+        What they had begun to write is undone or completed.
+
         Raises
         ------
         FileError
@@ -93,7 +96,8 @@ class JobQueue:
             self._open = True
             for job in [job for job in self._jobs.values() if job.active]:
                 self._store.output(job).unlink(missing_ok=True)
-                self._set(replace(job, state="interrupted", problem=interrupted()))
+                said = recover_below(self._workspace / job.folder)
+                self._set(replace(job, state="interrupted", problem=interrupted(), warnings=(*job.warnings, *said)))
             self._processes.prepare()
 
     def stop(self) -> None:
