@@ -149,6 +149,7 @@ def test_the_report_says_it(weak, good, record_property):
                 cell=error_map.cell,
                 date=datetime(2026, 1, 2),
                 held_out=None,
+                store=None,
                 accuracy=error_map.validate(error_map.samples).to_dict(),
             )
             told = say("report.weak") in [text.text for text in _lead(evidence, say)]

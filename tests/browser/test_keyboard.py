@@ -18,6 +18,7 @@ _FOCUSED = """() => {
   const name = (one.getAttribute('aria-label') ?? (one.labels?.[0] ?? one).textContent ?? '').trim().slice(0, 60)
   return { tag: one.tagName.toLowerCase(), role: one.getAttribute('role'), name, seen }
 }"""
+_OFFERED = "start => [...(document.activeElement.options ?? [])].some(one => one.textContent.startsWith(start))"
 
 
 def tab_to(app: Opened, name: str, *, most: int = 80, whole: bool = False) -> None:
@@ -44,6 +45,7 @@ def give_by_keys(app: Opened, *files: Path) -> None:
 def choose_by_keys(app: Opened, label: str, start: str) -> None:
     """Choose an entry of a list by its first letters, as browsers have it."""
     tab_to(app, label)
+    app.page.wait_for_function(_OFFERED, arg=start)
     app.page.keyboard.type(start)
     chosen = app.page.evaluate("() => document.activeElement.selectedOptions[0].textContent")
     assert chosen.startswith(start), f"{label} is {chosen}"

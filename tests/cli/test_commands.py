@@ -61,7 +61,7 @@ def test_help_lists_every_predictor_and_quick_candidate(run):
 
 def test_help_groups_the_commands_in_the_order_of_work(run):
     panels = re.findall(r"─ (\w+) ─", run("--help").out)
-    assert panels == ["Options", "Start", "Measure", "Model", "Correct", "Report", "Browser"]
+    assert panels == ["Options", "Start", "Measure", "Model", "Correct", "Report", "Browser", "Store"]
 
 
 def test_help_is_light():

@@ -11,7 +11,7 @@ import rich.progress
 from truepose.cli import app
 from truepose.cli.output import working
 
-QUICK = {"robots", "init", "check-point", "app"}
+QUICK = {"robots", "init", "mask", "check-point", "app"}
 """Commands that never take long before they answer."""
 VIRTUAL = {"demo": "truepose.studies.demo.run_demo", "study": "truepose.studies.paper.run_study"}
 """Commands that are too long for a test, and the function in which they spend their time."""

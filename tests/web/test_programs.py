@@ -315,7 +315,9 @@ def options_of(command: str) -> dict[str, Any]:
 
 
 ELSEWHERE = {"cell", "config-dat", "out", "in-place", "report", "targets", "force", "no-targets", "json", "help"}
-"""Options that the application states itself, or that write over files."""
+ELSEWHERE |= {"store", "released-only", "workers", "cluster", "cluster-folder"}
+ELSEWHERE |= {"cluster-ca", "cluster-cert", "cluster-key"}
+"""Options that the application states itself, that belong to its server, or that write over files."""
 
 
 @pytest.mark.parametrize(("command", "model"), [("check", ReadingOptions), ("correct", CorrectionOptions)])

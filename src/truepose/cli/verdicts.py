@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from truepose.cli.output import say
-from truepose.programs.record import DRAFT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,6 +97,8 @@ def show_limits(programs: Sequence[CorrectedProgram]) -> None:
         say(escape(f"Limits in force{where}{others}: {sentence}"))
     for warning in list(dict.fromkeys(text for program in programs for text in program.warnings))[:_WARNINGS]:
         say(escape(warning))
+    from truepose.programs.record import DRAFT
+
     if any(program.map_state == DRAFT for program in programs):
         say("[yellow]DRAFT[/]: the map is not released; the records say so")
 

@@ -125,7 +125,7 @@ class Processes:
 
 def local(workers: int, purpose: str = "tasks") -> Executor:
     """Return the executor of this machine for a number of workers: this process for one."""
-    return Serial() if min(workers, cores()) <= 1 else Processes(workers, purpose)
+    return Serial() if workers <= 1 or cores() == 1 else Processes(workers, purpose)
 
 
 def start_method(preload: str) -> multiprocessing.context.BaseContext:
