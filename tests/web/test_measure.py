@@ -478,24 +478,6 @@ def test_a_link_in_place_of_a_folder_leads_nowhere(bench: Bench, tmp_path: Path)
     assert list((tmp_path / "outside").iterdir()) == []
 
 
-def test_the_virtual_cell_is_a_job_of_the_command_line(running: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[Any] = []
-    queue = running.client.app.state.jobs  # type: ignore[attr-defined]
-    submit = queue.submit
-
-    def instead(command: Any, **options: Any) -> Any:
-        started.append((command, options))
-        return submit(["robots"], **options)
-
-    monkeypatch.setattr(queue, "submit", instead)
-    answer = running.client.post(f"{API}/cells/virtual")
-    assert answer.status_code == 202
-    ((command, options),) = started
-    assert command == ["demo", "virtual-cell"]
-    assert options["folder"] == running.folder.parent
-    wait(running, answer)
-
-
 def test_a_full_disk_leaves_neither_readings_nor_a_job(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     before = bench.left()
 

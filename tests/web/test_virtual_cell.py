@@ -38,5 +38,6 @@ def test_each_virtual_cell_gets_a_folder_of_its_own(client: TestClient, tmp_path
 def test_the_job_names_the_cell_that_it_makes(client: TestClient, tmp_path: Path) -> None:
     job = client.post(f"{API}/cells/virtual").json()
     client.delete(f"{API}/jobs/{job['id']}")
+    assert job["command"] == ["demo", "virtual-cell"]
     (tmp_path / "virtual-cell" / "cell.toml").write_text("[robot]\nmodel = 'kuka-kr150-2'\n")
     assert [(cell["id"], cell["name"]) for cell in client.get(f"{API}/cells").json()] == [(job["cell"], "virtual-cell")]
