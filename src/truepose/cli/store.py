@@ -55,7 +55,8 @@ def init(store: StoreAddress, as_json: Json = False) -> None:
     if as_json:
         emit_json({"store": shown, "sequence": head.sequence, "head": head.hash})
     else:
-        say(f"Made the store {shown}.", "Add the first user with 'truepose store user', or files with 'store import'.")
+        users = "users with 'truepose store user add NAME --role admin'"
+        say(f"Made the store {shown}.", f"Add {users}, or files with 'truepose store import FOLDER'.")
 
 
 def head(store: StoreAddress, as_json: Json = False) -> None:
