@@ -78,8 +78,9 @@ def _loading(browser: Browser, server: Server, repeats: int) -> Iterator[Row]:
             loaded = app.page.evaluate(_LOADED)
     yield Row("first page ready, empty cache, median", f"{statistics.median(seconds):.2f} s", "1.5 s")
     yield Row("sent until then", f"{loaded['bytes'] / 1000:.0f} kB in {loaded['requests']} requests")
-    sizes = [(path.stat().st_size) for path in STATIC.rglob("*.gz")]
-    yield Row("all pages, compressed with gzip", f"{sum(sizes) / 1000:.0f} kB", "300 kB")
+    for name, ending, wanted in (("brotli", "br", "300 kB"), ("gzip", "gz", "")):
+        size = sum(path.stat().st_size for path in STATIC.rglob(f"*.{ending}"))
+        yield Row(f"all pages, compressed with {name}", f"{size / 1000:.0f} kB", wanted)
 
 
 def _moving(browser: Browser, server: Server, repeats: int) -> Iterator[Row]:
