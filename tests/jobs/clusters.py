@@ -77,7 +77,8 @@ def wait_for_workers(address: str, count: int, security: Any = None) -> None:
 def _start(kind: str, *options: str, before: Sequence[str] = ()) -> subprocess.Popen[bytes]:
     path = os.pathsep.join([str(_ROOT), os.environ.get("PYTHONPATH", "")])
     command = [*before, sys.executable, "-m", "dask", kind, "--no-dashboard", *options]
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.DEVNULL)
+    env = {**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__WORKER_SATURATION": "1.0"}
+    return subprocess.Popen(command, env=env, stderr=subprocess.DEVNULL)
 
 
 def _polls(reason: str) -> Iterator[None]:

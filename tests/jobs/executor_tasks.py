@@ -29,6 +29,15 @@ def counted(inputs: Inputs, task: Task) -> int:
     return int(number**2)
 
 
+def held_back(inputs: Inputs, task: Task) -> int:
+    """Leave a note and return a number; all but the first tasks wait for a file."""
+    number, first, folder = task.values
+    (Path(folder) / f"{number}.started").touch()
+    while number >= first and not (Path(folder) / "go").exists():
+        time.sleep(0.02)
+    return int(number)
+
+
 def full_disk(inputs: Inputs, task: Task) -> bytes:
     """Return more bytes than this process may write from now on into one file, for a second."""
     import resource

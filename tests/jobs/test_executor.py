@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import os
@@ -13,7 +14,7 @@ import numpy as np
 import pandas
 import pytest
 from tests.jobs.clusters import LocalCluster, local_cluster, wait_for_workers
-from tests.jobs.executor_tasks import counted, full_disk, random_product, slow
+from tests.jobs.executor_tasks import counted, full_disk, held_back, random_product, slow
 
 import truepose as tp
 from truepose.error_map import bulk
@@ -117,14 +118,14 @@ def test_programs_are_corrected_to_the_same_bytes_in_all_forms(form, virtual, ma
 
 def test_the_first_refusal_is_the_same_in_all_forms(form, virtual, map_path, programs):
     error_map = tp.load_map(map_path)
-    told = set()
+    refusals = set()
     for name in (None, *FORMS):
         with pytest.raises(TrueposeError) as error:  # noqa: SIM117
             with form(name or "serial") as executor:
                 correct_programs(sorted(programs.iterdir())[:3], error_map, executor=executor if name else None)
-        told.add((type(error.value), str(error.value)))
-    assert len(told) == 1
-    assert "p0.src" in told.pop()[1]
+        refusals.add((type(error.value), str(error.value)))
+    assert len(refusals) == 1
+    assert "p0.src" in refusals.pop()[1]
 
 
 def test_a_program_that_was_corrected_is_refused_in_all_forms(form, virtual, map_path, programs, tmp_path):
@@ -281,6 +282,52 @@ def test_results_survive_a_lost_scheduler(cluster, tmp_path):
     assert found == {k: k**2 for k in range(40)}
     assert len(list(notes.iterdir())) - before == 40 - finished
     assert not list((kept / "done").iterdir())
+
+
+def test_an_interrupt_cancels_the_tasks_that_have_not_run(cluster, tmp_path, monkeypatch):
+    def interrupted(client: distributed.Client) -> None:
+        monkeypatch.setattr(distributed.Client, "close", lambda *_, **__: None)  # the cancellation alone is tested
+        with pytest.raises(KeyboardInterrupt), Cluster(cluster.address) as executor:  # noqa: PT012
+            clients.append(executor._client)
+            for done, _ in enumerate(executor.run(held_back, (Task((), (k, 5, str(tmp_path))) for k in range(100))), 1):
+                if done == 5:
+                    raise KeyboardInterrupt
+        client.run_on_scheduler(no_queue)
+        monkeypatch.undo()
+
+    clients: list[distributed.Client] = []
+    with distributed.Client(cluster.address, set_as_default=False) as client:
+        try:
+            interrupted(client)
+        finally:
+            (tmp_path / "go").touch()
+            for one in clients:
+                one.close()
+    assert len(list(tmp_path.glob("*.started"))) <= 5 + 2  # two workers
+
+
+async def no_queue(dask_scheduler: distributed.Scheduler) -> None:
+    """Wait until a scheduler has no task that waits for a worker."""
+    for _ in range(1000):
+        if not (dask_scheduler.queued or dask_scheduler.unrunnable):
+            return
+        await asyncio.sleep(0.02)
+    raise AssertionError("tasks were not cancelled")
+
+
+def test_an_interrupted_correction_on_a_cluster_writes_nothing(cluster, map_path, programs, tmp_path, run, monkeypatch):
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    (programs / "part4" / "p4.src").unlink()
+    for program in programs.rglob("*.src"):
+        program.write_text(program.read_text().replace("TOOL_DATA[1]", "$NULLFRAME"))
+    before = hashes(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("truepose.cli.output._Line.count", interrupt)
+    done = run("correct", map_path, *programs.rglob("*.src"), "--on-guard", "skip", "--cluster", cluster.address)
+    assert (done.code, done.err) == (130, "truepose: interrupted; no file was written\n")
+    assert hashes(tmp_path) == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file sizes cannot be limited on Windows")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _CONNECT_S: Final = 10
 _POLL_S: Final = 0.2
 _CLOSE_S: Final = 5.0
-_CLOSE_INTERRUPTED_S: Final = 0.2
+_CLOSE_INTERRUPTED_S: Final = 1.0
 _NEEDED: Final = "a cluster needs the package distributed; install it with: pip install 'truepose[scale]'"
 
 
@@ -106,6 +106,9 @@ class Cluster:
         DataError
             If the scheduler is lost, or a task ends several workers.
         """
+        if self._pending:  # of a run that was not read to its end
+            self._client.cancel(list(self._pending))
+            self._pending.clear()
         waiting = enumerate(tasks)
         finished = 0
         while True:
@@ -192,17 +195,20 @@ class Cluster:
         return self
 
     def __exit__(self, kind: Any, *_: Any) -> None:
+        # an interrupted command does not wait long: the scheduler also forgets the tasks of a client that is gone
+        close = threading.Thread(target=self._close, args=(list(self._pending),), name="truepose-cluster", daemon=True)
         self._pending.clear()
         self._held.clear()
-        # the scheduler forgets the tasks of a client that is gone; an interrupted command does not wait for that
-        close = threading.Thread(target=self._close, name="truepose-cluster", daemon=True)
         close.start()
         close.join(_CLOSE_S if kind is None else _CLOSE_INTERRUPTED_S)
         if kind is None and self._results is not None:
             for key in self._used:
                 self._results.discard(key)
 
-    def _close(self) -> None:
+    def _close(self, unfinished: list[Future[Any]]) -> None:
+        """Cancel tasks that have not run, and end the connection."""
+        with suppress(Exception):
+            self._client.cancel(unfinished)
         with suppress(Exception):
             self._client.close(timeout=1)
 
@@ -254,20 +260,20 @@ def _check_workers(client: Client, address: str) -> int:
                 f"worker {worker} of {address} cannot run truepose ({other}); install the same version there: "
                 f"pip install 'truepose[scale]=={identity()['truepose'].split(',')[0]}'"
             )
-        if told := differences(identity(), other):
-            raise DataError(_unlike(worker, told))
+        if differing := differences(identity(), other):
+            raise DataError(_unlike(worker, differing))
     return len(threads)
 
 
-def _unlike(worker: str, told: str) -> str:
+def _unlike(worker: str, differing: str) -> str:
     return (
-        f"worker {worker} would give other results: {told}; install the same versions there, and for other kernels of "
-        "linear algebra set OPENBLAS_CORETYPE alike on all machines"
+        f"worker {worker} would give other results: {differing}; install the same versions there, and for other "
+        "kernels of linear algebra set OPENBLAS_CORETYPE alike on all machines"
     )
 
 
 def _returned(data: bytes) -> Returned:
-    found: Returned = pickle.loads(data)  # from workers, which the scheduler's circle trusts
+    found: Returned = pickle.loads(data)  # from workers of a cluster that this user trusts
     return found
 
 
@@ -284,8 +290,8 @@ def _run(
     asked_by: dict[str, str],
 ) -> bytes | str:
     """Run a task on a worker; return its result, or the hash under which it is in the shared folder."""
-    if told := differences(asked_by, identity()):  # a worker that came after the check
-        raise DataError(_unlike("that joined later", told))
+    if differing := differences(asked_by, identity()):  # a worker that came after the check
+        raise DataError(_unlike("that joined later", differing))
     results = None if folder is None else FinishedResults(folder)
     read = held.__getitem__ if results is None else results.blobs.read
     inputs: Inputs = ReadInputs(read)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 import re
+import tempfile
 from pathlib import Path
 from typing import Final
 
 from truepose._io.blobs import BlobFolder
-from truepose._io.files import write_atomic
 from truepose.errors import FileError
 
 _SHA: Final = re.compile(r"[0-9a-f]{64}")
@@ -55,9 +56,23 @@ class FinishedResults:
             return None
 
     def put(self, key: str, data: bytes) -> str:
-        """Keep the result of a task, and return its SHA-256; it is on the disk when this returns."""
+        """Keep the result of a task, and return its SHA-256; it survives the end of this process.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
         sha = self.blobs.put(data)
-        write_atomic(self._done(key), sha)
+        done = self._done(key)
+        try:
+            done.parent.mkdir(exist_ok=True)
+            descriptor, draft = tempfile.mkstemp(dir=done.parent)
+            with os.fdopen(descriptor, "w", encoding="ascii") as file:
+                file.write(sha)
+            Path(draft).replace(done)
+        except OSError as error:
+            raise FileError(done, f"cannot be written: {error.strerror or error}") from error
         return sha
 
     def discard(self, key: str) -> None:
