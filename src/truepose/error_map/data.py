@@ -16,6 +16,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck, check_arm
+from truepose.error_map.conditions import with_conditions
 from truepose.error_map.registration import check_limits, reading_noise
 from truepose.error_map.selection import CellSamples
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
@@ -147,7 +148,7 @@ class MapData:
         return poses.p_cmd
 
     def coordinates(self, poses: Poses) -> FloatArray:
-        """Return the predictor's input coordinates: commanded positions (n, 3) [mm], or joints (n, dof) [rad].
+        """Return the coordinates in the predictor's space: commanded positions (n, 3) [mm], or joints (n, dof) [rad].
 
         Raises
         ------
@@ -156,10 +157,14 @@ class MapData:
         """
         return self._in_space(poses, self.commanded_positions(poses))
 
+    def inputs(self, poses: Poses) -> FloatArray:
+        """Return `coordinates`, with the conditions that the predictor uses in further columns; NaN where not given."""
+        return with_conditions(self.coordinates(poses), self.predictor, poses)
+
     @property
-    def fitted_coordinates(self) -> FloatArray:
-        """The predictor's input coordinates of the samples, at the point where they were measured."""
-        return self._in_space(self.samples, self.p_cmd)
+    def fitted_inputs(self) -> FloatArray:
+        """The predictor's `inputs` of the samples, at the point where they were measured."""
+        return with_conditions(self._in_space(self.samples, self.p_cmd), self.predictor, self.samples)
 
     def _in_space(self, poses: Poses, p_cmd: FloatArray) -> FloatArray:
         if self.space == "cartesian":
@@ -208,7 +213,7 @@ class MapData:
             found.alone[out] = errors.e[out]
             if len(block) <= FEW:
                 predictor, _ = errors.fit(self.predictor_name, known)
-                found.left[out] = errors.e[out] - predictor.predict(errors.coordinates[self.space][out])
+                found.left[out] = errors.e[out] - predictor.predict(errors.inputs(self.predictor_name, predictor)[out])
         if len(block) > FEW:
             found.left[:] = self.predictor.leave_blocks_out(block).residual
         return found

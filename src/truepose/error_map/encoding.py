@@ -117,7 +117,7 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
             raise ValueError(f"e has {len(arrays['e'])} rows, there are {len(error_map.samples)} samples")
         file_checks.check(error_map)
         file_checks.agree(arrays["e"], error_map.e, "e")
-        error_map.predictor.fit(error_map.fitted_coordinates, arrays["e"], arrays.get("noise_std"))
+        error_map.predictor.fit(error_map.fitted_inputs, arrays["e"], arrays.get("noise_std"))
         file_checks.check_fitted(error_map)
         remade = json.loads(json.dumps(_content(error_map)))
         file_checks.agree({key: value for key, value in content.items() if key != "robot"}, remade, "")

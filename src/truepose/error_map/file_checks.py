@@ -241,7 +241,7 @@ def check_fitted(error_map: MapData) -> None:
     known = reading_noise(error_map.cell, samples, error_map.registration)
     if error_map.predictor.noise_std_ is None and known is not None:
         raise ValueError("noise_std is missing, although samples or cell state the noise of readings")
-    tried = error_map.fitted_coordinates[:_TRIED]
+    tried = error_map.fitted_inputs[:_TRIED]
     e, std = error_map.predictor.predict(tried, return_std=True, include_nugget=True)
     if not (np.isfinite(e).all() and np.isfinite(std).all() and (std >= 0.0).all()):
         raise ValueError("the predictor's parameters give errors that are not finite numbers")

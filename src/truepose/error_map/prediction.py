@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
+from truepose.error_map.conditions import with_conditions
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -141,7 +142,7 @@ class PredictingMap(MapData):
         """
         poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
         p_cmd = self.commanded_positions(poses)
-        e, std = self.predict_at(self._in_space(poses, p_cmd))
+        e, std = self.predict_at(with_conditions(self._in_space(poses, p_cmd), self.predictor, poses))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
         p = apply_transform(tf_tracker_base, p_cmd + e)
         return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
@@ -170,10 +171,10 @@ class PredictingMap(MapData):
         use it. Its variance is that of the predictor's field plus `unexplained`; it does not include the noise of one
         motion and of one reading, see `predict_reading`.
         """
-        return self.predict_at(self.coordinates(poses))
+        return self.predict_at(self.inputs(poses))
 
     def predict_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return `predict_errors` at coordinates of the predictor, (n, 3) [mm] or (n, dof) [rad]."""
+        """Return `predict_errors` at `inputs` of the predictor, (n, 3) [mm] or (n, dof) [rad] with conditions."""
         return self.predict_with_tool(x, self.tf_flange_tool)
 
     def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
@@ -197,7 +198,7 @@ class PredictingMap(MapData):
         DataError
             If the map knows positions only, or there are no joints.
         """
-        return self.predict_with_tool(self.coordinates(poses), self.tf_flange_tool, orientation=True)
+        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True)
 
     def leave_one_out(self) -> LeaveOneOut:
         """Return the residual of each sample predicted from the others, and its standard deviation, (n, 3) [mm].
@@ -213,8 +214,8 @@ class PredictingMap(MapData):
 
         Parameters
         ----------
-        x : (n, 3) array [mm] or (n, dof) array [rad]
-            The predictor's input coordinates.
+        x : (n, 3) array [mm], or (n, dof) array [rad] with the columns of conditions or without
+            The predictor's inputs.
         tf_flange_tool : (4, 4) or (n, 4, 4) array [mm]
             The tool. Its point may differ from the sampled one if the predictor knows the arm.
         orientation : bool
@@ -246,7 +247,7 @@ class PredictingMap(MapData):
         away = tf_flange_tool[..., :3, 3] - self.tf_flange_sampled[:3, 3]
         if not self.knows_orientation or np.abs(away).max() == 0:
             return None
-        turned = self.robot.forward(x)[:, :3, :3]
+        turned = self.robot.forward(x[:, : self.robot.dof])[:, :3, :3]
         return np.asarray(np.einsum("nij,nj->ni", turned, np.broadcast_to(away, (len(x), 3))))
 
     @property
@@ -271,7 +272,7 @@ class PredictingMap(MapData):
         samples = self.samples
         if samples.q is None or samples.rotation_meas is None or self.p_flange_sampled is not None:
             return np.zeros(3), 0.0
-        error = self._pose_predictor().predict_pose(samples.q)
+        error = self._pose_predictor().predict_pose(self.inputs(samples))
         nominal = Rotation.from_matrix(self.robot.forward(samples.q, tool=self.tf_flange_tool)[:, :3, :3])
         expected = Rotation.from_rotvec(error[:, 3:]) * nominal
         measured = Rotation.from_matrix(self.registration.tf_base_tracker[:3, :3]) * samples.rotation_meas
@@ -284,6 +285,6 @@ class PredictingMap(MapData):
         turn, _ = self.tool_turn
         if not turn.any():
             return error
-        nominal = Rotation.from_matrix(self.robot.forward(x, tool=self.tf_flange_tool)[:, :3, :3])
+        nominal = Rotation.from_matrix(self.robot.forward(x[:, : self.robot.dof], tool=self.tf_flange_tool)[:, :3, :3])
         turned = Rotation.from_rotvec(error[:, 3:]) * nominal * Rotation.from_rotvec(turn) * nominal.inv()
         return np.concatenate([error[:, :3], turned.as_rotvec()], axis=1)

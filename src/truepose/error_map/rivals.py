@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.error_map.conditions import with_conditions
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.selection import CellSamples
 from truepose.errors import TrueposeError
@@ -108,7 +109,7 @@ def _left(error_map: PredictingMap, model: Predictor, space: str, held_out: Samp
     x = held_out.q if space == "joint" else error_map.commanded_positions(held_out)
     if x is None:
         raise TrueposeError(f"{held_out.source}: joints are not known")
-    return np.asarray(error_map.errors(held_out) - model.predict(x))
+    return np.asarray(error_map.errors(held_out) - model.predict(with_conditions(x, model, held_out)))
 
 
 def _mean(left: FloatArray) -> float:

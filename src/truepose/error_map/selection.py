@@ -12,6 +12,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
+from truepose.error_map.conditions import conditions_told
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
@@ -81,6 +82,7 @@ class CellSamples:
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
             arm_of(self.cell, self.robot, tf_flange_tool),
+            conditions_told(samples),
         )
 
 

@@ -200,11 +200,11 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     )
     new = error_map.reading_noise(samples)
     if isinstance(joined.predictor, Updatable):
-        joined.predictor.update(error_map.coordinates(samples), e, new)
+        joined.predictor.update(error_map.inputs(samples), e, new)
         return joined
     old = joined.predictor.noise_std_
     noise = None if old is None or new is None else np.concatenate([old, new])
-    x = joined.coordinates(joined.samples)
+    x = joined.inputs(joined.samples)
     with points_named(joined.samples):
         return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
 
@@ -256,7 +256,7 @@ def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatA
         _, std = error_map.predict_errors(samples)
         field = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
         return residual, noisy[:, :, None] ** 2 * np.eye(3), field
-    _, covariance = predictor.predict_together(error_map.coordinates(samples))
+    _, covariance = predictor.predict_together(error_map.inputs(samples))
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
     return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
 
@@ -309,13 +309,19 @@ def _permuted(covariance: FloatArray, order: IntArray) -> FloatArray:
 def _concatenated(old: Samples, new: Samples) -> Samples:
     """Return both tables in one, with the columns of both; the numbers of new rows follow those of the old ones.
 
+    An approach that one of them does not state is unknown there: 0.
+
     Lines are left out, as they are of two files.
     """
-    assert old.row is not None
     columns: dict[str, Any] = {}
+    if old.approach is None and new.approach is not None:
+        old = replace(old, approach=np.zeros((len(old), new.approach.shape[1])))
+    if new.approach is None and old.approach is not None:
+        new = replace(new, approach=np.zeros((len(new), old.approach.shape[1])))
     for name in set(old.columns()) & set(new.columns()) - {"line"}:
         a, b = getattr(old, name), getattr(new, name)
         columns[name] = Rotation.concatenate([a, b]) if isinstance(a, Rotation) else np.concatenate([a, b])
+    assert old.row is not None
     columns["row"] = np.concatenate([old.row, old.row.max() + 1 + np.arange(len(new))])
     return Samples(**columns, source=f"{old.source}, {new.source}")
 

@@ -32,6 +32,13 @@ class Startable(Protocol):
 
 
 @runtime_checkable
+class Conditional(Protocol):
+    """A predictor whose input may have columns of conditions after the joints, see `truepose.predictors.conditions`."""
+
+    conditions: Sequence[str]
+
+
+@runtime_checkable
 class Differentiable(Protocol):
     """A predictor whose prediction has a derivative in closed form."""
 

@@ -89,7 +89,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     curves, shares = [], {}
     if isinstance(model, KinematicKriging):
         curves = model.joint_curves()
-        parts = model.explain(error_map.coordinates(samples))
+        parts = model.explain(error_map.inputs(samples))
         shares = {name: float(np.sqrt(np.mean(np.sum(e**2, axis=1)))) for name, e in parts.items()}
     values = {name: value for name, value in model.to_dict().items() if name not in ("weight", "identified")}
     return Knowledge(
@@ -124,7 +124,7 @@ def _measure_next(error_map: ErrorMap, candidates: Poses, count: int) -> list[di
     if not isinstance(predictor, JointlyPredicting) or error_map.p_flange_sampled is not None:
         chosen = np.argsort(-size)[:count].tolist()
         return [_pose_data(candidates, i, size[i]) for i in chosen]
-    _, covariance = predictor.predict_together(error_map.coordinates(candidates))
+    _, covariance = predictor.predict_together(error_map.inputs(candidates))
     noise = np.mean(_about_field(error_map))
     n, found = len(size), []
     for _ in range(count):

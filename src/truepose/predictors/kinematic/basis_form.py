@@ -99,7 +99,7 @@ def gradient_by_hyper(basis: Basis, hyper: Hyperparameters, by_variance: FloatAr
     part = [slice(a, b) for a, b in pairwise(edges)]
     joints = part[len(GROUPS) : -1]
     by_std = [2.0 * by_variance[p].sum() for p in joints]
-    by_tolerance = [2.0 * by_variance[p].sum() for p in part[1 : len(GROUPS)]]
+    by_tolerance = [2.0 * by_variance[part[g]].sum() for g in basis.terms.scaled_groups]
     rest = [2.0 * by_variance[part[-1]].sum(), *np.zeros(len(hyper.rest_range))] if len(hyper.rest_range) else []
     return np.array([*by_std, *np.zeros(len(joints)), *by_tolerance, 2.0 * by_scale, *rest])
 

@@ -20,14 +20,16 @@ from truepose.numerics.kinematic import add_joints_and_rest, slopes
 from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
-from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, Design, Terms, parts
+from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Terms, parts
 
 _CHUNK: Final = 256  # configurations per block of cross-covariances in memory
 
 
 def tolerances(terms: Terms, hyper: Hyperparameters) -> FloatArray:
     """Return the factor of each drift column's prior standard deviation, (p,)."""
-    return np.asarray(np.r_[1.0, hyper.tolerance][terms.group])
+    scale = np.ones(len(GROUPS))
+    scale[terms.scaled_groups] = hyper.tolerance
+    return np.asarray(scale[terms.group])
 
 
 class Likelihood:
@@ -64,7 +66,7 @@ class Likelihood:
         self._y = e.reshape(-1)
         self._half, self._lever = _turns_and_levers(design, joints)
         flat = design.drift.reshape(3 * self.n, -1)
-        self._drift = [np.asfortranarray(flat[:, terms.group == g]) for g in (0, GEOMETRY, COMPLIANCE)]
+        self._drift = [np.asfortranarray(flat[:, terms.group == g]) for g in (REGISTRATION, *terms.scaled_groups)]
         self._place, self._range_of, self._ranges = design.place, terms.range_of, len(terms.range_names)
         self._reading = (noise_std**2 / weight[:, None]).reshape(-1)
         self._weight = np.repeat(weight, 3)
@@ -304,7 +306,7 @@ class CovarianceForm:
         m, n, rows = len(design.q), len(self.design.q), design.rows
         scale = tolerances(self.terms, self.hyper)
         out: dict[str, FloatArray] = {}
-        for g, name in enumerate(("registration", "geometry", "compliance")):
+        for g, name in enumerate(GROUPS):
             columns = np.flatnonzero(self.terms.group == g)
             if len(columns):
                 left = (design.drift[:, :, columns] * scale[columns] ** 2).reshape(rows * m, -1)

@@ -9,7 +9,7 @@ section 6.1).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +27,7 @@ _SHORT: Final = 25  # iterations after which only the best start continues
 _LONG: Final = 120
 _SETTLED: Final = 1e-6  # relative change of the log likelihood, about 0.002, that ends a search by L-BFGS-B
 _NEAR: Final = 0.002  # expected decrease of the negative log likelihood that ends any other search
+_PAYS: Final = 2.0  # gain of the log likelihood from which the effect of a condition is in the model
 _DIFFERENCE: Final = 1e-4  # of the logarithms, for second derivatives
 
 
@@ -146,7 +147,7 @@ def refine(basis: Basis, sums: BasisSums, start: Hyperparameters) -> Search:
 
     objective, theta = _Objective(likelihood, start), start.to_vector()
     k, ranges = len(start.joint_std), len(start.rest_range)
-    held = np.r_[np.zeros(k), np.ones(k), np.zeros(3 + (ranges > 0)), np.ones(ranges)]
+    held = np.r_[np.zeros(k), np.ones(k), np.zeros(len(start.tolerance) + 1 + (ranges > 0)), np.ones(ranges)]
     bounds = np.where(held[:, None], theta[:, None], objective.bounds)
     return objective.result(*objective.descend(theta, bounds, _LONG), sums.constant)
 
@@ -160,6 +161,18 @@ def spread_starts(start: Hyperparameters) -> list[Hyperparameters]:
         theta[k : 2 * k] += np.log(factor)
         out.append(start.with_vector(theta))
     return out
+
+
+def without_effects(likelihood: Likelihood, hyper: Hyperparameters) -> Hyperparameters:
+    """Return hyperparameters in which the effect of each condition that does not raise the likelihood is negligible."""
+    low = np.exp(np.array(hyper.bounds())[:, 0])[2 * len(hyper.joint_std) :]
+    for i in range(2, len(hyper.tolerance)):
+        tolerance = hyper.tolerance.copy()
+        tolerance[i] = low[i]
+        without = replace(hyper, tolerance=tolerance)
+        if likelihood(without)[0] < likelihood(hyper)[0] + _PAYS:
+            hyper = without
+    return hyper
 
 
 class _Objective:
@@ -259,5 +272,6 @@ def _positive(matrix: FloatArray) -> FloatArray:
 def _names(hyper: Hyperparameters) -> list[str]:
     k, g = len(hyper.joint_std), len(hyper.rest_range)
     names = [f"joint std {i + 1}" for i in range(k)] + [f"joint length {i + 1}" for i in range(k)]
-    names += ["tolerance of geometry", "tolerance of compliance", "noise"]
+    names += ["tolerance of geometry", "tolerance of compliance"]
+    names += [f"tolerance of condition {i + 1}" for i in range(len(hyper.tolerance) - 2)] + ["noise"]
     return names + (["rest std", *(f"rest range {i + 1}" for i in range(g))] if g else [])

@@ -31,6 +31,7 @@ def deviation_of(
     poses: FloatArray,
     inflation: float,
     added: FloatArray,
+    effect_size: FloatArray,
 ) -> Deviation:
     """Return the arrays of a fitted model.
 
@@ -49,6 +50,8 @@ def deviation_of(
         The factor of the variances.
     added : (3,) array [mm²]
         The variance that is added to the field's.
+    effect_size : (c,) array
+        The root mean squares of the coefficients of conditions, which a frozen map does not know.
     """
     dof, design = terms.robot.dof, terms.at(poses)
     told = form.told(design)
@@ -66,6 +69,8 @@ def deviation_of(
         every[j] = table
     prior_joint = np.zeros(dof)
     prior_joint[joints] = hyper.joint_std**2
+    if "approach" in terms.conditions:
+        prior_joint += (effect_size * terms.prior_std[terms.conditional]) ** 2 / inflation
     wide = np.zeros((3, constants.anchors.shape[0] * constants.anchors.shape[2], kept))
     if len(hyper.rest_range):
         wide[:, : rest.shape[1]] = rest

@@ -13,6 +13,7 @@ from truepose._typing import FloatArray
 _JOINT_STD: Final = (3e-4, 1.5)  # s_j [rad]
 _JOINT_LENGTH: Final = (0.2, 1.0)  # l_j [rad, chord]
 _TOLERANCE: Final = (1.0, 1.0)
+_CONDITION: Final = (1.0, 1.5)  # the tolerance scale of a condition's effect
 _NOISE: Final = (0.03, 1.5)  # mm
 _REST_STD: Final = (0.1, 2.0)  # mm
 _REST_RANGE: Final = (1.5, 1.0)  # rad (chord), or m
@@ -28,8 +29,8 @@ class Hyperparameters:
     ----------
     joint_std, joint_length : (k,) arrays [rad]
         The standard deviations s_j and lengths l_j of the visible joints; lengths are chords.
-    tolerance : (2,) array
-        The scales of the prior standard deviations of geometry and compliance.
+    tolerance : (2 + c,) array
+        The scales of the prior standard deviations of geometry, compliance, and the effects of c conditions.
     noise : float [mm]
         The standard deviation of repeatability and unknown reading noise in each direction.
     rest_std : float [mm]
@@ -46,12 +47,12 @@ class Hyperparameters:
     rest_range: FloatArray
 
     @classmethod
-    def start(cls, joints: int, ranges: int, noise: float = 0.05) -> Self:
+    def start(cls, joints: int, ranges: int, conditions: int = 0, noise: float = 0.05) -> Self:
         """Return the starting point of a search."""
         return cls(
             joint_std=np.full(joints, _JOINT_STD[0]),
             joint_length=np.full(joints, _JOINT_LENGTH[0]),
-            tolerance=np.full(2, _TOLERANCE[0]),
+            tolerance=np.full(2 + conditions, _TOLERANCE[0]),
             noise=noise,
             rest_std=_REST_STD[0] if ranges else 0.0,
             rest_range=np.full(ranges, _REST_RANGE[0]),
@@ -65,12 +66,13 @@ class Hyperparameters:
     def with_vector(self, theta: FloatArray) -> Hyperparameters:
         """Return the hyperparameters of a vector of logarithms; the shapes are those of `self`."""
         value, k = np.exp(theta), len(self.joint_std)
-        rest = value[2 * k + 3 :]
+        noise = 2 * k + len(self.tolerance)
+        rest = value[noise + 1 :]
         return Hyperparameters(
             value[:k],
             value[k : 2 * k],
-            value[2 * k : 2 * k + 2],
-            float(value[2 * k + 2]),
+            value[2 * k : noise],
+            float(value[noise]),
             float(rest[0]) if len(rest) else 0.0,
             rest[1:],
         )
@@ -78,7 +80,8 @@ class Hyperparameters:
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Return the means and standard deviations of the priors of the logarithms."""
         k = len(self.joint_std)
-        kinds = [_JOINT_STD] * k + [_JOINT_LENGTH] * k + [_TOLERANCE] * 2 + [_NOISE]
+        kinds = [_JOINT_STD] * k + [_JOINT_LENGTH] * k + [_TOLERANCE] * 2
+        kinds += [_CONDITION] * (len(self.tolerance) - 2) + [_NOISE]
         if len(self.rest_range):
             kinds += [_REST_STD] + [_REST_RANGE] * len(self.rest_range)
         centre, std = np.array(kinds).T

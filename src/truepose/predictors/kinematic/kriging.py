@@ -14,10 +14,11 @@ from truepose.errors import DataError, KrigingError
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.base import LeaveOneOut, checked_noise
+from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts
+from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts, without_effects
 from truepose.predictors.kinematic.frozen import constants_of
 from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
@@ -58,6 +59,9 @@ class KinematicKriging(PosePredictor):
         Whether the model has these terms in addition to registration.
     residual : {"joint", "cartesian", "both", "none"}
         The coordinates of Z.
+    conditions : sequence of str
+        The conditions that X has columns of after the joints, see `truepose.predictors.conditions`. The
+        effect of each is in the model if it raises the likelihood.
     robust : bool
         Whether readings that the others contradict get a smaller weight; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
@@ -124,6 +128,7 @@ class KinematicKriging(PosePredictor):
         compliance: bool = True,
         joint_errors: bool = True,
         residual: Residual = "joint",
+        conditions: Sequence[str] = (),
         robust: bool = True,
         solver: str = "auto",
         hyper: dict[str, Any] | None = None,
@@ -139,6 +144,7 @@ class KinematicKriging(PosePredictor):
         self.compliance = compliance
         self.joint_errors = joint_errors
         self.residual = residual
+        self.conditions = conditions
         self.robust = robust
         self.solver = solver
         self.hyper = hyper
@@ -154,7 +160,7 @@ class KinematicKriging(PosePredictor):
         design = self._terms.at(X)
         seen = self._terms.seen(design) if self.joints is None else np.asarray(self.joints, np.int64)
         self.joints_ = seen if self.joint_errors else np.empty(0, np.int64)
-        self.unseen_ = sorted(set(range(X.shape[1])) - set(self.joints_.tolist())) if self.joint_errors else []
+        self.unseen_ = sorted(set(range(self.robot.dof)) - set(self.joints_.tolist())) if self.joint_errors else []
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
         if self.hyper is not None:
@@ -179,8 +185,9 @@ class KinematicKriging(PosePredictor):
             geometry=self.geometry,
             compliance=self.compliance,
             residual=self.residual,
+            conditions=self.conditions,
         )
-        self._x, self._e = self.robot.check_joints(X), e
+        self._x, self._e = X, e
         self._reading = np.zeros_like(e) if noise_std is None else noise_std
         self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
 
@@ -264,6 +271,9 @@ class KinematicKriging(PosePredictor):
             raise KrigingError(
                 f"{len(e)} samples are too few for kinematic Kriging; measure {_FEWEST} or more, better 60"
             )
+        for name in self.conditions:
+            if name not in CONDITIONS:
+                raise DataError(f"condition {name!r} is unknown; expected one of: {', '.join(CONDITIONS)}")
         if self.weight is not None and len(self.weight) != len(e):
             raise DataError(f"expected {len(e)} weights, one for each sample, got {len(self.weight)}")
 
@@ -286,13 +296,15 @@ class KinematicKriging(PosePredictor):
             self.weight_ = weight
             if change.max() < _SETTLED:
                 break
+        self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:_SUBSET])), self.hyper_)
         return start.curvature
 
     def _first_start(self, design: Design, rows: IntArray) -> Start:
         """Return the start of the search: that of `start_from` if it has the same joints, or the optimum of `rows`."""
         if self._known is not None and np.array_equal(self._known[0], self.joints_):
             return self._known[1]
-        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names))
+        conditions = len(self._terms.scaled_groups) - 2
+        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names), conditions)
         return search(self._likelihood(design, rows), spread_starts(hyper) if len(self.joints_) else [hyper])[1]
 
     def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
@@ -339,12 +351,24 @@ class KinematicKriging(PosePredictor):
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(X))
+        design = self._terms.at(X)
         if not return_std:
             return self._form.mean(design) + self._terms.curvature(design), None
         e, covariance = self._form.posterior(design)
-        variance = np.einsum("maa->ma", covariance)
-        return e + self._terms.curvature(design), np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance), 0.0)
+        return e + self._terms.curvature(design), np.sqrt(variance + np.sum(self._unknown(design) ** 2, axis=2))
+
+    def _unknown(self, design: Design) -> FloatArray:
+        """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
+        if not design.unknown.shape[2]:
+            return design.unknown
+        return np.asarray(design.unknown * self._effect_size)
+
+    @property
+    def _effect_size(self) -> FloatArray:
+        """Root mean square of the coefficients of conditions, (c,), per prior standard deviation."""
+        estimate, covariance = self._form.drift_estimate()
+        return np.sqrt((estimate**2 + np.diag(covariance))[self._terms.conditional])
 
     def _nugget_variance(self) -> FloatArray:
         return np.full(3, self.inflation_ * self.hyper_.noise**2)
@@ -352,10 +376,11 @@ class KinematicKriging(PosePredictor):
     def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
         self._check_fitted()
-        assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(X))
+        design = self._terms.at(self._validate(X)[0])
         e, covariance = self._form.posterior(design)
-        return e + self._terms.curvature(design), self.inflation_ * covariance
+        unknown = self._unknown(design)
+        added = unknown @ np.swapaxes(unknown, 1, 2)
+        return e + self._terms.curvature(design), self.inflation_ * covariance + added
 
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
@@ -366,19 +391,19 @@ class KinematicKriging(PosePredictor):
         assumed to have the same error as the others.
         """
         assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(X), "pose")
+        design = self._terms.at(X, "pose")
         curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
-        unknown = at_offset(self._unknown_turns(design), offset)
+        unknown, effects = (at_offset(one, offset) for one in (self._unknown_turns(design), self._unknown(design)))
         design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
         if not return_std:
             return self._form.mean(design) + curvature, None
         error, covariance = self._form.posterior(design)
-        variance = np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2)
-        return error + curvature, np.sqrt(self.inflation_ * np.maximum(variance, 0.0))
+        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2), 0.0)
+        return error + curvature, np.sqrt(variance + np.sum(effects**2, axis=2))
 
     def _lever(self, X: FloatArray) -> FloatArray:
         assert self.robot is not None
-        return self._terms.at(self.robot.check_joints(X)).lever
+        return self._terms.at(X).lever
 
     def _unknown_turns(self, design: Design) -> FloatArray:
         """Return columns of the unknown rotations due to Z and to joints without a visible error, (m, 6, k)."""
@@ -408,14 +433,21 @@ class KinematicKriging(PosePredictor):
         """
         self._check_fitted()
         return deviation_of(
-            self._form, self._terms, self.joints_, self.hyper_, constants, poses, self.inflation_, added
+            self._form,
+            self._terms,
+            self.joints_,
+            self.hyper_,
+            constants,
+            poses,
+            self.inflation_,
+            added,
+            self._effect_size,
         )
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
         self._check_fitted()
-        assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(X))
+        design = self._terms.at(self._validate(X)[0])
         e = self._form.mean(design) + self._terms.curvature(design)
         return e, self.inflation_ * self._form.covariance_together(design)
 
@@ -434,8 +466,7 @@ class KinematicKriging(PosePredictor):
             prediction.
         """
         self._check_fitted()
-        assert self.robot is not None
-        design = self._terms.at(self.robot.check_joints(X))
+        design = self._terms.at(self._validate(X)[0])
         part = self._form.contributions(design)
         part["registration"] = part["registration"] + self._terms.curvature(design)
         return part
@@ -447,6 +478,14 @@ class KinematicKriging(PosePredictor):
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         return self._left(*self._form.left_out(labels))
+
+    def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return joints and conditions (n, d), and y; conditions may be NaN, or left out for a prediction."""
+        if self.robot is None or not self.conditions:
+            return super()._validate(X, y)
+        table = np.atleast_2d(np.asarray(X, float))
+        q, checked = super()._validate(np.ascontiguousarray(table[:, : self.robot.dof]), y)
+        return np.concatenate([q, table[:, self.robot.dof :]], axis=1), checked
 
     def _left(self, residual: FloatArray, covariance: FloatArray) -> LeaveOneOut:
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))

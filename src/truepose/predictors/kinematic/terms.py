@@ -6,6 +6,7 @@ effect of an error of joint j's own angle. Place: coordinates of the rest Z.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -13,21 +14,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
+from truepose.predictors.conditions import separated
 from truepose.robots import Robot, error_model
 from truepose.robots.chain import end_poses
 from truepose.robots.jacobian import Outputs, columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE = 0, 1, 2
-GROUPS: Final = ("registration", "geometry", "compliance")
-"""The kinds of drift columns; geometry and compliance have a tolerance scale each, registration has wide priors."""
+REGISTRATION, GEOMETRY, COMPLIANCE, BACKLASH = 0, 1, 2, 3
+GROUPS: Final = ("registration", "geometry", "compliance", "backlash")
+"""The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
 _STATION_STD: Final = {"mm": 30.0, "rad": 0.03}
 _TOOL_STD: Final = 30.0  # mm
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
+_BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
 
 
@@ -47,6 +50,8 @@ class Design:
         The levers ∂P/∂q_j, and the joint axes in the rows of orientation.
     place : (n, d) array
         The coordinates of the rest Z: cosine and sine of each joint angle, and metres for positions.
+    unknown : (n, r, c) array
+        The columns of the last c drift columns, those of conditions, where the condition is not known [mm, rad].
     """
 
     q: FloatArray
@@ -54,6 +59,7 @@ class Design:
     drift: FloatArray
     lever: FloatArray
     place: FloatArray
+    unknown: FloatArray
 
     @property
     def rows(self) -> int:
@@ -63,7 +69,7 @@ class Design:
 
 def take(design: Design, rows: slice | IntArray) -> Design:
     """Return some configurations of a design."""
-    return Design(*(getattr(design, name)[rows] for name in ("q", "p", "drift", "lever", "place")))
+    return Design(*(getattr(design, name)[rows] for name in ("q", "p", "drift", "lever", "place", "unknown")))
 
 
 def parts(design: Design, size: int) -> list[Design]:
@@ -86,6 +92,8 @@ class Terms:
         Whether these drift columns are included; registration always is.
     residual : {"joint", "cartesian", "both", "none"}
         The coordinates of Z.
+    conditions : sequence of str
+        The conditions whose effects are included, see `truepose.predictors.conditions`.
     shift : (p,) array [mm, rad], optional
         The change of registration and geometry at which the columns are computed; default: none.
 
@@ -110,12 +118,15 @@ class Terms:
         geometry: bool = True,
         compliance: bool = True,
         residual: Residual = "joint",
+        conditions: Sequence[str] = (),
         shift: FloatArray | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
+        self.conditions = tuple(conditions)
         dof = robot.dof
+        reversing = range(dof) if "approach" in self.conditions else ()
         self._model = error_model(robot, convention, self.tf_flange_tool)
         registration = {"base": _STATION_STD, "tool": {"mm": _TOOL_STD}}
         self._chosen = [
@@ -128,11 +139,14 @@ class Terms:
         self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
         self.names = [parameter.name for parameter in chosen]
         self.names += [f"joint {j + 1} under mass {k + 1 if k < dof else 'at tool'}" for j, k in self._pairs]
+        self.names += [f"backlash q{j + 1}" for j in reversing]
         self.units = [parameter.unit for parameter in chosen] + ["rad/m"] * len(self._pairs)
+        self.units += ["rad"] * len(reversing)
         group = [REGISTRATION if parameter.group in registration else GEOMETRY for parameter in chosen]
-        self.group = np.array(group + [COMPLIANCE] * len(self._pairs))
+        self.group = np.array(group + [COMPLIANCE] * len(self._pairs) + [BACKLASH] * len(reversing))
         std = [registration.get(parameter.group, _GEOMETRY_STD)[parameter.unit] for parameter in chosen]
-        self.prior_std = np.array(std + [_COMPLIANCE_STD] * len(self._pairs))
+        self.prior_std = np.array(std + [_COMPLIANCE_STD] * len(self._pairs) + [_BACKLASH_STD] * len(reversing))
+        self._counts = len(chosen), len(self._pairs), len(reversing)
         self.shift = np.zeros(len(self.names)) if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(chosen)]
@@ -160,7 +174,8 @@ class Terms:
             The coefficients of all drift columns.
         """
         moment = np.zeros((self.robot.dof, self.robot.dof + 1, *estimate.shape[1:]))
-        for (j, k), value in zip(self._pairs, estimate[len(estimate) - len(self._pairs) :], strict=True):
+        first, count, _ = self._counts
+        for (j, k), value in zip(self._pairs, estimate[first : first + count], strict=True):
             moment[j, k] = value / _MOMENT_ARM
         return moment
 
@@ -173,7 +188,8 @@ class Terms:
             geometry=self.geometry,
             compliance=self.compliance,
             residual=self.residual,
-            shift=np.where(self.group == COMPLIANCE, 0.0, shift),
+            conditions=self.conditions,
+            shift=np.where(self.group < COMPLIANCE, shift, 0.0),
         )
 
     def curvature(self, design: Design) -> FloatArray:
@@ -187,15 +203,38 @@ class Terms:
             moved = np.concatenate([moved, Rotation.from_matrix(turned).as_rotvec()], axis=1)
         return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
 
-    def at(self, q: FloatArray, outputs: Outputs = "position") -> Design:
-        """Return all columns at configurations (n, dof) [rad], for positions or for poses."""
+    @property
+    def scaled_groups(self) -> list[int]:
+        """The groups with a tolerance scale, indices into `GROUPS`."""
+        return [GEOMETRY, COMPLIANCE, *([BACKLASH] if "approach" in self.conditions else [])]
+
+    @property
+    def conditional(self) -> slice:
+        """The drift columns that depend on conditions."""
+        return slice(len(self.names) - sum(self._counts[2:]), None)
+
+    def at(self, X: FloatArray, outputs: Outputs = "position") -> Design:
+        """Return all columns at configurations with conditions (n, d) [rad, …], for positions or for poses.
+
+        Raises
+        ------
+        DataError, RobotError
+            If X has another number of columns than joints and conditions, or joints are beyond the robot's limits.
+        """
+        q, given = separated(X, self.conditions, self.robot.dof)
+        q = self.robot.check_joints(q)
         theta, dof = self.robot.sign * q, self.robot.dof
         p = end_poses(theta, self._links)[:, :3, 3]
         found = columns(theta, self._links, self._twists, outputs)
         lever, drift = np.ascontiguousarray(found[:, :, :dof]), found[:, :, dof:]
         if self.compliance:
             drift = np.concatenate([drift, self._compliance(q, p, lever)], axis=2)
-        return Design(q, p, drift * self.prior_std, lever, self._place(q, p))
+        unknown = np.zeros((*lever.shape[:2], 0))
+        if "approach" in given:
+            known = lever * given["approach"][:, None, :]
+            drift = np.concatenate([drift, known], axis=2)
+            unknown = np.where(given["approach"][:, None, :] == 0.0, lever, 0.0) * self.prior_std[self.conditional]
+        return Design(q, p, drift * self.prior_std, lever, self._place(q, p), unknown)
 
     def seen(self, design: Design) -> IntArray:
         """Return the joints whose own error is visible: they move, and the tool point moves with them."""

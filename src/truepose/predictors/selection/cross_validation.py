@@ -15,8 +15,9 @@ from truepose.errors import DataError, KrigingError, TrueposeError
 from truepose.numerics.executor import Executor, Inputs, Task
 from truepose.numerics.processes import local
 from truepose.numerics.threads import cores, one_thread
-from truepose.predictors.abilities import Startable
+from truepose.predictors.abilities import Conditional, Startable
 from truepose.predictors.base import Predictor
+from truepose.predictors.conditions import CONDITIONS, joined
 from truepose.predictors.outliers import fit_without_gross
 from truepose.predictors.registry import ArmContext, make_predictor, predictor_spec
 
@@ -37,6 +38,8 @@ class PositionalErrors:
         The commanded positions ``cartesian`` (n, 3) [mm], and the joints ``joint`` (n, dof) [rad] where known.
     e : (n, 3) array [mm], base frame
         The positional errors.
+    conditions : mapping
+        The conditions that the samples tell apart, see `truepose.predictors.conditions`.
     noise_std : (n, 3) array [mm], optional
         The standard deviations of the readings.
     arm : ArmContext, optional
@@ -47,6 +50,7 @@ class PositionalErrors:
     e: FloatArray
     noise_std: FloatArray | None = None
     arm: ArmContext | None = None
+    conditions: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, values in {**self.coordinates, "e": self.e}.items():
@@ -74,11 +78,19 @@ class PositionalErrors:
         if not self.supports(name):
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
-        x, e = self.coordinates[predictor_spec(name).space][rows], self.e[rows]
+        if isinstance(model, Conditional):
+            wanted = predictor_spec(name).defaults.get("conditions", CONDITIONS)
+            model.set_params(conditions=tuple(one for one in CONDITIONS if one in self.conditions and one in wanted))
+        x, e = self.inputs(name, model)[rows], self.e[rows]
         try:
             return model, fit_without_gross(model, x, e, noise)
         except KrigingError as error:
             raise error.of_rows(np.arange(len(self))[rows].tolist()) from None
+
+    def inputs(self, name: str, model: Predictor) -> FloatArray:
+        """Return the input of a named predictor, (n, d): its coordinates, and the conditions that `model` uses."""
+        x = self.coordinates[predictor_spec(name).space]
+        return joined(x, model.conditions, self.conditions) if isinstance(model, Conditional) else x
 
     def supports(self, name: str) -> bool:
         """Return whether a predictor can be fitted: its coordinates are known, and the arm if it needs one."""
@@ -161,7 +173,7 @@ class Job:
             self._registered[key] = self.samples.registered_by(known)
         errors = self._registered[key]
         model, gross = errors.fit(fit.candidate, known, optimum)
-        x = errors.coordinates[predictor_spec(fit.candidate).space]
+        x = errors.inputs(fit.candidate, model)
 
         def held_out(rows: IntArray) -> tuple[FloatArray, FloatArray]:
             if not len(rows):

@@ -1,0 +1,63 @@
+"""Conditions of a configuration other than its joints, as further columns of a predictor's input.
+
+A predictor's input is X = [q, conditions]: the joints, then the columns of each condition in order. A value that is not
+known is NaN: the prediction is then the mean over what it may be, and its standard deviation includes the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from truepose._typing import FloatArray
+from truepose.errors import DataError
+
+CONDITIONS: Final = ("approach",)
+"""The names of the conditions: ``approach``, the sign of each joint's last motion (n, dof)."""
+
+
+def width(condition: str, dof: int) -> int:
+    """Return the number of columns of a condition."""
+    return dof if condition == "approach" else 1
+
+
+def joined(q: FloatArray, names: Sequence[str], given: Mapping[str, FloatArray | None]) -> FloatArray:
+    """Return a predictor's input, (n, d): the joints (n, dof) [rad], then the named conditions; NaN where not given.
+
+    Examples
+    --------
+    >>> joined(np.zeros((1, 2)), ["approach"], {"approach": np.array([[1.0, -1.0]])})
+    array([[ 0.,  0.,  1., -1.]])
+    """
+    n, dof = q.shape
+    columns = [q]
+    for name in names:
+        values = given.get(name)
+        columns.append(np.full((n, width(name, dof)), np.nan) if values is None else values.reshape(n, -1))
+    return np.concatenate(columns, axis=1)
+
+
+def separated(X: FloatArray, names: Sequence[str], dof: int) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the joints (n, dof) [rad] and the columns of each condition; without them, all conditions are unknown.
+
+    Raises
+    ------
+    DataError
+        If X has another number of columns, or an approach is none of −1, 0 and 1.
+    """
+    if X.shape[1] == dof:
+        X = joined(X, names, {})
+    edges = np.cumsum([dof, *(width(name, dof) for name in names)])
+    if X.shape[1] != edges[-1]:
+        told = "".join(f" and {width(name, dof)} of {name}" for name in names)
+        raise DataError(f"X has {X.shape[1]} columns; expected {dof} joints [rad]{told}")
+    found = dict(zip(names, np.split(X, edges[:-1], axis=1)[1:], strict=True))
+    if "approach" in found:
+        signs = found["approach"]
+        wrong = np.flatnonzero(~(np.isnan(signs) | np.isin(signs, (-1.0, 0.0, 1.0))).all(axis=1))
+        if len(wrong):
+            raise DataError(f"approach is {signs[wrong[0]].tolist()} in row {wrong[0]}; expected -1, 0 or 1")
+        found["approach"] = np.where(np.isnan(signs), 0.0, signs)
+    return X[:, :dof], found
