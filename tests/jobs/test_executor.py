@@ -155,7 +155,7 @@ def test_a_table_is_predicted_to_the_same_bytes_in_all_forms(
 ):
     pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
     monkeypatch.setattr(processes, "cores", lambda: 2)
-    monkeypatch.setattr(bulk, "ROWS", 50)
+    monkeypatch.setattr(bulk, "ROWS", 10)
     poses = tp.Poses(q=virtual.design(230, seed=6))
     table = tmp_path / f"poses.{ending}"
     if ending == "csv":

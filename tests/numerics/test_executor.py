@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 import warnings
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from truepose.errors import DataError
 from truepose.numerics import processes
-from truepose.numerics.executor import ReadInputs, Serial, Task
+from truepose.numerics.executor import ReadInputs, Serial, Task, run_in_order
 from truepose.numerics.processes import Processes
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -104,3 +105,29 @@ def test_tasks_are_read_only_as_workers_get_free():
 
 def warned_never(inputs, task):
     return task.values[0]
+
+
+def first_waits(inputs, task):
+    """Leave a note; task 0 waits for the notes of 7 others."""
+    number, folder = task.values
+    while number == 0 and len(list(Path(folder).iterdir())) < 7:
+        time.sleep(0.02)
+    (Path(folder) / str(number)).touch()
+    return number**2
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_order_and_a_slow_task_does_not_pile_up_others(tmp_path, workers):
+    taken = []
+
+    def tasks():
+        for k in range(40):
+            taken.append(k)
+            yield f"part {k}", Task((), (k if workers == 2 else k + 1, str(tmp_path)))
+
+    with Serial() if workers == 1 else Processes(2) as executor:
+        results = run_in_order(executor, first_waits, tasks())
+        first = next(results)
+        assert len(taken) == (1 if workers == 1 else 8)
+        found = [first, *results]
+    assert found == [(f"part {k}", (k if workers == 2 else k + 1) ** 2) for k in range(40)]

@@ -7,7 +7,6 @@ import pickle
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +18,7 @@ from truepose._typing import FloatArray
 from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.error_map.map import ErrorMap
 from truepose.errors import FileError
-from truepose.numerics.executor import AHEAD, Executor, Inputs, Task
+from truepose.numerics.executor import Executor, Inputs, Task, run_in_order
 from truepose.samples import Poses
 
 ROWS: Final = 65_536
@@ -76,13 +75,10 @@ def predict_parts(
     The part, and p and std, (n, 3) arrays [mm], tracker frame.
     """
     key = share_map(error_map, executor)
-    waiting = iter(parts)
-    while some := list(islice(waiting, AHEAD * executor.workers)):
-        tasks = (_task(key, error_map.path, poses) for _, poses in some)
-        found = dict(executor.run(predict_task, tasks))
-        for place, (part, _) in enumerate(some):
-            p, std = np.split(found.pop(place), 2, axis=1)
-            yield part, p, std
+    tasks = ((part, _task(key, error_map.path, poses)) for part, poses in parts)
+    for part, found in run_in_order(executor, predict_task, tasks):
+        p, std = np.split(found, 2, axis=1)
+        yield part, p, std
 
 
 def predict_task(inputs: Inputs, task: Task) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -66,11 +66,68 @@ class Executor(Protocol):
     def share(self, encode: Callable[[], bytes], value: Any) -> str:
         """Share an input with all tasks, as bytes or, in this process, as it is; return its key."""
 
-    def run(self, function: Function, tasks: Iterable[Task]) -> Iterator[tuple[int, Any]]:
-        """Run tasks; yield each result as it comes, with the place of its task. `tasks` is read as workers get free."""
+    def run(self, function: Function, tasks: Iterable[Task | None], *, ahead: int = AHEAD) -> Iterator[tuple[int, Any]]:
+        """Run tasks; yield each result as it comes, with the place of its task.
+
+        `tasks` is read as workers get free, at most `ahead` tasks for each worker before their results. A None among
+        them says that the next task comes only after another result was taken.
+        """
 
     def __enter__(self) -> Self: ...
     def __exit__(self, *error: Any) -> None: ...
+
+
+class Waiting:
+    """Tasks that are not yet handed over.
+
+    Parameters
+    ----------
+    tasks : iterable of Task, optional
+        The tasks, with None where the next one has to wait for another result.
+    """
+
+    def __init__(self, tasks: Iterable[Task | None]) -> None:
+        self._tasks, self._places = iter(tasks), count()
+
+    def next(self) -> tuple[int, Task] | None:
+        """Return the next task with its place; None if there is none, or none before another result was taken."""
+        task = next(self._tasks, None)
+        return None if task is None else (next(self._places), task)
+
+
+def run_in_order(
+    executor: Executor, function: Function, tasks: Iterable[tuple[T, Task]], *, ahead: int = 2
+) -> Iterator[tuple[T, Any]]:
+    """Run tasks and yield their results in the order of the tasks, each with what is beside its task.
+
+    A slow task delays the others once twice the tasks that are handed over at a time wait for it, so that memory does
+    not grow with the number of tasks.
+
+    Parameters
+    ----------
+    executor : Executor
+        Where they run.
+    function : Function
+        The function of the tasks.
+    tasks : iterable of (any, Task)
+        The tasks, each with what comes back beside its result; read some at a time.
+    ahead : int
+        The number of tasks for each worker that are handed over before earlier ones are finished.
+    """
+    held, found, following = deque[T](), dict[int, Any](), 0
+
+    def handed_over() -> Iterator[Task | None]:
+        for kept, task in tasks:
+            held.append(kept)
+            yield task
+            while len(held) >= 2 * ahead * executor.workers:
+                yield None
+
+    for place, result in executor.run(function, handed_over(), ahead=ahead):
+        found[place] = result
+        while following in found:
+            yield held.popleft(), found.pop(following)
+            following += 1
 
 
 class Serial:
@@ -93,9 +150,9 @@ class Serial:
         found: T = self._values[key]
         return found
 
-    def run(self, function: Function, tasks: Iterable[Task]) -> Iterator[tuple[int, Any]]:
+    def run(self, function: Function, tasks: Iterable[Task | None], *, ahead: int = AHEAD) -> Iterator[tuple[int, Any]]:
         """Run tasks in their order."""
-        for index, task in enumerate(tasks):
+        for index, task in enumerate(task for task in tasks if task is not None):
             with one_thread():
                 result = function(self, task)
             yield index, result

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final, Self
 
 from truepose.errors import DataError
-from truepose.numerics.executor import AHEAD, Executor, Function, ReadInputs, Returned, Serial, Task, work
+from truepose.numerics.executor import AHEAD, Executor, Function, ReadInputs, Returned, Serial, Task, Waiting, work
 from truepose.numerics.threads import become_worker, cores
 
 _DEATHS: Final = 3
@@ -53,7 +53,7 @@ class Processes:
         (Path(self._folder.name) / key).write_bytes(data)
         return key
 
-    def run(self, function: Function, tasks: Iterable[Task]) -> Iterator[tuple[int, Any]]:
+    def run(self, function: Function, tasks: Iterable[Task | None], *, ahead: int = AHEAD) -> Iterator[tuple[int, Any]]:
         """Run tasks; a task whose process was killed runs again.
 
         Raises
@@ -61,12 +61,12 @@ class Processes:
         DataError
             If processes are killed again and again.
         """
-        waiting, again = enumerate(tasks), list[tuple[int, Task]]()
+        waiting, again = Waiting(tasks), list[tuple[int, Task]]()
         pending: dict[Future[Returned], tuple[int, Task]] = {}
         deaths = 0
         while True:
-            while len(pending) < AHEAD * self.workers:
-                if (following := again.pop(0) if again else next(waiting, None)) is None:
+            while len(pending) < ahead * self.workers:
+                if (following := again.pop(0) if again else waiting.next()) is None:
                     break
                 try:
                     pending[self._submit(function, following[1])] = following

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from truepose.errors import DataError
 from truepose.jobs.executor.identity import differences, identity
 from truepose.jobs.executor.results import FinishedResults
-from truepose.numerics.executor import AHEAD, Function, Inputs, ReadInputs, Returned, Task, work
+from truepose.numerics.executor import AHEAD, Function, Inputs, ReadInputs, Returned, Task, Waiting, work
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -98,7 +98,7 @@ class Cluster:
             self._held[key] = self._client.submit(_hold, data, key=f"truepose-input-{key}")
         return key
 
-    def run(self, function: Function, tasks: Iterable[Task]) -> Iterator[tuple[int, Any]]:
+    def run(self, function: Function, tasks: Iterable[Task | None], *, ahead: int = AHEAD) -> Iterator[tuple[int, Any]]:
         """Run tasks; yield results that an interrupted run of the same tasks has left first.
 
         Raises
@@ -109,10 +109,10 @@ class Cluster:
         if self._pending:  # of a run that was not read to its end
             self._client.cancel(list(self._pending))
             self._pending.clear()
-        waiting = enumerate(tasks)
+        waiting = Waiting(tasks)
         finished = 0
         while True:
-            while len(self._pending) < AHEAD * self.workers and (following := next(waiting, None)):
+            while len(self._pending) < ahead * self.workers and (following := waiting.next()):
                 index, task = following
                 key = self._key(function, task)
                 if (before := self._known(key)) is not None:
