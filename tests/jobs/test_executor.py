@@ -24,8 +24,9 @@ from truepose.jobs.executor.identity import differences, identity
 from truepose.numerics import processes
 from truepose.numerics.executor import Executor, Serial, Task
 from truepose.numerics.processes import Processes
-from truepose.programs import FrameTable
+from truepose.programs import FrameTable, read_programs
 from truepose.programs.batch import correct_programs
+from truepose.programs.listing import write_checked
 from truepose.samples import write_samples
 from truepose.studies.paper import METHODS, run_study
 
@@ -90,6 +91,33 @@ def hashes(folder: Path) -> dict[str, str]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def test_programs_are_read_alike_in_all_forms(form, programs, tmp_path, run):
+    for k in range(40):
+        moves = "".join(f"  movel(p[{0.5 + k / 1e3},{i / 1e3},0.4,0,3.14,0],a=1,v=0.1)\n" for i in range(9))
+        (programs / f"weld{k}.script").write_text(f"def weld{k}():\n{moves}end\n")
+    (programs / "broken.script").write_text("def weld(:\n")
+    found = set()
+    for name in FORMS:
+        with form(name) as executor:
+            read = read_programs([programs, *sorted(programs.rglob("*.src"))], executor=executor)
+        write_checked(tmp_path / "targets.json", read.programs)
+        failed = tuple(map(str, read.unreadable))
+        found.add((hashlib.sha256((tmp_path / "targets.json").read_bytes()).hexdigest(), len(read.programs), failed))
+    assert len(found) == 1
+    assert found.pop()[1] == 1 + 40 + 5
+    outputs = [run("check", programs, "--json", "--workers", workers).out for workers in (1, 2)]
+    assert outputs[0] == outputs[1]
+    assert "weld7" in outputs[0]
+
+
+def test_files_that_workers_have_read_are_inputs(form, programs, run):
+    program = programs / "part0" / "p0.src"
+    before = program.read_bytes()
+    done = run("check", *programs.rglob("*.src"), "--targets", program, "--force", "--workers", 2)
+    assert "is an input, and inputs are never overwritten" in done.failed()
+    assert program.read_bytes() == before
 
 
 @pytest.mark.parametrize("given", ["folders", "files"])  # workers can prove single files only

@@ -19,10 +19,12 @@ __all__ = [
     "Commit",
     "check_outputs",
     "check_regular",
+    "note_read",
     "overwrite",
     "path_exists",
     "read_bytes",
     "read_text",
+    "reads_noted",
     "recover",
     "watched",
     "write_all",
@@ -62,6 +64,23 @@ def overwrite(force: bool) -> None:
     """Set whether the watched command may overwrite existing files; inputs are never overwritten."""
     if (watch := _WATCH.get()) is not None:
         watch.force = force
+
+
+@contextlib.contextmanager
+def reads_noted() -> Iterator[set[tuple[int, int]]]:
+    """Within the block, collect the identities of the files that are read, for `note_read` in another process."""
+    before = _WATCH.get()
+    token = _WATCH.set(watch := Watch(force=before is None or before.force))
+    try:
+        yield watch.read
+    finally:
+        _WATCH.reset(token)
+
+
+def note_read(identities: Iterable[tuple[int, int]]) -> None:
+    """Count files that another process has read for the watched command among its inputs."""
+    if (watch := _WATCH.get()) is not None:
+        watch.read.update(identities)
 
 
 def read_bytes(path: str | Path, largest: int = LARGEST_FILE) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from truepose.cli.output import Steps
     from truepose.compensation import Policy
     from truepose.errors import FileError
+    from truepose.numerics.executor import Executor
     from truepose.programs import CorrectedBatch, Coverage, FrameTable, Program, ReadOptions
 
 
@@ -202,6 +203,9 @@ def check(
     reading: Reading = _READING,
     report: ReportPath = None,
     targets: TargetsPath = None,
+    workers: Annotated[
+        int, typer.Option("--workers", help="Number of processes of this machine that read programs.", min=1)
+    ] = 1,
     force: Force = False,
     no_targets: NoTargets = False,
     as_json: Json = False,
@@ -215,7 +219,9 @@ def check(
     _allow_files(report, targets, force)
     with working("Reading the programs", quiet=as_json) as progress:
         given = reading.frames(reading.cell())
-        found = read_programs(paths, given, reading.options(), controllers=reading.controllers or ())
+        options, names = reading.options(), reading.controllers or ()
+        with _readers(workers) as executor:
+            found = read_programs(paths, given, options, controllers=names, executor=executor)
         coverage = Coverage.of_programs(found.programs, found.unreadable)
         _write_report(coverage, report)
         if targets is not None:
@@ -246,6 +252,15 @@ def check(
                 say(f"Wrote {path}")
     if found.unreadable:
         raise unread(found.unreadable)
+
+
+def _readers(workers: int) -> AbstractContextManager[Executor | None]:
+    """Return the executor that reads programs; None for this process."""
+    if workers == 1:
+        return nullcontext()
+    from truepose.numerics.processes import local
+
+    return local(workers, "reading")
 
 
 @with_groups
@@ -294,19 +309,23 @@ def correct(
     out = out or Path("corrected")
     _allow_files(report, targets, force)
     policy: Policy | None = None if on_guard is None else on_guard.value
-    with recorder(store, "correct") as record, working("Reading the map", quiet=as_json) as progress:
+    with ExitStack() as stack:
+        record = stack.enter_context(recorder(store, "correct"))
+        progress = stack.enter_context(working("Reading the map", quiet=as_json))
         error_map, row = map_to_use(record, map_path, released_only=released_only)
         cell = reading.cell()
         frames = reading.frames(cell or error_map.cell)
         progress("Reading the programs")
         # correct all before writing any, so that a refusal leaves no program half done
         options = reading.options(orientation=orientation)
-        found = read_for(error_map, paths, frames, options, reading.controllers or (), other_maker=other_maker)
-        with _others_named(len(found.programs) + len(found.unreadable)), ExitStack() as stack:
+        executor = stack.enter_context(execution.executor("correction")) if execution.asked else None
+        here = None if execution.cluster else executor  # workers of a cluster do not have the files
+        names = reading.controllers or ()
+        found = read_for(error_map, paths, frames, options, names, other_maker=other_maker, executor=here)
+        with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
-            executor = None
-            if execution.asked or worth_processes(found.programs):
+            if executor is None and worth_processes(found.programs):
                 executor = stack.enter_context(execution.executor("correction"))
             corrected, refused = correct_read(
                 _announced(found.programs, progress, together=executor is not None),

@@ -193,8 +193,11 @@ def read_for(
     controllers: Sequence[str] = (),
     *,
     other_maker: bool = False,
+    executor: Executor | None = None,
 ) -> Reading:
     """Return the programs that a map is to correct: of a backup, those of the controller of its robot.
+
+    With an executor of this machine, its processes read them.
 
     Raises
     ------
@@ -203,7 +206,7 @@ def read_for(
     """
     robot = CorrectionContext.of(error_map).robot
     choose = partial(controllers_for, robot=robot, names=controllers, other_maker=other_maker)
-    found = read_chosen(paths, frames, options, choose)
+    found = read_chosen(paths, frames, options, choose, executor)
     for backup in found.backups:
         if not (found.unreadable or any(one.root == backup.path for one in found.programs)):
             told = [text for one in backup.controllers for text in one.contents.warnings]

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Iterable, Sequence
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from truepose._io.files import check_regular, path_exists, recover
+from truepose._io.files import check_regular, note_read, path_exists, reads_noted, recover
 from truepose._io.folders import files_within
 from truepose._io.zips import is_zip, on_disk
-from truepose.errors import FileError
+from truepose.errors import FileError, TrueposeError
+from truepose.numerics.executor import AHEAD, Executor, Inputs, Task, run_in_order
 from truepose.programs.backups.backup import Backup, Controller, find_backup
 from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
 from truepose.programs.core.program import Program, ReadOptions
@@ -24,6 +27,9 @@ from truepose.programs.robot_base import standing
 _REFUSED: Final = {
     ".tp": "is a compiled FANUC program; export it as .ls and correct that",
 }
+
+_TOGETHER: Final = 16
+"""The largest number of files that one task reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +131,7 @@ def read_programs(
     options: ReadOptions | None = None,
     *,
     controllers: Sequence[str] = (),
+    executor: Executor | None = None,
 ) -> Reading:
     """Read programs, folders of programs and backups of controllers; one that cannot be read does not stop the others.
 
@@ -142,6 +149,8 @@ def read_programs(
         The tools and bases, and the options, as in `read_program`.
     controllers : sequence of str
         The names of the controllers of a backup that are read, such as ``KRC/R1``; by default all.
+    executor : Executor, optional
+        Where they are read: in this process by default, or in processes of this machine, which has the files.
 
     Raises
     ------
@@ -150,7 +159,7 @@ def read_programs(
     DataError
         If a backup has no controller of a name in `controllers`.
     """
-    return read_chosen(paths, frames, options, partial(chosen, names=controllers))
+    return read_chosen(paths, frames, options, partial(chosen, names=controllers), executor)
 
 
 def read_chosen(
@@ -158,65 +167,131 @@ def read_chosen(
     frames: FrameTable | None,
     options: ReadOptions | None,
     choose: Callable[[Backup], Sequence[Controller]],
+    executor: Executor | None = None,
 ) -> Reading:
     """Read what `read_programs` does; `choose` returns the controllers of a backup that are read."""
-    programs: list[Program] = []
-    unreadable: list[FileError] = []
-    backups: list[Backup] = []
-
-    def take(path: Path, root: Path | None = None) -> None:
-        try:
-            program = read_program(path, frames, options) if root is None else _read_file(path, frames, options, root)
-            programs.append(program if root is None else replace(program, root=root))
-        except FileError as error:
-            unreadable.append(error)
-
-    def take_all(read: Callable[[], list[Program]]) -> None:
-        try:
-            found = read()
-        except FileError as error:
-            unreadable.append(error)
-        else:
-            programs.extend(found)
-            unreadable.extend(error for program in found for error in program.unreadable)
-
-    def take_backup(path: Path) -> bool:
-        try:
-            if (backup := find_backup(path)) is None:
-                return False
-        except FileError as error:
-            unreadable.append(error)
-        else:
-            wanted = choose(backup)
-            found, errors = read_controllers(backup, wanted, known, allowed)
-            backups.append(backup)
-            programs.extend(found)
-            unreadable.extend(errors if len(wanted) < len(backup.controllers) else [*backup.unreadable, *errors])
-        return True
-
-    known, allowed = frames or FrameTable(), options or ReadOptions()
     given = [Path(path) for path in paths]
     together = [path for path in given if path.suffix.lower() in RAPID and not _is_folder(path)]
     together = together if len(together) > 1 else []
     places = _places([path for path in given if _is_folder(path) or is_zip(path)])
+    parts: list[_Part] = []
     for path in given:
-        first = len(programs)
         if path in together:
-            if path is together[0]:
-                take_all(partial(_named_together, together, known, allowed))
-        elif path not in places:
-            take(path)
-        elif not take_backup(path):
-            krl, rapid, others = _members(path)
-            if krl:
-                take_all(partial(_project, path, krl, known, allowed))
-            if rapid:
-                take_all(partial(_tasks, path, rapid, known, allowed))
-            for file in others:
-                take(file, path)
-        if path in places:
-            programs[first:] = [replace(one, place=places[path]) for one in programs[first:]]
-    return Reading(programs, unreadable, backups)
+            parts += [partial(_named_together, together)] if path is together[0] else []
+        else:
+            parts.append(partial(_folder, path, choose) if path in places else partial(_file, None, path))
+    read = _reader(executor, frames or FrameTable(), options or ReadOptions())
+    found = list(read(parts))
+    others = read([partial(_file, one.folder, file) for one in found for file in one.others])
+    for one in found:
+        for more in islice(others, len(one.others)):
+            one.programs.extend(more.programs)
+            one.unreadable.extend(more.unreadable)
+        if one.folder is not None:
+            one.programs[:] = [replace(program, place=places[one.folder]) for program in one.programs]
+    return Reading(
+        [program for one in found for program in one.programs],
+        [error for one in found for error in one.unreadable],
+        [backup for one in found for backup in one.backups],
+    )
+
+
+@dataclass(eq=False)
+class _Found:
+    """What a part of the given paths holds: programs, or files of a folder that are still to be read."""
+
+    programs: list[Program] = field(default_factory=list)
+    unreadable: list[FileError] = field(default_factory=list)
+    backups: list[Backup] = field(default_factory=list)
+    folder: Path | None = None
+    others: list[Path] = field(default_factory=list)
+
+    def take(self, read: Callable[[], list[Program]]) -> None:
+        """Add programs, or the error that says why they cannot be read."""
+        try:
+            found = read()
+        except FileError as error:
+            self.unreadable.append(error)
+        else:
+            self.programs.extend(found)
+            self.unreadable.extend(error for program in found for error in program.unreadable)
+
+
+_Part = Callable[[FrameTable, ReadOptions], _Found]
+
+
+def _reader(
+    executor: Executor | None, frames: FrameTable, options: ReadOptions
+) -> Callable[[Sequence[_Part]], Iterator[_Found]]:
+    """Return a function that yields what parts hold, in their order; the first error in this order is raised."""
+    if executor is None:
+        return lambda parts: (part(frames, options) for part in parts)
+    known = frames, options
+    return partial(_read_by, executor, executor.share(partial(pickle.dumps, known), known))
+
+
+def _read_by(executor: Executor, key: str, parts: Sequence[_Part]) -> Iterator[_Found]:
+    size = max(1, min(_TOGETHER, len(parts) // (AHEAD * executor.workers)))
+    tasks = ((None, Task((key,), tuple(some))) for some in _groups(parts, size))
+    for _, (found, identities) in run_in_order(executor, read_task, tasks, ahead=AHEAD):
+        note_read(identities)
+        for one in found:
+            if isinstance(one, TrueposeError):
+                raise one
+            yield one
+
+
+def _groups(parts: Sequence[_Part], size: int) -> Iterator[Sequence[_Part]]:
+    return (parts[start : start + size] for start in range(0, len(parts), size))
+
+
+def read_task(inputs: Inputs, task: Task) -> tuple[list[_Found | TrueposeError], set[tuple[int, int]]]:
+    """Read parts; return what they hold, up to the first error, and the identities of the files that were read."""
+    frames, options = inputs.get(task.inputs[0], pickle.loads)
+    found: list[_Found | TrueposeError] = []
+    with reads_noted() as identities:
+        for part in task.values:
+            try:
+                found.append(part(frames, options))
+            except TrueposeError as error:
+                found.append(error)
+                break
+    return found, identities
+
+
+def _file(root: Path | None, path: Path, frames: FrameTable, options: ReadOptions) -> _Found:
+    """Read a file, or one in a folder that was given."""
+    found = _Found()
+    try:
+        program = read_program(path, frames, options) if root is None else _read_file(path, frames, options, root)
+        found.programs.append(program if root is None else replace(program, root=root))
+    except FileError as error:
+        found.unreadable.append(error)
+    return found
+
+
+def _folder(
+    path: Path, choose: Callable[[Backup], Sequence[Controller]], frames: FrameTable, options: ReadOptions
+) -> _Found:
+    """Read a backup, or the projects and tasks of another folder."""
+    found = _Found(folder=path)
+    try:
+        backup = find_backup(path)
+    except FileError as error:
+        found.unreadable.append(error)
+        return found
+    if backup is not None:
+        wanted = choose(backup)
+        found.programs, errors = read_controllers(backup, wanted, frames, options)
+        found.backups.append(backup)
+        found.unreadable += errors if len(wanted) < len(backup.controllers) else [*backup.unreadable, *errors]
+        return found
+    krl, rapid, found.others = _members(path)
+    if krl:
+        found.take(partial(_project, path, krl, frames, options))
+    if rapid:
+        found.take(partial(_tasks, path, rapid, frames, options))
+    return found
 
 
 def _places(folders: list[Path]) -> dict[Path, Path]:
@@ -226,13 +301,15 @@ def _places(folders: list[Path]) -> dict[Path, Path]:
     return {folder: path.relative_to(common) for folder, path in zip(folders, whole, strict=True)}
 
 
-def _named_together(files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
+def _named_together(files: list[Path], frames: FrameTable, options: ReadOptions) -> _Found:
     """Read the modules of a task that were named one by one; the task is named after the first."""
     root = files[0].parent
     if any(file.parent != root for file in files):
         files = [file.parent.resolve() / file.name for file in files]  # a link stays one
         root = Path(os.path.commonpath([file.parent for file in files]))
-    return _rapid([(files[0], files)], root, frames, options)
+    found = _Found()
+    found.take(partial(_rapid, [(files[0], files)], root, frames, options))
+    return found
 
 
 def _tasks(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
@@ -253,15 +330,14 @@ def _rapid(tasks: list[tuple[Path, list[Path]]], root: Path, frames: FrameTable,
 
 def _project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> list[Program]:
     """Read the KRL modules of a folder; a ``$config.dat`` among them gives tools and bases, too."""
+    return [again_by(partial(_read_project, folder, files, standing(frames, folder, "krl"), options), options, "krl")]
+
+
+def _read_project(folder: Path, files: list[Path], frames: FrameTable, options: ReadOptions) -> Program:
     from truepose.programs.krl.reader import read_project
 
-    def read() -> Program:
-        configs = [file for file in files if file.name.lower() == "$config.dat"]
-        known = frames.with_config_dat(configs[0]) if configs else frames
-        return read_project(folder, files, known, options)
-
-    frames = standing(frames, folder, "krl")
-    return [again_by(read, options, "krl")]
+    configs = [file for file in files if file.name.lower() == "$config.dat"]
+    return read_project(folder, files, frames.with_config_dat(configs[0]) if configs else frames, options)
 
 
 def _members(folder: Path) -> tuple[list[Path], list[Path], list[Path]]:

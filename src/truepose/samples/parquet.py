@@ -20,6 +20,7 @@ from truepose.samples.table import Poses
 
 ENDINGS: Final = (".parquet", ".pq")
 _LARGEST_FILE: Final = 2**40
+_BUFFER: Final = 2**20  # bytes of each column that are read at once
 _REMEDY: Final = "install it with: pip install 'truepose[scale]'"
 
 
@@ -66,7 +67,8 @@ class ParquetTable:
         self.path = Path(path)
         try:
             check_regular(path, _LARGEST_FILE)
-            self._file = parquet.ParquetFile(self.path)
+            # neither whole columns nor whole row groups in memory
+            self._file = parquet.ParquetFile(self.path, buffer_size=_BUFFER, pre_buffer=False)
         except FileNotFoundError:
             raise FileError(path, "no such file") from None
         except (OSError, arrow.ArrowException) as error:
