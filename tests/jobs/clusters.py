@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 _ROOT = Path(__file__).parents[2]
 _WAIT_S = 120.0
 _IDLE, _LIFETIME = "--idle-timeout=10m", "--lifetime=10m"  # if the tests are killed
@@ -64,6 +66,17 @@ def local_cluster(folder: Path, workers: int) -> Iterator[LocalCluster]:
         yield cluster
     finally:
         cluster.end()
+
+
+def need_distributed() -> Any:
+    """Return the package distributed; skip the tests that need it where it is not installed."""
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
+            raise
+        pytest.skip("tests of clusters need distributed: pip install 'truepose[scale]'", allow_module_level=True)
+    return distributed
 
 
 def wait_for_workers(address: str, count: int, security: Any = None) -> None:

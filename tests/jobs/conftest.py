@@ -1,14 +1,19 @@
-"""Queues of jobs in workspaces of their own."""
+"""Queues of jobs in workspaces of their own, and one cluster for all tests of a process."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+import truepose as tp
 from truepose.jobs import Job, JobQueue
+
+if TYPE_CHECKING:
+    from tests.jobs.clusters import LocalCluster
 
 SLOW = ("study", "--seeds", "1000", "--per-axis", "4")
 """A command that takes minutes."""
@@ -37,6 +42,28 @@ def submit(queue: JobQueue, workspace: Path) -> Callable[..., Job]:
     return add
 
 
+@pytest.fixture(scope="session")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    """A cluster of two workers."""
+    from tests.jobs.clusters import local_cluster, need_distributed
+
+    need_distributed()
+    with local_cluster(tmp_path_factory.mktemp("cluster"), 2) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def virtual() -> tp.VirtualCell:
+    return tp.VirtualCell("paper", seed=3)
+
+
+@pytest.fixture(scope="session")
+def map_path(virtual: tp.VirtualCell, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "cell.truepose"
+    tp.fit_cell(virtual.cell, virtual.measure(virtual.design(60, seed=1)), "ordinary-kriging").save(path)
+    return path
+
+
 def until(reached: Callable[[], object], seconds: float = LONG) -> None:
     """Wait until something is true."""
     ends = time.monotonic() + seconds
@@ -46,7 +73,7 @@ def until(reached: Callable[[], object], seconds: float = LONG) -> None:
 
 
 def with_step(queue: JobQueue, job: Job) -> Job:
-    """Return a job that has told a step."""
+    """Return a job that has announced a step."""
     until(lambda: queue.get(job.id).step is not None or not queue.get(job.id).active)
     job = queue.get(job.id)
     assert job.state == "running", job

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
 import os
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import pandas
 import pytest
-from tests.jobs.clusters import LocalCluster, local_cluster, wait_for_workers
+from tests.jobs.clusters import LocalCluster, need_distributed, wait_for_workers
 from tests.jobs.executor_tasks import counted, full_disk, held_back, random_product, slow
 
 import truepose as tp
-from truepose.error_map import bulk
 from truepose.errors import DataError, TrueposeError
 from truepose.jobs.executor import Cluster, FinishedResults, Security, make_executor
 from truepose.jobs.executor.identity import differences, identity
@@ -27,24 +25,11 @@ from truepose.numerics.processes import Processes
 from truepose.programs import FrameTable, read_programs
 from truepose.programs.batch import correct_programs
 from truepose.programs.listing import write_checked
-from truepose.samples import write_samples
 from truepose.studies.paper import METHODS, run_study
 
-try:
-    import distributed
-except ModuleNotFoundError:
-    if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
-        raise
-    pytest.skip("tests of clusters need distributed: pip install 'truepose[scale]'", allow_module_level=True)
-
+distributed = need_distributed()
 FORMS = ("serial", "processes", "cluster")
 Form = Callable[[str], Executor]
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
-    with local_cluster(tmp_path_factory.mktemp("cluster"), 2) as running:
-        yield running
 
 
 @pytest.fixture
@@ -57,18 +42,6 @@ def form(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> Form:
         return Serial() if name == "serial" else Processes(2)
 
     return make
-
-
-@pytest.fixture(scope="module")
-def virtual() -> tp.VirtualCell:
-    return tp.VirtualCell("paper", seed=3)
-
-
-@pytest.fixture(scope="module")
-def map_path(virtual: tp.VirtualCell, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("map") / "cell.truepose"
-    tp.fit_cell(virtual.cell, virtual.measure(virtual.design(60, seed=1)), "ordinary-kriging").save(path)
-    return path
 
 
 @pytest.fixture
@@ -91,6 +64,14 @@ def hashes(folder: Path) -> dict[str, str]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+@contextmanager
+def cluster_in_this_process(protocol: str = "tcp://", **options: object) -> Iterator[str]:
+    """Run a scheduler and workers as threads, where none has to be killed; yield the address."""
+    settings = {"processes": False, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
+    with distributed.LocalCluster(protocol=protocol, **settings, **options) as running:
+        yield running.scheduler_address
 
 
 def test_programs_are_read_alike_in_all_forms(form, programs, tmp_path, run):
@@ -177,65 +158,13 @@ def test_cross_validation_is_the_same_in_all_forms(form, virtual):
     assert found[0] == found[1] == found[2]
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_a_table_is_predicted_to_the_same_bytes_in_all_forms(
-    cluster, virtual, map_path, tmp_path, monkeypatch, run, ending
-):
-    pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
-    monkeypatch.setattr(processes, "cores", lambda: 2)
-    monkeypatch.setattr(bulk, "ROWS", 10)
-    poses = tp.Poses(q=virtual.design(230, seed=6))
-    table = tmp_path / f"poses.{ending}"
-    if ending == "csv":
-        write_samples(table, poses)
-    else:
-        poses.to_frame().assign(part="door").to_parquet(table)
-    found = []
-    for options in (["--workers", "1"], ["--workers", "2"], ["--cluster", cluster.address]):
-        out = tmp_path / f"out{len(found)}.{ending}"
-        done = run("predict", map_path, table, "--out", out, "--json", *options)
-        assert done.code == 0, done
-        found.append((hashlib.sha256(out.read_bytes()).hexdigest(), json.loads(done.out)["max_std_mm"]))
-    assert found[0] == found[1] == found[2]
-    if ending == "parquet":
-        written = pandas.read_parquet(tmp_path / "out0.parquet")
-        assert list(written["part"].unique()) == ["door"]
-        p, std = tp.load_map(map_path).predict_measured(poses)
-        np.testing.assert_allclose(written[["x_pred_mm", "y_pred_mm", "z_pred_mm"]], p, atol=1e-9)
-        np.testing.assert_allclose(written["std_mm"], np.linalg.norm(std, axis=1), atol=1e-9)
-        assert not [path for path in tmp_path.iterdir() if path.name.startswith(".truepose")]
-
-
-def test_damaged_parquet_is_refused_by_name(map_path, tmp_path, run):
-    pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
-    whole = tmp_path / "poses.parquet"
-    pandas.DataFrame({"q1_deg": np.zeros(9)}).to_parquet(whole)
-    (tmp_path / "cut.parquet").write_bytes(whole.read_bytes()[:-9])
-    (tmp_path / "text.parquet").write_text("q1_deg,q2_deg\n1,2\n")
-    pandas.DataFrame({"q1_deg": [0.0, np.nan]}).to_parquet(tmp_path / "nan.parquet")
-    pandas.DataFrame({"q1": ["a"]}).to_parquet(tmp_path / "words.parquet")
-    for name, reason in (
-        ("cut", "is not a table in Parquet"),
-        ("text", "is not a table in Parquet"),
-        ("nan", "q1_deg is not a number"),
-        ("words", "needs columns q1_deg"),
-        ("missing", "no such file"),
-    ):
-        done = run("predict", map_path, tmp_path / f"{name}.parquet", "--out", tmp_path / "out.parquet")
-        assert done.code == 1
-        assert reason in done.err, name
-        assert f"{name}.parquet" in done.err
-        assert not (tmp_path / "out.parquet").exists()
-    done = run("predict", map_path, whole, "--out", tmp_path / "out.csv")
-    assert "give both as Parquet" in done.err
-
-
-def test_a_study_is_the_same_in_all_forms(form):
+def test_a_study_is_the_same_in_all_forms(form, monkeypatch):
+    monkeypatch.setattr("truepose.studies.paper.SAMPLINGS", ("random",))
     found = []
     for name in FORMS:
         with form(name) as executor:
             found.append(run_study(seeds=[3], per_axis=3, methods=METHODS[:1], executor=executor))
-    assert len(found[0]) == 4
+    assert len(found[0]) == 2
     assert found[0] == found[1] == found[2]
 
 
@@ -245,23 +174,14 @@ def test_a_cluster_with_tls_wants_certificates(tmp_path, monkeypatch):
     files = {"ca": made.tls_ca_file, "cert": made.tls_client_cert, "key": made.tls_client_key}
     for name, text in files.items():
         (tmp_path / f"{name}.pem").write_text(text)
-    own = {name: tmp_path / f"{name}.pem" for name in files}
-    options = [f"--tls-{name}{'-file' if name == 'ca' else ''}={path}" for name, path in own.items()]
-    secret = LocalCluster(tmp_path)
-    try:
-        secret.start_scheduler("--protocol=tls", *options)
-        assert secret.address.startswith("tls://")
-        secret.start_worker(*options)
-        security = Security(**own)
-        wait_for_workers(secret.address, 1, security=made)
-        with Cluster(secret.address, security=security) as executor:
+    with cluster_in_this_process(n_workers=1, threads_per_worker=1, protocol="tls://", security=made) as address:
+        assert address.startswith("tls://")
+        with Cluster(address, security=Security(**{name: tmp_path / f"{name}.pem" for name in files})) as executor:
             key = executor.share(lambda: b"number ", None)
             assert dict(executor.run(slow, [Task((key,), (7, 0.0))])) == {0: "number 7"}
         monkeypatch.setattr("truepose.jobs.executor.cluster._CONNECT_S", 1.0)
         with pytest.raises(DataError, match="no scheduler answers at tls://"):
-            Cluster(secret.address)
-    finally:
-        secret.end()
+            Cluster(address)
 
 
 def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_path):
@@ -382,18 +302,14 @@ def test_other_versions_are_named():
     assert "numpy 1.0, here " in differences(own, {**own, "numpy": "1.0"})
 
 
-def test_workers_with_several_threads_are_refused(tmp_path):
-    several = LocalCluster(tmp_path)
-    try:
-        several.start_scheduler()
-        with pytest.raises(DataError, match="has no worker; start some with: dask worker"):
-            Cluster(several.address)
-        several.start_worker("--nthreads=2")
-        wait_for_workers(several.address, 1)
-        with pytest.raises(DataError, match="has 2 threads, and results need one each"):
-            Cluster(several.address)
-    finally:
-        several.end()
+def test_workers_with_several_threads_are_refused():
+    with cluster_in_this_process(n_workers=0) as address, pytest.raises(DataError, match="has no worker; start some"):
+        Cluster(address)
+    with (
+        cluster_in_this_process(n_workers=1, threads_per_worker=2) as address,
+        pytest.raises(DataError, match="has 2 threads, and results need one each; start workers with: dask worker"),
+    ):
+        Cluster(address)
 
 
 def test_wrong_addresses_and_options_are_refused(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -125,14 +126,23 @@ def write_parts(path: str | Path, parts: Iterable[tuple[Any, Mapping[str, FloatA
     arrow, parquet = _pyarrow()
     writer = None
     with writing(path) as (file,):
-        for batch, columns in parts:
-            kept = [name for name in batch.schema.names if name not in columns]
-            arrays = [*(batch.column(name) for name in kept), *(arrow.array(values) for values in columns.values())]
-            table = arrow.table(dict(zip([*kept, *columns], arrays, strict=True)))
-            writer = writer or parquet.ParquetWriter(file, table.schema)
-            writer.write_table(table)
-        if writer is not None:
-            writer.close()
+        try:
+            for batch, columns in parts:
+                kept = [name for name in batch.schema.names if name not in columns]
+                arrays = [*(batch.column(name) for name in kept), *(arrow.array(values) for values in columns.values())]
+                table = arrow.table(dict(zip([*kept, *columns], arrays, strict=True)))
+                writer = writer or parquet.ParquetWriter(file, table.schema)
+                writer.write_table(table)
+        except BaseException:
+            with suppress(OSError, arrow.ArrowException):
+                _end(writer)  # before its file is closed
+            raise
+        _end(writer)
+
+
+def _end(writer: Any) -> None:
+    if writer is not None:
+        writer.close()
 
 
 def _pyarrow() -> tuple[Any, Any]:
