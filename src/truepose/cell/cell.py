@@ -19,6 +19,7 @@ from truepose.cell.report import ReportSection
 from truepose.cell.sections import (
     Base,
     Box,
+    Conditions,
     Correction,
     FramesSection,
     Measuring,
@@ -43,7 +44,7 @@ class Cell(CellSection):
 
     Attributes
     ----------
-    robot, tool, base, tracker, payload, frames, region, measuring, report, correction : CellSection
+    robot, tool, base, tracker, payload, conditions, frames, region, measuring, report, correction : CellSection
         The tables of the file; ``region`` is None if not stated.
     obstacles : dict of str to Box
         The obstacles by name.
@@ -66,6 +67,7 @@ class Cell(CellSection):
     base: Base = Field(default_factory=Base)
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
+    conditions: Conditions = Field(default_factory=Conditions)
     frames: FramesSection = Field(default_factory=FramesSection)
     region: RegionSection | None = None
     obstacles: dict[str, Box] = Field(default_factory=dict)

@@ -20,6 +20,8 @@ SMALLEST: Final = 1e-6
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=SMALLEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=LARGEST)]
+Temperature = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-50.0, le=80.0)]
+"""A temperature at which arms work [°C]."""
 Share = Annotated[float, BeforeValidator(parse_share)]
 """A share between 0 and 1, written as a number or as text such as "95%"."""
 

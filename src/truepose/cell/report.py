@@ -7,9 +7,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from truepose.cell.poses import CellSection, Positive
-
-_COLDEST, _HOTTEST = -50.0, 80.0
+from truepose.cell.poses import CellSection, Positive, Temperature
 
 
 def _day(value: object) -> object:
@@ -48,5 +46,5 @@ class ReportSection(CellSection):
     tracker_calibration_due: Day | None = None
     reflector: Line | None = None
     reflector_calibration_due: Day | None = None
-    temperature_C: Annotated[float, Field(strict=True, ge=_COLDEST, le=_HOTTEST)] | None = None  # noqa: N815 - °C, as in the cell file
+    temperature_C: Temperature | None = None  # noqa: N815 - °C, as in the cell file
     tolerance_mm: Positive | None = None

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from truepose._io.strict import is_whole
 from truepose._typing import FloatArray
-from truepose.cell.poses import CellError, CellSection, NotNegative, Number, Pose, Positive, Share
+from truepose.cell.poses import CellError, CellSection, NotNegative, Number, Pose, Positive, Share, Temperature
 
 Fit = Literal["none", "position", "pose"]
 
@@ -92,6 +92,20 @@ class Payload(CellSection):
     x_mm: Number = 0.0
     y_mm: Number = 0.0
     z_mm: Number = 0.0
+
+
+class Conditions(CellSection):
+    """``[conditions]``: the direction of approach of samples, and temperature and payload at work.
+
+    ``approach`` is "stated" (by the columns approach1 …), "from-order" (each sample was reached straight from the row
+    before) or "none". Temperature and payload are those of predictions and corrections that state none; by default
+    they are those of the samples.
+    """
+
+    approach: Literal["stated", "from-order", "none"] = "stated"
+
+    temperature_C: Temperature | None = None  # noqa: N815 - °C, as in the cell file
+    payload_kg: NotNegative | None = None
 
 
 GroupNumber = Annotated[int, Field(ge=1, le=8)]

@@ -46,6 +46,11 @@ robust = true            # outliers are found and left out of the registration
 # y_mm = 0.0
 # z_mm = 0.0
 
+# [conditions]
+# approach = "from-order"  # samples were reached straight from row to row; default: "stated" by approach1 …; or "none"
+# temperature_C = 24.0   # of the air at work; default: that of the samples (temp_C)
+# payload_kg = 80.0      # at work; default: that of the samples (load_kg)
+
 # [frames]               # the controller's tools and bases, to which programs refer by number or name
 # config_dat = "$config.dat"
 # [frames.tools.1]

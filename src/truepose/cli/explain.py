@@ -14,6 +14,7 @@ from truepose.cli.summaries import show_calibration
 if TYPE_CHECKING:
     from truepose.report.knowledge import Knowledge
 
+_COLUMNS = ["", "estimate", "95 % from", "to", "unit"]
 _DEGREES = 57.29577951308232
 
 
@@ -59,6 +60,10 @@ def _show(found: Knowledge) -> None:
         f"Standard deviation of a corrected position {found.where}:",
         f"  mean {std['mean']:.3f} mm, P95 {std['p95']:.3f} mm, maximum {std['max']:.3f} mm (length of the vector).",
     )
+    if found.std_unknown_approach_mm is not None:
+        say(f"  Where the direction of approach is not known: mean {found.std_unknown_approach_mm:.3f} mm.")
+    if found.effects:
+        say(table("Backlash (half of the lost motion) and expansion", _COLUMNS, map(_effect, found.effects)))
     if found.shares_mm:
         say(table("Contributions to the errors at the samples", ["", "RMS [mm]"], list(found.shares_mm.items())))
     if found.next_poses:
@@ -85,6 +90,12 @@ def _curve(curve: Any) -> tuple[Any, ...]:
     rms = float((curve.error**2).mean() ** 0.5)
     ends = float(curve.angle[0] * _DEGREES), float(curve.angle[-1] * _DEGREES)
     return (curve.joint + 1, *ends, 1e3 * rms, 1e3 * float(curve.std.mean()))
+
+
+def _effect(row: dict[str, Any]) -> tuple[str, ...]:
+    factor, unit = (1e6, "µrad") if row["unit"] == "rad" else (1e6, "µm/m/K")
+    low, high = (row["estimate"] + side * 1.96 * row["std"] for side in (-1.0, 1.0))
+    return row["name"], *(f"{factor * value:.1f}" for value in (row["estimate"], low, high)), unit
 
 
 def _parameter(row: dict[str, Any]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
-from truepose.robots import Load, Robot
+from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.samples import Samples, name_one
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
@@ -22,6 +22,7 @@ from truepose.verification.faults import Change, reference_change
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
+_EXPANSION: Final = 1.2e-5  # 1/K, of steel
 _STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where its joints are unknown
 _LOADED: Final = 5.0  # mm and mrad: largest displacement by another load
 _SAME: Final = 1e-6  # rad, mm
@@ -99,7 +100,13 @@ class CampaignCheck:
 
 
 def check_campaign(
-    cell: Cell, robot: Robot, samples: Samples, registration: Registration, tf_flange_tool: FloatArray
+    cell: Cell,
+    robot: Robot,
+    samples: Samples,
+    registration: Registration,
+    tf_flange_tool: FloatArray,
+    *,
+    expansion: bool = False,
 ) -> CampaignCheck:
     """Test whether the tracker moved, lengths have a scale, errors drift, or reference points changed.
 
@@ -115,6 +122,9 @@ def check_campaign(
         The registration of the samples.
     tf_flange_tool : (4, 4) array [mm]
         The tool fitted with it, or as stated.
+    expansion : bool
+        Whether growth of the arm with its temperature counts as an error of the arm, not as a drift: the predictor
+        will know the temperature.
 
     Returns
     -------
@@ -126,7 +136,7 @@ def check_campaign(
     at least 0.1 mm: the uncertainty that is accepted of a correction.
     """
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
-    campaign = _campaign(cell, robot, samples, registration, tf_flange_tool)[order]
+    campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
     with blas_threads(LARGEST):
         found = changes(campaign)
         named = any(change.kind in ("drift", "moved") for change in found)
@@ -157,7 +167,12 @@ def _stated(cell: Cell, samples: Samples, registration: Registration) -> float |
 
 
 def _campaign(
-    cell: Cell, robot: Robot, samples: Samples, registration: Registration, tf_flange_tool: FloatArray
+    cell: Cell,
+    robot: Robot,
+    samples: Samples,
+    registration: Registration,
+    tf_flange_tool: FloatArray,
+    expansion: bool,
 ) -> Campaign:
     when = np.arange(len(samples), dtype=np.float64) if samples.time is None else samples.time
     if samples.q is None:
@@ -170,6 +185,10 @@ def _campaign(
     else:
         p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
         columns = _of_arm(cell, robot, samples, tf_flange_tool)
+        if expansion and samples.temperature is not None:
+            kelvin = samples.temperature - samples.temperature.mean()
+            _, growth = thermal_columns(error_model(robot, tool=tf_flange_tool), samples.q, kelvin)
+            columns = np.concatenate([columns, _EXPANSION * growth], axis=2)
     campaign = Campaign(registration.apply(samples.p_meas) - p, p, coordinates, columns, when)
     if samples.load is None or np.ptp(samples.load) == 0:
         return campaign

@@ -7,30 +7,107 @@ from typing import Final
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.cell import Cell
+from truepose.errors import DataError
 from truepose.predictors import Predictor
 from truepose.predictors.abilities import Conditional
 from truepose.predictors.conditions import joined
-from truepose.samples import Poses
+from truepose.samples import Poses, Samples, approach_from_order
 
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
+_KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
+_LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
+_EXPANSION: Final = 1.2e-5  # 1/K, of steel
+_COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
+_GRAVITY: Final = 9.81
 
 
-def conditions_of(poses: Poses) -> dict[str, FloatArray]:
-    """Return the conditions that poses state: ``approach`` (n, dof)."""
-    return {} if poses.approach is None else {"approach": poses.approach}
+def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
+    """Return the conditions that poses state: ``approach`` (n, dof), ``temperature`` [°C], ``payload`` [kg] (n,).
+
+    Samples without a payload were measured with that of the cell, where it states one. Their directions of approach
+    are found from the order of rows, or left out, where the cell asks for it.
+    """
+    approach = poses.approach
+    if isinstance(poses, Samples):
+        how = cell.conditions.approach
+        approach = approach_from_order(poses) if how == "from-order" and approach is None else approach
+        approach = None if how == "none" else approach
+    given = {"approach": approach, "temperature": poses.temperature, "payload": poses.load}
+    if poses.load is None and isinstance(poses, Samples) and cell.payload.mass_kg:
+        given["payload"] = np.full(len(poses), cell.payload.mass_kg)
+    return {name: values for name, values in given.items() if values is not None}
 
 
-def conditions_told(samples: Poses) -> dict[str, FloatArray]:
-    """Return the conditions whose effects samples can tell: approaches of at least one joint from both sides."""
-    known = conditions_of(samples)
-    if samples.approach is not None:
-        both = np.minimum((samples.approach > 0).sum(axis=0), (samples.approach < 0).sum(axis=0))
+def conditions_told(samples: Samples, cell: Cell) -> dict[str, FloatArray]:
+    """Return the conditions that a model of the samples has to know.
+
+    Approaches of at least one joint from both sides; temperatures and payloads that differ among the samples, or from
+    those at work.
+
+    Raises
+    ------
+    DataError
+        If the cell states a condition at work that the samples do not state.
+    """
+    known = conditions_of(samples, cell)
+    if "approach" in known:
+        both = np.minimum((known["approach"] > 0).sum(axis=0), (known["approach"] < 0).sum(axis=0))
         if both.max() < _REVERSALS:
             del known["approach"]
+    work = work_of(cell)
+    for name, column in (("temperature", "temp_C"), ("payload", "load_kg")):
+        if name in work and name not in known:
+            raise DataError(
+                f"{samples.source}: the cell states the {name} at work, but the samples have no column {column}; add "
+                f"it, or take {name} out of [conditions]"
+            )
+        if name in known:
+            every = np.append(known[name], work.get(name, known[name][0]))
+            least = _KELVIN if name == "temperature" else _LOAD * every.max()
+            if np.ptp(every) <= least:
+                del known[name]
     return known
 
 
-def with_conditions(x: FloatArray, predictor: Predictor, poses: Poses) -> FloatArray:
+def work_of(cell: Cell) -> dict[str, float]:
+    """Return the temperature [°C] and the payload [kg] at work, where the cell states them."""
+    stated = {"temperature": cell.conditions.temperature_C, "payload": cell.conditions.payload_kg}
+    return {name: value for name, value in stated.items() if value is not None}
+
+
+def with_conditions(x: FloatArray, predictor: Predictor, poses: Poses, cell: Cell) -> FloatArray:
     """Return coordinates of poses (n, d) with the conditions that a predictor uses; NaN where poses state none."""
     used = predictor.conditions if isinstance(predictor, Conditional) else ()
-    return joined(x, used, conditions_of(poses)) if used else x
+    return joined(x, used, conditions_of(poses, cell)) if used else x
+
+
+def knows_approach(predictor: Predictor) -> bool:
+    """Return whether the predictions depend on the direction of approach."""
+    return isinstance(predictor, Conditional) and "approach" in predictor.conditions
+
+
+def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray) -> float:
+    """Return the variance in each direction due to conditions at work that a predictor does not know [mm²].
+
+    Parameters
+    ----------
+    predictor : Predictor
+        The predictor.
+    samples : Samples
+        The samples of its fit.
+    cell : Cell
+        The cell, with the conditions at work.
+    p_cmd : (n, 3) array [mm], base frame
+        The commanded positions of the samples, for the reach of the arm.
+    """
+    used = predictor.conditions if isinstance(predictor, Conditional) else ()
+    known, reach = conditions_of(samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
+    variance = 0.0
+    for name, value in work_of(cell).items():
+        if name in used or name not in known:
+            continue
+        difference = value - float(known[name].mean())
+        weight = _COMPLIANCE * _GRAVITY * reach * 1e-3
+        variance += (reach * difference * (_EXPANSION if name == "temperature" else weight)) ** 2 / 3.0
+    return variance

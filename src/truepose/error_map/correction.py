@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.compensation import Corrections, Guards, Policy, Solution, apply_policy, solve
+from truepose.error_map.approaching import approach_on_lines
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.target_joints import BranchTracker
 from truepose.errors import DataError
@@ -38,6 +39,10 @@ class Targets:
         The KUKA configuration of each target, −1 where it is not given.
     near : (n, dof) array [rad], optional
         The joints near which the controller reaches each target; NaN where they are not known.
+    before : (n, 4, 4) array [mm], base frame, optional
+        The poses from which a straight line leads to each target; NaN where there is none, or it is not known.
+    approach : (n, dof) array of -1, 0, +1, optional
+        The signs of each joint's last motion, where these were given.
     """
 
     p: FloatArray
@@ -47,6 +52,8 @@ class Targets:
     status: IntArray | None = None
     turn: IntArray | None = None
     near: FloatArray | None = None
+    before: FloatArray | None = None
+    approach: FloatArray | None = None
 
     @classmethod
     def of(
@@ -57,6 +64,7 @@ class Targets:
         status: IntArray | None,
         turn: IntArray | None,
         near: FloatArray | None = None,
+        before: FloatArray | None = None,
     ) -> Self:
         """Return targets given as poses (n, 4, 4), positions (n, 3), joints (n, dof), or a table of these.
 
@@ -75,7 +83,10 @@ class Targets:
         if poses is not None:
             p = poses[:, :3, 3]
         assert p is not None
-        return cls(p, poses, tools, q, status, turn, near)
+        if before is not None and np.shape(before) != (n, 4, 4):
+            raise DataError(f"before has shape {np.shape(before)}; expected ({n}, 4, 4), a pose for each target")
+        approach = given.approach if isinstance(given, Poses) else None
+        return cls(p, poses, tools, q, status, turn, near, before, approach)
 
     def branches(self, robot: Robot, q_samples: FloatArray | None, *, needed: bool) -> BranchTracker | None:
         """Return the tracker of the targets' joints; None where these are neither needed nor known."""
@@ -84,6 +95,13 @@ class Targets:
         return BranchTracker(
             robot, self.poses, self.tf_flange_tool, q_samples, self.status, self.turn, near=self.near, q=self.q
         )
+
+    def conditions(self, error_map: PredictingMap, branches: BranchTracker | None) -> FloatArray:
+        """Return the columns of conditions that follow a target's joints in the predictor's input, (n, c)."""
+        approach = self.approach
+        if branches is not None and approach is None and self.before is not None and self.poses is not None:
+            approach = approach_on_lines(error_map.robot, branches.q_target, self.poses, self.before)
+        return error_map.condition_columns(len(self.p), approach)
 
 
 def _parts(robot: Robot, given: Poses | ArrayLike) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
@@ -118,9 +136,11 @@ def correct(
         raise DataError(f"a map of {error_map.predictor_name!r} needs poses (n, 4, 4), for their joints")
     branches = targets.branches(error_map.robot, error_map.samples.q, needed=not cartesian)
     start = np.concatenate([targets.p, np.zeros((len(targets.p), 3 * orientation))], axis=1)
-    solution = _solve(error_map, targets, branches, start)
+    conditions = targets.conditions(error_map, branches)
+    solution = _solve(error_map, targets, branches, start, conditions)
     x = solution.command[:, :3] if cartesian or branches is None else branches.q
-    _, std = error_map.predict_with_tool(x, targets.tf_flange_tool, orientation=orientation)
+    inputs = np.concatenate([x, conditions], axis=1)
+    _, std = error_map.predict_with_tool(inputs, targets.tf_flange_tool, orientation=orientation)
     reasons = _reasons(error_map, targets, branches, guards, x, std, solution)
     change = solution.command - start
     share, verdict, reason = apply_policy(change, std, reasons, guards.limits, policy)
@@ -139,8 +159,14 @@ def correct(
     )
 
 
-def _solve(error_map: PredictingMap, targets: Targets, branches: BranchTracker | None, start: FloatArray) -> Solution:
-    """Solve (16) from targets (n, 3) [mm] or (n, 6) [mm, rad]."""
+def _solve(
+    error_map: PredictingMap,
+    targets: Targets,
+    branches: BranchTracker | None,
+    start: FloatArray,
+    conditions: FloatArray,
+) -> Solution:
+    """Solve (16) from targets (n, 3) [mm] or (n, 6) [mm, rad], under conditions (n, c)."""
     orientation = start.shape[1] > 3
 
     def predict(command: FloatArray, rows: IntArray) -> FloatArray:
@@ -148,7 +174,7 @@ def _solve(error_map: PredictingMap, targets: Targets, branches: BranchTracker |
             x = command[:, :3]
         else:
             assert branches is not None
-            x = branches.joints(command, rows)
+            x = np.concatenate([branches.joints(command, rows), conditions[rows]], axis=1)
         return error_map.predict_mean_with_tool(x, targets.tf_flange_tool[rows], orientation=orientation)
 
     predictor = error_map.predictor

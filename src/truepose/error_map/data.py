@@ -159,12 +159,12 @@ class MapData:
 
     def inputs(self, poses: Poses) -> FloatArray:
         """Return `coordinates`, with the conditions that the predictor uses in further columns; NaN where not given."""
-        return with_conditions(self.coordinates(poses), self.predictor, poses)
+        return with_conditions(self.coordinates(poses), self.predictor, poses, self.cell)
 
     @property
     def fitted_inputs(self) -> FloatArray:
         """The predictor's `inputs` of the samples, at the point where they were measured."""
-        return with_conditions(self._in_space(self.samples, self.p_cmd), self.predictor, self.samples)
+        return with_conditions(self._in_space(self.samples, self.p_cmd), self.predictor, self.samples, self.cell)
 
     def _in_space(self, poses: Poses, p_cmd: FloatArray) -> FloatArray:
         if self.space == "cartesian":

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
-from truepose.error_map.campaign import check_campaign
+from truepose.error_map.campaign import CampaignCheck, check_campaign
+from truepose.error_map.conditions import conditions_told
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
@@ -18,9 +20,9 @@ from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.numerics.executor import Executor
 from truepose.predictors import Choice, rank_predictors
-from truepose.predictors.abilities import OutlierWeighing
-from truepose.predictors.registry import for_many
-from truepose.samples import Samples
+from truepose.predictors.abilities import Conditional, OutlierWeighing
+from truepose.predictors.registry import conditions_wanted, for_many
+from truepose.samples import Samples, approach_from_order
 
 
 def fit_cell(
@@ -80,14 +82,24 @@ def fit_cell(
             f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
             '"auto", which chooses among predictors'
         )
+    if cell.conditions.approach == "from-order":
+        progress("Finding the directions of approach from the order of rows")
+        samples = replace(samples, approach=approach_from_order(samples))
     progress("Registering")
     measured = CellSamples(cell, cell.load_robot(), samples)
     registration, tf_flange_tool = measured.register()
     progress("Testing for a moved tracker, a scale error and a drift")
-    campaign = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool)
-    if not accept_campaign:
-        with wrong_tool_named(cell, measured.robot, samples):
-            campaign.refuse(samples.source)
+
+    def checked(expansion: bool) -> CampaignCheck:
+        found = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool, expansion=expansion)
+        if not accept_campaign:
+            with wrong_tool_named(cell, measured.robot, samples):
+                found.refuse(samples.source)
+        return found
+
+    told = () if samples.q is None else conditions_told(samples, cell)
+    modelled = "temperature" in told and (predictor == "auto" or "temperature" in conditions_wanted(predictor))
+    campaign = checked(modelled)
     with points_named(samples):
         if predictor == "auto":
             progress("Cross-validation of the candidates")
@@ -106,6 +118,8 @@ def fit_cell(
             progress(f"Fitting {predictor}")
             errors = measured.errors(registration, tf_flange_tool)
             choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
+    if modelled and not (isinstance(choice.predictor, Conditional) and "temperature" in choice.predictor.conditions):
+        campaign = checked(False)
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,

@@ -141,6 +141,7 @@ class ErrorMap(PredictingMap):
         status: IntArray | None = None,
         turn: IntArray | None = None,
         near: FloatArray | None = None,
+        before: FloatArray | None = None,
         on_guard: Policy | None = None,
         limits: LimitsInForce | None = None,
         orientation: bool = False,
@@ -160,6 +161,9 @@ class ErrorMap(PredictingMap):
         near : (n, dof) array [rad], optional
             The joints near which the controller reaches each target, NaN where they are not known. They take precedence
             over Status and Turn, which controllers ignore at straight, circular and spline motions.
+        before : (n, 4, 4) array [mm], base frame, optional
+            The poses from which the tool comes straight to each target, NaN where that is not known: they tell the side
+            of its backlash on which each joint stands. A table of Poses may state ``approach`` instead.
         on_guard : {"refuse", "skip", "clip"}, optional
             The policy, instead of the one that `limits` names. Under ``refuse`` the verdicts say which targets refuse
             the program; the caller stops then.
@@ -194,7 +198,7 @@ class ErrorMap(PredictingMap):
             self._refuse_to_correct()
         limits = limits or self.limits_in_force()
         tool = self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool
-        targets = Targets.of(self.robot, poses, tool, status, turn, near)
+        targets = Targets.of(self.robot, poses, tool, status, turn, near, before)
         guards = self.guards_of(limits.limits)
         return correct(self, targets, guards, on_guard or limits.on_guard, orientation=orientation)
 

@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
-from truepose.error_map.conditions import with_conditions
+from truepose.error_map.conditions import knows_approach, not_modelled, with_conditions
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import LeaveOneOut, PosePredictor
+from truepose.predictors.abilities import Conditional
+from truepose.predictors.conditions import joined
 from truepose.samples import Poses, Samples
 from truepose.verification import RP_PER_STD
 
@@ -94,13 +96,14 @@ class PredictingMap(MapData):
         where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
         by its standard error: near the repeatability, the difference is mostly that error. A drift that the tests of
         the campaign found or suspect is added, also below their limit, and twice: it goes on after the campaign, as it
-        does for an arm that warmed up during the measurement.
+        does for an arm that warmed up during the measurement. So is the effect of conditions at work that the
+        predictor does not know.
         """
         faults = self.campaign.get("faults", [])
         sizes = [fault["size"] for fault in faults if fault["kind"] in ("drift", "moved")]
         drift = sum((2.0 * size) ** 2 for size in (*sizes, self.campaign.get("suspected_drift_mm", 0.0))) / 3.0
         nugget, known = self._nugget_and_known
-        return np.asarray(nugget - known + drift)
+        return np.asarray(nugget - known + drift + not_modelled(self.predictor, self.samples, self.cell, self.p_cmd))
 
     @cached_property
     def _nugget_and_known(self) -> tuple[FloatArray, FloatArray]:
@@ -142,7 +145,7 @@ class PredictingMap(MapData):
         """
         poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
         p_cmd = self.commanded_positions(poses)
-        e, std = self.predict_at(with_conditions(self._in_space(poses, p_cmd), self.predictor, poses))
+        e, std = self.predict_at(with_conditions(self._in_space(poses, p_cmd), self.predictor, poses, self.cell))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
         p = apply_transform(tf_tracker_base, p_cmd + e)
         return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
@@ -199,6 +202,19 @@ class PredictingMap(MapData):
             If the map knows positions only, or there are no joints.
         """
         return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True)
+
+    @property
+    def knows_approach(self) -> bool:
+        """Whether predictions depend on the direction in which the joints come to a configuration."""
+        return knows_approach(self.predictor)
+
+    def condition_columns(self, n: int, approach: FloatArray | None) -> FloatArray:
+        """Return the columns that follow the joints of n targets in `inputs`, (n, c): approach, and what work states.
+
+        An approach (n, dof) that is not given is unknown.
+        """
+        used = self.predictor.conditions if isinstance(self.predictor, Conditional) else ()
+        return joined(np.empty((n, self.robot.dof)), used, {"approach": approach})[:, self.robot.dof :]
 
     def leave_one_out(self) -> LeaveOneOut:
         """Return the residual of each sample predicted from the others, and its standard deviation, (n, 3) [mm].

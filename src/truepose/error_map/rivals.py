@@ -109,7 +109,7 @@ def _left(error_map: PredictingMap, model: Predictor, space: str, held_out: Samp
     x = held_out.q if space == "joint" else error_map.commanded_positions(held_out)
     if x is None:
         raise TrueposeError(f"{held_out.source}: joints are not known")
-    return np.asarray(error_map.errors(held_out) - model.predict(with_conditions(x, model, held_out)))
+    return np.asarray(error_map.errors(held_out) - model.predict(with_conditions(x, model, held_out, error_map.cell)))
 
 
 def _mean(left: FloatArray) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.conditions import conditions_told
+from truepose.error_map.conditions import conditions_told, work_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
@@ -82,7 +82,7 @@ class CellSamples:
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
             arm_of(self.cell, self.robot, tf_flange_tool),
-            conditions_told(samples),
+            {} if samples.q is None else conditions_told(samples, self.cell),
         )
 
 
@@ -176,4 +176,5 @@ def choose(
 def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:
     """Return the properties of a cell's arm that predictors use."""
     load = cell.payload
-    return ArmContext(robot, tf_flange_tool, (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None)
+    payload = (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None
+    return ArmContext(robot, tf_flange_tool, payload, work_of(cell))

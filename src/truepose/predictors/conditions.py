@@ -7,15 +7,21 @@ known is NaN: the prediction is then the mean over what it may be, and its stand
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Self
 
 import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 
-CONDITIONS: Final = ("approach",)
-"""The names of the conditions: ``approach``, the sign of each joint's last motion (n, dof)."""
+CONDITIONS: Final = ("approach", "temperature", "payload")
+"""The names of the conditions.
+
+``approach``, the sign of each joint's last motion (n, dof); ``temperature`` [°C] and ``payload`` [kg], (n,).
+"""
+
+_LEAST_RANGE: Final = 2.0  # K
 
 
 def width(condition: str, dof: int) -> int:
@@ -61,3 +67,36 @@ def separated(X: FloatArray, names: Sequence[str], dof: int) -> tuple[FloatArray
             raise DataError(f"approach is {signs[wrong[0]].tolist()} in row {wrong[0]}; expected -1, 0 or 1")
         found["approach"] = np.where(np.isnan(signs), 0.0, signs)
     return X[:, :dof], found
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What conditions are where they are not known: as in the samples.
+
+    Attributes
+    ----------
+    temperature, temperature_std : float [°C], [K]
+        The mean of the samples' temperatures, and the standard deviation of one that is not known: their range, at
+        least 2 K, because an arm that warmed up during the measurement goes on to do so.
+    payload, largest_payload : float [kg]
+        The mean and the largest of the samples' payloads.
+    """
+
+    temperature: float = 20.0
+    temperature_std: float = 0.0
+    payload: float = 0.0
+    largest_payload: float = 1.0
+
+    @classmethod
+    def of(cls, X: FloatArray, names: Sequence[str], dof: int) -> Self:
+        """Return the usual conditions of samples (n, d)."""
+        found: dict[str, float] = {}
+        given = separated(X, names, dof)[1]
+        if "temperature" in given and np.isfinite(given["temperature"]).any():
+            found["temperature"] = float(np.nanmean(given["temperature"]))
+            low, high = float(np.nanmin(given["temperature"])), float(np.nanmax(given["temperature"]))
+            found["temperature_std"] = max(high - low, _LEAST_RANGE)
+        if "payload" in given and np.isfinite(given["payload"]).any():
+            found["payload"] = float(np.nanmean(given["payload"]))
+            found["largest_payload"] = max(float(np.nanmax(given["payload"])), 1.0)
+        return cls(**found)

@@ -17,6 +17,7 @@ from truepose.errors import DataError
 from truepose.predictors.base import Predictor
 from truepose.predictors.baselines import GridCell, InverseDistance, Nearest, RadialBasis, RegistrationOnly
 from truepose.predictors.calibration import KinematicCalibration
+from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging.neighbours import LocalKriging
 from truepose.predictors.kriging.ordinary import OrdinaryKriging, UniversalKriging
@@ -140,11 +141,14 @@ class ArmContext:
         The measured point.
     payload : tuple of 4 float, optional
         The mass [kg] and its centre x, y, z [mm], flange frame.
+    work : mapping of str to float
+        The ``temperature`` [°C] and the ``payload`` [kg] at work, where stated.
     """
 
     robot: Robot
     tf_flange_tool: FloatArray
     payload: tuple[float, float, float, float] | None = None
+    work: Mapping[str, float] = field(default_factory=dict)
 
 
 def predictor_spec(name: str) -> PredictorSpec:
@@ -175,6 +179,18 @@ def predictor_spec(name: str) -> PredictorSpec:
     for option in options:
         spec = spec.with_option(name, option)
     return spec
+
+
+def conditions_wanted(name: str) -> tuple[str, ...]:
+    """Return the conditions that a named predictor uses where samples state them, see `truepose.predictors.conditions`.
+
+    Examples
+    --------
+    >>> conditions_wanted("kinematic-kriging:conditions=approach"), conditions_wanted("idw")
+    (('approach',), ())
+    """
+    spec = predictor_spec(name)
+    return tuple(spec.defaults.get("conditions", CONDITIONS)) if "conditions" in spec.options else ()
 
 
 def for_many(name: str, n: int) -> str:

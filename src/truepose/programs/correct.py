@@ -21,8 +21,10 @@ from truepose.cell import Cell
 from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
+from truepose.geometry import invert_transform
 from truepose.programs.agreement import check_cell, check_library, check_maker
 from truepose.programs.core.alternatives import Alternatives, alternatives
+from truepose.programs.core.approaches import poses_before
 from truepose.programs.core.columns import TargetColumns
 from truepose.programs.core.configurations import changed_words
 from truepose.programs.core.digits import moved
@@ -42,6 +44,7 @@ from truepose.programs.corrector import (
     CorrectionContext,
     Corrector,
     HasHash,
+    KnowsApproach,
     KnowsWorth,
     LimitsCorrections,
     TurnedTargets,
@@ -174,10 +177,14 @@ def correct_program(
         more = {"limits": limits, "accept_weak_map": accept_weak_map}
         if known.robot is not None:
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
+    reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
+    before = poses_before(program) if reversing else None
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
             more["near"] = near[rows]
+        if before is not None:
+            more["before"] = before[rows]
         asked = _ask(error_map, columns, on_guard, orientation, more)
         for k, shared in _shared(error_map, program, columns, asked, limits, orientation, more).items():
             i = int(rows[k])
@@ -190,6 +197,7 @@ def correct_program(
         _note(outcomes, rows, asked)
         done += len(rows)
         progress(done, counts["correct"])
+    more.pop("before", None)
     joints = JointCorrection(outcomes, known, "refuse" if on_guard == "refuse" else "skip")
     for posed in joints.posed():
         asked = _ask(error_map, posed.poses, on_guard, orientation, {**more, "near": posed.q} if more else more)
@@ -332,6 +340,9 @@ def _shared(
     for others in alternatives(columns, np.flatnonzero(np.isin(asked[3], (1, 2))), tolerance):
         near = {"near": more["near"][others.owner]} if "near" in more else {}
         at = columns.take(others.owner)
+        if "before" in more:  # derived positions are reached in the same way, from where the line is moved to as well
+            moved = others.poses @ invert_transform(at.poses_base())
+            near["before"] = moved @ more["before"][others.owner]
         change, _, _, code, reasons = _ask(error_map, at, limits.on_guard, orientation, {**more, **near}, others)
         differs = change - others.corrections(asked[0])
         size = np.linalg.norm(differs[:, :3], axis=1)

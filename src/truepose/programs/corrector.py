@@ -115,6 +115,15 @@ class LimitsCorrections(Protocol):
         """Return the limits, those of a cell file and of options included."""
 
 
+@runtime_checkable
+class KnowsApproach(Protocol):
+    """A corrector that may know the backlash of joints; `correct` then takes `before`, see `ErrorMap.correct`."""
+
+    @property
+    def knows_approach(self) -> bool:
+        """Whether the corrections depend on the direction of approach."""
+
+
 class _ArmCheck(Protocol):
     @property
     def checked(self) -> bool: ...

@@ -41,7 +41,7 @@ def evaluated_poses(error_map: ErrorMap, rng: np.random.Generator) -> EvaluatedP
 
     Positions and orientations of the tool are drawn, never joints: joints between those of two samples can turn the
     tool in a way that nobody measured or needs. A map in joint space takes the joints that reach each pose on the
-    branch of the nearest sample.
+    branch of the nearest sample, and a map that knows the backlash of joints comes to each pose from a known side.
 
     Parameters
     ----------
@@ -66,7 +66,9 @@ def evaluated_poses(error_map: ErrorMap, rng: np.random.Generator) -> EvaluatedP
     reached = ~found.lost & error_map.robot.within_limits(found.q).all(axis=1)
     if not reached.any():
         return EvaluatedPoses(Poses(q=q_samples), AT_SAMPLES)
-    return EvaluatedPoses(Poses(q=found.q[reached]), where)
+    q = found.q[reached]
+    approach = rng.choice([-1.0, 1.0], q.shape) if error_map.knows_approach else None
+    return EvaluatedPoses(Poses(q=q, approach=approach), where)
 
 
 def _in_region(error_map: ErrorMap, rng: np.random.Generator) -> FloatArray | None:

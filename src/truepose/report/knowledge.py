@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,9 @@ class Knowledge:
         The RMS length of the contribution of each term to the predictions at the samples.
     hyperparameters : dict
         The settings of the predictor (its `to_dict`), without values of single samples.
+    std_unknown_approach_mm : float, optional
+        The mean length of the standard deviation where the direction of approach is not known; None for maps that do
+        not know the backlash of joints.
     next_poses : list of dict
         The poses to measure next, the most useful first: joints or position, and the std of a corrected
         position there.
@@ -52,7 +55,13 @@ class Knowledge:
     curves: list[JointCurve]
     shares_mm: dict[str, float]
     hyperparameters: dict[str, Any]
+    std_unknown_approach_mm: float | None
     next_poses: list[dict[str, Any]]
+
+    @property
+    def effects(self) -> list[dict[str, Any]]:
+        """The parameters of backlash and thermal expansion, a part of `parameters`."""
+        return [row for row in self.parameters if row.get("group") in ("backlash", "expansion")]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as plain values, with units in the names."""
@@ -62,6 +71,7 @@ class Knowledge:
             "noise_mm": self.noise_mm,
             "std_mm": self.std_mm,
             "std_where": self.where,
+            "std_unknown_approach_mm": self.std_unknown_approach_mm,
             "shares_mm": self.shares_mm,
             "parameters": self.parameters,
             "joints": [_curve_data(curve) for curve in self.curves],
@@ -86,6 +96,10 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
     samples = error_map.samples
     candidates, where = evaluated_poses(error_map, np.random.default_rng(rng))
     size = np.linalg.norm(error_map.predict_errors(candidates)[1], axis=1)
+    unknown = None
+    if candidates.approach is not None:
+        unsure = error_map.predict_errors(replace(candidates, approach=None))[1]
+        unknown = float(np.linalg.norm(unsure, axis=1).mean())
     curves, shares = [], {}
     if isinstance(model, KinematicKriging):
         curves = model.joint_curves()
@@ -101,6 +115,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         curves=curves,
         shares_mm=shares,
         hyperparameters=values,
+        std_unknown_approach_mm=unknown,
         next_poses=_measure_next(error_map, candidates, suggestions),
     )
 

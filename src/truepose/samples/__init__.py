@@ -1,6 +1,7 @@
 """The table of commanded poses and measurements, its file (the tidy table), and the checks on it."""
 
 from truepose.samples.checks import check, check_against, check_not_compensated, check_turns, looks_like_metres
+from truepose.samples.conditions import approach_from_order
 from truepose.samples.examples import Example, load_example
 from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
@@ -20,6 +21,7 @@ __all__ = [
     "Poses",
     "Samples",
     "append_columns",
+    "approach_from_order",
     "check",
     "check_against",
     "check_not_compensated",

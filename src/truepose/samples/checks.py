@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
+from truepose.samples.conditions import check_conditions
 from truepose.samples.table import Poses, Samples
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def check(poses: Poses) -> None:
     """Raise if the values of a table are implausible; called by the readers.
 
     The check finds: no rows, all-zero readings, metres or inches in mm columns, degrees in rad columns, constant
-    readings, contradicting readings of one configuration, and approach signs other than -1, 0, +1.
+    readings, contradicting readings of one configuration, and conditions that cannot be (`check_conditions`).
 
     Raises
     ------
@@ -65,10 +66,7 @@ def _check_commands(poses: Poses) -> None:
         )
     if poses.p_cmd is not None:
         _refuse_metres(poses, poses.p_cmd, "commanded", "x_cmd_m …")
-    if poses.approach is not None and not (sign := np.isin(poses.approach, (-1.0, 0.0, 1.0))).all():
-        raise poses.error(
-            "approach must be -1, 0 or +1, the sign of each joint's last motion", np.asarray(~sign.all(axis=1))
-        )
+    check_conditions(poses)
 
 
 def _check_readings(samples: Samples) -> None:

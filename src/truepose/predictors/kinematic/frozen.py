@@ -25,6 +25,7 @@ def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparamet
     robot, dof = terms.robot, terms.robot.dof
     estimate = form.drift_estimate()[0] * terms.prior_std
     links, twists, p = terms.linearised
+    growth = terms.growth()[0]
     tables = np.zeros((dof, POINTS if len(joints) else 0))
     angle = np.linspace(-np.pi, np.pi, POINTS)
     for i, j in enumerate(joints):
@@ -37,7 +38,7 @@ def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparamet
         links=np.stack([robot.links(terms.tf_flange_tool), links])[:, :, :3].copy(),
         sign=robot.sign.copy(),
         limits=limits_of(robot.limits),
-        twist=twists @ (estimate[:p] - terms.shift[:p]),
+        twist=twists @ (estimate[:p] - terms.shift[:p]) + growth @ estimate[len(estimate) - growth.shape[2] :],
         tables=tables,
         harmonics=np.empty((0, 4)),
         moment=terms.moments(estimate),

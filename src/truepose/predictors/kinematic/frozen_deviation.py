@@ -63,24 +63,28 @@ def deviation_of(
     drift, tables, rest = form.projected(vector[:, :kept], angle)
     links, p = terms.linearised[1], terms.linearised[2]
     std = terms.prior_std * tolerances(terms, hyper)
-    rows = links.reshape(-1, p)
+    known, unknown = (one.reshape(6 * len(links), -1) for one in terms.growth())
+    g, effect = known.shape[1], effect_size * terms.prior_std[terms.conditional]
+    rows = np.concatenate([links.reshape(-1, p), known], axis=1)
+    own = np.r_[:p, len(std) - g : len(std)]
+    missing = unknown * effect[len(effect) - g :]
     every = np.zeros((dof, len(angle), kept))
     for j, table in zip(joints, tables, strict=True):
         every[j] = table
     prior_joint = np.zeros(dof)
     prior_joint[joints] = hyper.joint_std**2
     if "approach" in terms.conditions:
-        prior_joint += (effect_size * terms.prior_std[terms.conditional]) ** 2 / inflation
+        prior_joint += effect[: len(effect) - g] ** 2 / inflation
     wide = np.zeros((3, constants.anchors.shape[0] * constants.anchors.shape[2], kept))
     if len(hyper.rest_range):
         wide[:, : rest.shape[1]] = rest
     return Deviation(
-        drift=(rows * terms.prior_std[:p]) @ drift[:p],
+        drift=(rows * terms.prior_std[own]) @ drift[own],
         gravity=terms.moments(terms.prior_std[:, None] * drift),
         tables=every,
         rest=wide,
-        prior_drift=(rows * std[:p] ** 2) @ rows.T,
-        prior_gravity=terms.moments(std[:, None])[:, :, 0] ** 2,
+        prior_drift=(rows * std[own] ** 2) @ rows.T + missing @ missing.T / inflation,
+        prior_gravity=terms.moments(std**2, power=2),
         prior_joint=prior_joint,
         prior_rest=np.array([hyper.rest_std**2 if len(hyper.rest_range) else 0.0]),
         inflation=np.array([inflation]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, Self
 
@@ -14,7 +14,7 @@ from truepose.errors import DataError, KrigingError
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.base import LeaveOneOut, checked_noise
-from truepose.predictors.conditions import CONDITIONS
+from truepose.predictors.conditions import CONDITIONS, Usual
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
@@ -62,6 +62,9 @@ class KinematicKriging(PosePredictor):
     conditions : sequence of str
         The conditions that X has columns of after the joints, see `truepose.predictors.conditions`. The
         effect of each is in the model if it raises the likelihood.
+    work : mapping of str to float, optional
+        The ``temperature`` [°C] and the ``payload`` [kg] at work, for predictions that state none; default: those of
+        the samples.
     robust : bool
         Whether readings that the others contradict get a smaller weight; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
@@ -115,7 +118,7 @@ class KinematicKriging(PosePredictor):
     True
     """
 
-    arm_parameters = ("robot", "tf_flange_tool")
+    arm_parameters = ("robot", "tf_flange_tool", "work")
     _known: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
@@ -129,6 +132,7 @@ class KinematicKriging(PosePredictor):
         joint_errors: bool = True,
         residual: Residual = "joint",
         conditions: Sequence[str] = (),
+        work: Mapping[str, float] | None = None,
         robust: bool = True,
         solver: str = "auto",
         hyper: dict[str, Any] | None = None,
@@ -145,6 +149,7 @@ class KinematicKriging(PosePredictor):
         self.joint_errors = joint_errors
         self.residual = residual
         self.conditions = conditions
+        self.work = work
         self.robust = robust
         self.solver = solver
         self.hyper = hyper
@@ -186,6 +191,8 @@ class KinematicKriging(PosePredictor):
             compliance=self.compliance,
             residual=self.residual,
             conditions=self.conditions,
+            usual=Usual.of(X, self.conditions, self.robot.dof),
+            work=self.work,
         )
         self._x, self._e = X, e
         self._reading = np.zeros_like(e) if noise_std is None else noise_std

@@ -6,7 +6,7 @@ effect of an error of joint j's own angle. Place: coordinates of the rest Z.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -14,15 +14,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.predictors.conditions import separated
+from truepose.predictors.conditions import Usual, separated
 from truepose.robots import Robot, error_model
 from truepose.robots.chain import end_poses
 from truepose.robots.jacobian import Outputs, columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, BACKLASH = 0, 1, 2, 3
-GROUPS: Final = ("registration", "geometry", "compliance", "backlash")
+REGISTRATION, GEOMETRY, COMPLIANCE, BACKLASH, EXPANSION = 0, 1, 2, 3, 4
+GROUPS: Final = ("registration", "geometry", "compliance", "backlash", "expansion")
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
@@ -31,6 +31,9 @@ _TOOL_STD: Final = 30.0  # mm
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
+_EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
+_SHORTEST: Final = 1.0  # mm, of a length that grows
+_USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
 
 
@@ -94,6 +97,10 @@ class Terms:
         The coordinates of Z.
     conditions : sequence of str
         The conditions whose effects are included, see `truepose.predictors.conditions`.
+    usual : Usual
+        The conditions of the samples.
+    work : mapping of str to float
+        The temperature [°C] and the payload [kg] at work, where a configuration states none.
     shift : (p,) array [mm, rad], optional
         The change of registration and geometry at which the columns are computed; default: none.
 
@@ -119,14 +126,18 @@ class Terms:
         compliance: bool = True,
         residual: Residual = "joint",
         conditions: Sequence[str] = (),
+        usual: Usual = _USUAL,
+        work: Mapping[str, float] | None = None,
         shift: FloatArray | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
-        self.conditions = tuple(conditions)
+        self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
         dof = robot.dof
         reversing = range(dof) if "approach" in self.conditions else ()
+        growing = _growing(robot) if "temperature" in self.conditions else np.empty((dof + 1, 6, 0))
+        lengths = growing.shape[2]
         self._model = error_model(robot, convention, self.tf_flange_tool)
         registration = {"base": _STATION_STD, "tool": {"mm": _TOOL_STD}}
         self._chosen = [
@@ -136,24 +147,35 @@ class Terms:
         ]
         chosen = [self._model.parameters[i] for i in self._chosen]
         self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
+        self._plain = len(self._pairs)
+        if compliance and "payload" in self.conditions:  # a mass between wrist and tool point
+            self._pairs += [(j, k) for j in range(dof) for k in (dof - 1, dof) if j <= k]
         self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
         self.names = [parameter.name for parameter in chosen]
-        self.names += [f"joint {j + 1} under mass {k + 1 if k < dof else 'at tool'}" for j, k in self._pairs]
+        where = [str(k + 1) if k < dof else "at tool" for _, k in self._pairs]
+        self.names += [
+            f"joint {j + 1} under {'mass' if i < self._plain else 'payload'} {at}"
+            for i, ((j, _), at) in enumerate(zip(self._pairs, where, strict=True))
+        ]
         self.names += [f"backlash q{j + 1}" for j in reversing]
+        self.names += ["expansion of all lengths", *(f"expansion {i}" for i in range(1, lengths))][:lengths]
         self.units = [parameter.unit for parameter in chosen] + ["rad/m"] * len(self._pairs)
-        self.units += ["rad"] * len(reversing)
+        self.units += ["rad"] * len(reversing) + ["1/K"] * lengths
         group = [REGISTRATION if parameter.group in registration else GEOMETRY for parameter in chosen]
-        self.group = np.array(group + [COMPLIANCE] * len(self._pairs) + [BACKLASH] * len(reversing))
+        group += [COMPLIANCE] * len(self._pairs) + [BACKLASH] * len(reversing) + [EXPANSION] * lengths
+        self.group = np.array(group)
         std = [registration.get(parameter.group, _GEOMETRY_STD)[parameter.unit] for parameter in chosen]
-        self.prior_std = np.array(std + [_COMPLIANCE_STD] * len(self._pairs) + [_BACKLASH_STD] * len(reversing))
-        self._counts = len(chosen), len(self._pairs), len(reversing)
+        std += [_COMPLIANCE_STD] * len(self._pairs) + [_BACKLASH_STD] * len(reversing)
+        std += [_EXPANSION_STD[0], *[_EXPANSION_STD[1]] * lengths][:lengths]
+        self.prior_std = np.array(std)
+        self._counts = len(chosen), len(self._pairs), len(reversing), lengths
         self.shift = np.zeros(len(self.names)) if shift is None else shift
         self._values = self._model.nominal.copy()
         self._values[self._chosen] += self.shift[: len(chosen)]
         self._nominal_links = robot.links(self.tf_flange_tool)
         self._links = self._model.fixed(self._values)
         parameters = self._model.twists(self._values)[..., self._chosen]
-        self._twists = np.concatenate([joint_twists(robot.sign), parameters], axis=2)
+        self._twists = np.concatenate([joint_twists(robot.sign), parameters, growing], axis=2)
         joints = np.repeat(np.arange(dof), 2) if residual in ("joint", "both") else np.empty(0, np.int64)
         position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
         self.range_of = np.concatenate([joints, position]).astype(np.int64)
@@ -161,23 +183,42 @@ class Terms:
 
     @property
     def linearised(self) -> tuple[FloatArray, FloatArray, int]:
-        """The links (dof + 1, 4, 4) [mm] and the twists (dof + 1, 6, p) of the p columns that are no compliance; p."""
-        twists = self._twists[:, :, self.robot.dof :]
-        return self._links, twists, twists.shape[2]
+        """The links (dof + 1, 4, 4) [mm] and the twists (dof + 1, 6, p) of the p columns of the arm itself; p."""
+        p = self._counts[0]
+        return self._links, self._twists[:, :, self.robot.dof : self.robot.dof + p], p
 
-    def moments(self, estimate: FloatArray) -> FloatArray:
-        """Return the deviation of each joint by each mass per horizontal lever, (dof, dof + 1, …) [rad/mm].
+    def growth(self) -> tuple[FloatArray, FloatArray]:
+        """Return the twists of expansion at work: known, and per standard deviation of what is not, (dof + 1, 6, g)."""
+        known, unknown = self._kelvin(np.full(1, np.nan))
+        twists = self._twists[:, :, self.robot.dof + self._counts[0] :]
+        return known * twists, unknown * twists
+
+    def moments(self, estimate: FloatArray, power: int = 1) -> FloatArray:
+        """Return the deviation of each joint by each mass per horizontal lever at work, (dof, dof + 1, …) [rad/mm].
 
         Parameters
         ----------
         estimate : (p, …) array [rad/m]
-            The coefficients of all drift columns.
+            The coefficients of all drift columns; their squares for the variance, with `power` 2.
         """
         moment = np.zeros((self.robot.dof, self.robot.dof + 1, *estimate.shape[1:]))
-        first, count, _ = self._counts
-        for (j, k), value in zip(self._pairs, estimate[first : first + count], strict=True):
-            moment[j, k] = value / _MOMENT_ARM
+        first, count = self._counts[:2]
+        load = self._loads(np.full(1, np.nan))[0]
+        for i, ((j, k), value) in enumerate(zip(self._pairs, estimate[first : first + count], strict=True)):
+            moment[j, k] += value * ((1.0 if i < self._plain else load) / _MOMENT_ARM) ** power
         return moment
+
+    def _loads(self, payload: FloatArray) -> FloatArray:
+        """Return payloads (n, …) [kg] over the largest one; that at work, or the usual one, where not known."""
+        known = np.where(np.isnan(payload), self.work.get("payload", self.usual.payload), payload)
+        return np.asarray(known / self.usual.largest_payload)
+
+    def _kelvin(self, temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the differences of temperatures (n, …) [°C] from the usual one, and their standard deviations [K]."""
+        known = np.where(np.isnan(temperature), self.work.get("temperature", np.nan), temperature)
+        unknown = np.isnan(known)
+        difference = np.where(unknown, 0.0, known - self.usual.temperature)
+        return difference, np.where(unknown, self.usual.temperature_std, 0.0)
 
     def shifted(self, shift: FloatArray) -> Terms:
         """Return the same terms with registration and geometry changed by `shift` (p,)."""
@@ -189,6 +230,8 @@ class Terms:
             compliance=self.compliance,
             residual=self.residual,
             conditions=self.conditions,
+            usual=self.usual,
+            work=self.work,
             shift=np.where(self.group < COMPLIANCE, shift, 0.0),
         )
 
@@ -206,11 +249,12 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        return [GEOMETRY, COMPLIANCE, *([BACKLASH] if "approach" in self.conditions else [])]
+        effects = {"approach": BACKLASH, "temperature": EXPANSION}
+        return [GEOMETRY, COMPLIANCE, *(group for name, group in effects.items() if name in self.conditions)]
 
     @property
     def conditional(self) -> slice:
-        """The drift columns that depend on conditions."""
+        """The drift columns of backlash and expansion."""
         return slice(len(self.names) - sum(self._counts[2:]), None)
 
     def at(self, X: FloatArray, outputs: Outputs = "position") -> Design:
@@ -226,15 +270,22 @@ class Terms:
         theta, dof = self.robot.sign * q, self.robot.dof
         p = end_poses(theta, self._links)[:, :3, 3]
         found = columns(theta, self._links, self._twists, outputs)
-        lever, drift = np.ascontiguousarray(found[:, :, :dof]), found[:, :, dof:]
+        lever, drift, growth = np.split(found, [dof, dof + self._counts[0]], axis=2)
+        lever = np.ascontiguousarray(lever)
+        parts, unknown = [drift], [np.zeros((*lever.shape[:2], 0))]
         if self.compliance:
-            drift = np.concatenate([drift, self._compliance(q, p, lever)], axis=2)
-        unknown = np.zeros((*lever.shape[:2], 0))
+            parts.append(self._compliance(q, p, lever, given.get("payload")))
         if "approach" in given:
-            known = lever * given["approach"][:, None, :]
-            drift = np.concatenate([drift, known], axis=2)
-            unknown = np.where(given["approach"][:, None, :] == 0.0, lever, 0.0) * self.prior_std[self.conditional]
-        return Design(q, p, drift * self.prior_std, lever, self._place(q, p), unknown)
+            signs = given["approach"][:, None, :]
+            parts.append(lever * signs)
+            unknown.append(np.where(signs == 0.0, lever, 0.0))
+        if "temperature" in given:
+            kelvin, kelvin_std = self._kelvin(given["temperature"][:, :, None])
+            parts.append(growth * kelvin)
+            unknown.append(growth * kelvin_std)
+        every = np.concatenate(parts, axis=2) * self.prior_std
+        missing = np.concatenate(unknown, axis=2) * self.prior_std[self.conditional]
+        return Design(q, p, every, lever, self._place(q, p), missing)
 
     def seen(self, design: Design) -> IntArray:
         """Return the joints whose own error is visible: they move, and the tool point moves with them."""
@@ -242,14 +293,19 @@ class Terms:
         moves = np.ptp(design.q, axis=0) > 1e-3
         return np.flatnonzero(moves & (size > _UNSEEN * size.max()))
 
-    def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray) -> FloatArray:
-        """Return the compliance of joint j under a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs)."""
+    def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray, payload: FloatArray | None) -> FloatArray:
+        """Return the compliance of joint j under a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs).
+
+        Those of the payload (n, 1) [kg] are in proportion to it.
+        """
         frames = self.robot.frames(q)
         joint = frames[:, :-1] @ self.robot.link_before
         mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
         j, k = self._joint_of, self._mass_of
         arm, axis = mass[:, k] - joint[:, :, :3, 3][:, j], joint[:, :, :3, 2][:, j]
         moment = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]  # (z × r)_z, gravity along z of the base
+        if payload is not None:
+            moment[:, self._plain :] *= self._loads(payload)
         return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
 
     def _place(self, q: FloatArray, p: FloatArray) -> FloatArray:
@@ -259,3 +315,19 @@ class Terms:
         if self.residual in ("cartesian", "both"):
             parts.append(p / 1000.0)
         return np.concatenate(parts, axis=1) if parts else np.empty((len(q), 0))
+
+
+def _growing(robot: Robot) -> FloatArray:
+    """Return the twists of growth by 1 per unit of length: of all lengths, then of each, (dof + 1, 6, g) [mm].
+
+    The lengths are those of each link along the axis of the joint before it, and across.
+    """
+    shift = robot.links(np.eye(4))[:, :3, 3]
+    parts = []
+    for k, (x, y, z) in enumerate(shift):
+        for part in ((x, y, 0.0), (0.0, 0.0, z)):
+            if np.linalg.norm(part) > _SHORTEST:
+                twist = np.zeros((len(shift), 6))
+                twist[k, :3] = part
+                parts.append(twist)
+    return np.stack([np.sum(parts, axis=0), *parts], axis=2)

@@ -19,7 +19,7 @@ from truepose.predictors.abilities import Conditional, Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.conditions import CONDITIONS, joined
 from truepose.predictors.outliers import fit_without_gross
-from truepose.predictors.registry import ArmContext, make_predictor, predictor_spec
+from truepose.predictors.registry import ArmContext, conditions_wanted, make_predictor, predictor_spec
 
 FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
 """What a fit may raise where samples do not suffice."""
@@ -79,7 +79,7 @@ class PositionalErrors:
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
         if isinstance(model, Conditional):
-            wanted = predictor_spec(name).defaults.get("conditions", CONDITIONS)
+            wanted = conditions_wanted(name)
             model.set_params(conditions=tuple(one for one in CONDITIONS if one in self.conditions and one in wanted))
         x, e = self.inputs(name, model)[rows], self.e[rows]
         try:

@@ -1,0 +1,227 @@
+"""Conditions of poses from samples to corrected programs: approach, temperature, payload."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truepose import VirtualCell, correct_program, fit_cell, load_map, update_map
+from truepose.errors import DataError
+from truepose.geometry import apply_transform, invert_transform
+from truepose.robots import nearest_branch
+from truepose.samples import Poses, Samples, approach_from_order, check
+
+KRIGING = "kinematic-kriging"
+
+
+def stating(cell, **conditions):
+    return cell.model_copy(update={"conditions": cell.conditions.model_copy(update=conditions)})
+
+
+def left(virtual, error_map, poses, **conditions):
+    """The errors that a map leaves at poses, and the share of components inside their 95 % intervals."""
+    p = apply_transform(invert_transform(virtual.truth.tf_base_tracker), virtual.true_position(poses.q, **conditions))
+    e = error_map.registration.apply(p) - virtual.robot.forward(poses.q, tool=error_map.tf_flange_tool)[:, :3, 3]
+    predicted, std = error_map.predict_errors(poses)
+    miss = predicted - e
+    return np.linalg.norm(miss, axis=1).mean(), np.mean(np.abs(miss) < 1.96 * std)
+
+
+@pytest.fixture(scope="module")
+def reversing():
+    virtual = VirtualCell("backlash", seed=0)
+    return virtual, virtual.measure(virtual.design(80, seed=0), seed=0)
+
+
+@pytest.fixture(scope="module")
+def reversing_map(reversing):
+    virtual, samples = reversing
+    return fit_cell(virtual.cell, samples, KRIGING)
+
+
+def test_a_stated_approach_is_predicted_and_an_unknown_one_is_told(reversing, reversing_map):
+    virtual, _ = reversing
+    q = virtual.design(100, seed=9)
+    signs = np.sign(np.diff(q, axis=0, prepend=[virtual._home]))
+    known, inside = left(virtual, reversing_map, Poses(q=q, approach=signs), approach=signs)
+    unknown, covered = left(virtual, reversing_map, Poses(q=q), approach=signs)
+    assert known < 0.05 < 0.3 < unknown
+    assert inside > 0.85
+    assert covered > 0.9
+
+
+def test_the_approach_from_the_order_of_rows_is_as_good_as_the_stated_one(reversing, reversing_map):
+    virtual, samples = reversing
+    said: list[str] = []
+    error_map = fit_cell(
+        stating(virtual.cell, approach="from-order"), replace(samples, approach=None), KRIGING, progress=said.append
+    )
+    assert "Finding the directions of approach from the order of rows" in said
+    q = virtual.design(50, seed=9)
+    signs = np.sign(np.diff(q, axis=0, prepend=[virtual._home]))
+    poses = Poses(q=q, approach=signs)
+    found, stated = (left(virtual, one, poses, approach=signs)[0] for one in (error_map, reversing_map))
+    assert found < 1.2 * stated
+
+
+def test_the_approach_can_be_left_out(reversing):
+    virtual, samples = reversing
+    assert fit_cell(stating(virtual.cell, approach="none"), samples, KRIGING).predictor.conditions == ()
+    assert fit_cell(virtual.cell, samples, f"{KRIGING}:conditions=none").predictor.conditions == ()
+
+
+def test_a_map_of_conditions_is_read_as_it_was_written(reversing, reversing_map, tmp_path):
+    samples = reversing[1]
+    again = load_map(reversing_map.save(tmp_path / "map.truepose") or tmp_path / "map.truepose")
+    poses = Poses(q=samples.q, approach=samples.approach)
+    for one, other in zip(reversing_map.predict_errors(poses), again.predict_errors(poses), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_samples_without_an_approach_update_a_map_that_knows_it(reversing, reversing_map):
+    virtual, _ = reversing
+    q = virtual.design(20, seed=5)
+    new = replace(virtual.measure(q, seed=5), approach=None)
+    updated = update_map(reversing_map, new)
+    assert updated.samples.approach is not None
+    assert (updated.samples.approach[-len(q) :] == 0).all()
+
+
+def test_approaches_from_one_side_are_no_condition():
+    virtual = VirtualCell("hard", seed=0)
+    assert fit_cell(virtual.cell, virtual.measure(virtual.design(40)), KRIGING).predictor.conditions == ()
+
+
+def program_of(virtual, q, length):
+    """A KRL program that comes to each target straight along its tool axis, from `length` mm away, and both poses."""
+    from scipy.spatial.transform import Rotation
+
+    poses = virtual.robot.forward(q, tool=virtual.tf_flange_tool)
+    starts = poses.copy()
+    starts[:, :3, 3] -= length * poses[:, :3, 2]
+    lines = ["DEF a()", "$TOOL=TOOL_DATA[1]", "$BASE=$NULLFRAME"]
+    for pair in zip(starts, poses, strict=True):
+        for motion, pose in zip(("PTP", "LIN"), pair, strict=True):
+            c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
+            numbers = ",".join(f"{name} {x:.4f}" for name, x in zip("XYZABC", [*pose[:3, 3], *c], strict=True))
+            lines.append(f"{motion} {{{numbers}}}")
+    return "\n".join([*lines, "END", ""]), starts, poses
+
+
+def test_a_straight_motion_tells_the_side_from_which_a_program_comes(reversing, reversing_map, tmp_path):
+    virtual, _ = reversing
+    q = virtual.design(12, seed=7)
+    text, starts, poses = program_of(virtual, q, 60.0)
+    path = tmp_path / "a.src"
+    path.write_text(text)
+    error_map = reversing_map
+    corrected = correct_program(path, error_map, cell=with_tool(virtual), on_guard="skip")
+    near = nearest_branch(virtual.robot.inverse(starts + 0.67 * (poses - starts), tool=virtual.tf_flange_tool), q)
+    signs = np.sign(q - near)
+    outcomes = corrected.targets
+    reached = np.arange(1, len(outcomes.std), 2)
+    p_command = outcomes.after[reached, :3]
+    done = outcomes.corrected[reached]
+    assert done.mean() > 0.6
+    commands = poses.copy()
+    commands[done, :3, 3] = p_command[done]
+    q_command = nearest_branch(virtual.robot.inverse(commands, tool=virtual.tf_flange_tool), q)
+    p = apply_transform(
+        invert_transform(virtual.truth.tf_base_tracker), virtual.true_position(q_command, approach=signs)
+    )
+    miss = np.linalg.norm(error_map.registration.apply(p) - poses[:, :3, 3], axis=1)[done]
+    assert miss.mean() < 0.15
+
+
+def with_tool(virtual):
+    from truepose.cell.sections import FramesSection
+
+    tool = {key: getattr(virtual.cell.tool, key) for key in type(virtual.cell.tool).model_fields if key != "fit"}
+    frames = FramesSection.model_validate({"tools": {1: {k: v for k, v in tool.items() if v is not None}}})
+    return virtual.cell.model_copy(update={"frames": frames})
+
+
+def test_a_stated_temperature_is_predicted_and_an_unknown_one_is_told():
+    virtual = VirtualCell("cold-start", seed=0)
+    samples = virtual.measure(virtual.design(80, seed=0), seed=0)
+    error_map = fit_cell(virtual.cell, samples, KRIGING)
+    q, warm = virtual.design(60, seed=9), np.full(60, virtual.preset.work_s)
+    celsius = 20.0 + virtual.preset.warm_up_kelvin * (1.0 - np.exp(-4.0))
+    known, inside = left(virtual, error_map, Poses(q=q, temperature=np.full(60, celsius)), time=warm)
+    unknown, covered = left(virtual, error_map, Poses(q=q), time=warm)
+    assert known < 0.05 < 0.1 < unknown
+    assert inside > 0.85
+    assert covered > 0.8  # the arm is warmer than it was at any sample
+    stated = fit_cell(stating(virtual.cell, temperature_C=celsius), samples, KRIGING)
+    assert left(virtual, stated, Poses(q=q), time=warm)[0] == pytest.approx(known, rel=0.05)
+
+
+def test_two_payloads_predict_a_third():
+    virtual = VirtualCell("hard", seed=0)
+    q = virtual.design(80, seed=0)
+    samples = virtual.measure(q, seed=0, payload_kg=np.where(np.arange(80) % 2, 120.0, 20.0))
+    error_map = fit_cell(virtual.cell, samples, KRIGING)
+    there = virtual.design(60, seed=9)
+    mean, inside = left(virtual, error_map, Poses(q=there, load=np.full(60, 70.0)), payload_kg=70.0)
+    assert mean < 0.05
+    assert inside > 0.85
+
+
+@pytest.mark.parametrize("predictor", [KRIGING, "ordinary-kriging"])
+def test_another_payload_than_measured_is_uncertain_and_not_corrected(predictor):
+    virtual = VirtualCell("other-payload", seed=0)
+    samples = virtual.measure(virtual.design(60, seed=0), seed=0)
+    error_map = fit_cell(stating(virtual.cell, payload_kg=30.0), samples, predictor)
+    q = virtual.design(40, seed=9)
+    _, inside = left(virtual, error_map, Poses(q=q), payload_kg=30.0)
+    assert inside > 0.9
+    targets = virtual.robot.forward(q, tool=error_map.tf_flange_tool)
+    assert not np.isin(error_map.correct(targets, on_guard="skip").verdict, ["correct", "clip"]).any()
+
+
+def test_a_condition_at_work_that_samples_do_not_state_is_refused():
+    virtual = VirtualCell("paper", seed=0)
+    samples = virtual.measure(virtual.design(20))
+    for name, column in (("temperature_C", "temp_C"), ("payload_kg", "load_kg")):
+        with pytest.raises(DataError, match=f"no column {column}; add it, or take"):
+            fit_cell(stating(virtual.cell, **{name: 25.0}), samples, KRIGING)
+
+
+def samples_of(**conditions):
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (30, 6))
+    return Samples(rng.uniform(500, 1500, (30, 3)), q=q, **{k: v(q) for k, v in conditions.items()})
+
+
+@pytest.mark.parametrize(
+    ("conditions", "part"),
+    [
+        ({"temperature": lambda q: np.full(30, 293.0)}, "temp_C is 293 °C; is it kelvin"),
+        ({"temperature": lambda q: np.full(30, 71.0)}, "temp_C is 71 °C; is it °F"),
+        ({"load": lambda q: np.full(30, -1.0)}, "load_kg is negative"),
+        ({"approach": lambda q: np.full((30, 6), 0.5)}, "approach must be -1, 0 or \\+1"),
+        ({"approach": lambda q: np.ones((30, 4))}, "approach has 4 columns for 6 joints"),
+        ({"approach": lambda q: -np.sign(np.diff(q, axis=0, prepend=q[:1]))}, "opposite to the order of rows"),
+    ],
+)
+def test_conditions_that_cannot_be_are_named(conditions, part):
+    with pytest.raises(DataError, match=part):
+        check(samples_of(**conditions))
+
+
+def test_approaches_of_their_own_ways_are_not_compared_with_the_order():
+    check(samples_of(approach=lambda q: np.ones((30, 6))))
+    check(samples_of(approach=lambda q: np.random.default_rng(1).choice([-1.0, 1.0], (30, 6))))
+
+
+def test_a_time_that_runs_backwards_gives_no_order():
+    samples = samples_of(time=lambda q: np.r_[np.arange(20.0), 5.0 + np.arange(10.0)])
+    with pytest.raises(DataError, match=r"row 20.*time runs backwards; sort the rows"):
+        approach_from_order(samples)
+
+
+def test_a_missing_row_leaves_the_next_approach_unknown():
+    samples = samples_of()
+    signs = approach_from_order(samples[np.delete(np.arange(30), 10)])
+    assert (signs[10] == 0).all()
+    np.testing.assert_array_equal(signs[11:], approach_from_order(samples)[12:])
