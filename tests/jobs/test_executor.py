@@ -22,7 +22,7 @@ from truepose.jobs.executor.identity import differences, identity
 from truepose.numerics import processes
 from truepose.numerics.executor import Executor, Serial, Task
 from truepose.numerics.processes import Processes
-from truepose.programs import FrameTable, read_programs
+from truepose.programs import FrameTable, parallel, read_programs
 from truepose.programs.batch import correct_programs
 from truepose.programs.listing import write_checked
 from truepose.studies.paper import METHODS, run_study
@@ -145,6 +145,16 @@ def test_a_program_that_was_corrected_is_refused_in_all_forms(form, virtual, map
     for name in FORMS:
         with pytest.raises(TrueposeError, match="was corrected already"), form(name) as executor:
             correct_programs(again, error_map, executor=executor, **options)
+
+
+def test_parts_of_a_long_program_are_kept_in_pieces():
+    data = [np.random.default_rng(k).integers(0, 9, 700_000, np.uint8).tobytes() for k in range(6)]
+    spool = parallel._Spool()
+    read = [spool.add(parallel._packed(some)) for some in (data, data[:1], [], data[::-1])]
+    for some, parts in zip((data, data[:1], [], data[::-1]), read, strict=True):
+        pieces = list(parts())
+        assert b"".join(pieces) == b"".join(some)
+        assert max(map(len, pieces)) <= parallel._PIECE
 
 
 def test_cross_validation_is_the_same_in_all_forms(form, virtual):

@@ -152,6 +152,8 @@ _inputs: ReadInputs | None = None  # of a worker process
 def _start(folder: str) -> None:
     global _inputs
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked: Windows
+    # with a method that forks, numba makes a semaphore, which a worker that is ended leaves behind
+    multiprocessing.set_start_method("spawn", force=True)
     become_worker()
     _inputs = ReadInputs(lambda key: (Path(folder) / key).read_bytes())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
@@ -23,12 +23,12 @@ from truepose.programs.core.paths import Continuity
 from truepose.programs.core.program import Program
 from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
-from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, json_pieces, rows
+from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, joined, json_around, rows
 from truepose.programs.whole import Change, CorrectedFiles
 
 
 class RenderedParts(NamedTuple):
-    """Parts of what is written for a program, each as a function that returns its bytes.
+    """Parts of what is written for a program, each as a function that returns its bytes piece by piece.
 
     Attributes
     ----------
@@ -38,9 +38,9 @@ class RenderedParts(NamedTuple):
         The targets of the records.
     """
 
-    files: Mapping[Path, Callable[[], bytes]]
-    json_rows: Callable[[], bytes]
-    csv_rows: Callable[[], bytes]
+    files: Mapping[Path, Callable[[], Iterable[bytes]]]
+    json_rows: Callable[[], Iterable[bytes]]
+    csv_rows: Callable[[], Iterable[bytes]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,7 +98,7 @@ class CorrectedProgram:
     def content(self, source: Source) -> Iterator[bytes]:
         """Yield a corrected file, piece by piece."""
         if self.rendered is not None and source.path in self.rendered.files:
-            yield self.rendered.files[source.path]()
+            yield from self.rendered.files[source.path]()
             return
         yield from source.stored(self._text(source))
 
@@ -157,25 +157,22 @@ class CorrectedProgram:
     def write_records(self, json_file: BinaryIO, csv_file: BinaryIO) -> None:
         """Write both records, some thousand targets at a time; the JSON has one line per target."""
         csv_file.write(encoded(head_csv(self.targets)))
+        if self.rendered is None:
+            targets = self.json_rows(csv_file.write)
+        else:
+            csv_file.writelines(self.rendered.csv_rows())
+            targets = iter(self.rendered.json_rows())
+        json_file.writelines(json_around(self.head(), targets))
+
+    def json_rows(self, take_csv: Callable[[bytes], Any]) -> Iterator[bytes]:
+        """Yield the targets of the record in JSON, some thousand at a time; hand each piece in CSV to a function."""
 
         def lines() -> Iterator[list[str]]:
             for some, cells in rows(self.targets, self.continuity):
-                csv_file.write(encoded("".join(cells)))
+                take_csv(encoded("".join(cells)))
                 yield some
 
-        def rendered() -> Iterator[list[str]]:
-            assert self.rendered is not None
-            csv_file.write(self.rendered.csv_rows())
-            if text := self.rendered.json_rows().decode():
-                yield [text]
-
-        json_file.writelines(json_pieces(self.head(), lines() if self.rendered is None else rendered()))
-
-    def rendered_rows(self) -> tuple[bytes, bytes]:
-        """Return the targets of both records, JSON and CSV."""
-        parts = list(rows(self.targets, self.continuity))
-        json_rows = ",\n".join(line for lines, _ in parts for line in lines)
-        return encoded(json_rows), encoded("".join(cell for _, cells in parts for cell in cells))
+        return joined(lines())
 
     def to_csv(self) -> str:
         """Return the targets as CSV, units in the names."""

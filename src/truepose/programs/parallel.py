@@ -12,7 +12,7 @@ import io
 import pickle
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,10 +26,11 @@ from truepose.numerics.executor import Executor, Inputs, Task
 from truepose.programs.core.program import Program
 from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram, RenderedParts
-from truepose.programs.proof import proven_hashes
+from truepose.programs.proof import proven_hashes, sha256_of
 from truepose.programs.record import check_not_corrected
 
 _LEVEL: Final = 1  # of compression: records shrink to a fifth
+_PIECE: Final = 2**20  # bytes that are decompressed at once
 Outcome = CorrectedProgram | TrueposeError
 
 
@@ -115,9 +116,10 @@ def correct_task(inputs: Inputs, task: Task) -> _Sent | TrueposeError:
         except (TrueposeError, OSError):  # files that only the process that asked has
             pass
         else:
-            files = {s.path: _packed(b"".join(one.content(s))) for s in program.sources}
-    json_rows, csv_rows = one.rendered_rows()
-    return _Sent(_without(program, one), files, _packed(json_rows), _packed(csv_rows))
+            files = {s.path: _packed(one.content(s)) for s in program.sources}
+    csv_rows = _Packed()
+    json_rows = _packed(one.json_rows(csv_rows.add))
+    return _Sent(_without(program, one), files, json_rows, csv_rows.end())
 
 
 def _tried(program: Program, error_map: ErrorMap, cell: Cell | None, settings: Mapping[str, Any]) -> Outcome:
@@ -149,14 +151,39 @@ def _received(program: Program, sent: _Sent, spool: _Spool) -> Outcome:
         except TrueposeError as error:
             return error
     for path, data in sent.files.items():
-        if hashlib.sha256(zlib.decompress(data)).hexdigest() != one.hashes[path]:
+        if sha256_of(_unpacked([data])) != one.hashes[path]:
             return FileError(path, "the corrected file did not arrive whole; run again")
     files = {path: spool.add(data) for path, data in sent.files.items()}
     return replace(one, rendered=RenderedParts(files, spool.add(sent.json_rows), spool.add(sent.csv_rows)))
 
 
-def _packed(data: bytes) -> bytes:
-    return zlib.compress(data, _LEVEL)
+class _Packed:
+    """Bytes that are compressed as they come."""
+
+    def __init__(self) -> None:
+        self._pack, self._parts = zlib.compressobj(_LEVEL), list[bytes]()
+
+    def add(self, data: bytes) -> None:
+        self._parts.append(self._pack.compress(data))
+
+    def end(self) -> bytes:
+        return b"".join([*self._parts, self._pack.flush()])
+
+
+def _packed(pieces: Iterable[bytes]) -> bytes:
+    packed = _Packed()
+    for piece in pieces:
+        packed.add(piece)
+    return packed.end()
+
+
+def _unpacked(parts: Iterable[bytes]) -> Iterator[bytes]:
+    unpack = zlib.decompressobj()
+    for part in parts:
+        while part:
+            yield unpack.decompress(part, _PIECE)
+            part = unpack.unconsumed_tail
+    yield unpack.flush()
 
 
 class _Spool:
@@ -165,14 +192,18 @@ class _Spool:
     def __init__(self) -> None:
         self._file: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the last part that refers to it
 
-    def add(self, data: bytes) -> Callable[[], bytes]:
+    def add(self, data: bytes) -> Callable[[], Iterator[bytes]]:
         start = self._file.seek(0, io.SEEK_END)
         self._file.write(data)
         return partial(self._read, start, len(data))
 
-    def _read(self, start: int, size: int) -> bytes:
-        self._file.seek(start)
-        return zlib.decompress(self._file.read(size))
+    def _read(self, start: int, size: int) -> Iterator[bytes]:
+        return _unpacked(self._parts(start, start + size))
+
+    def _parts(self, start: int, end: int) -> Iterator[bytes]:
+        for place in range(start, end, _PIECE):
+            self._file.seek(place)
+            yield self._file.read(min(_PIECE, end - place))
 
 
 def _parts(program: Program) -> list[Any]:

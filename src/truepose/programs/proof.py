@@ -44,10 +44,11 @@ def proven_hashes(outcomes: Outcomes, resolution: float) -> dict[Path, str]:
     program = outcomes.program
     contents = {source.path: _corrected(source, outcomes, resolution) for source in program.sources}
     prove_meaning(outcomes, contents)
-    return {source.path: _hash(source.stored([contents[source.path]])) for source in program.sources}
+    return {source.path: sha256_of(source.stored([contents[source.path]])) for source in program.sources}
 
 
-def _hash(pieces: Iterable[bytes]) -> str:
+def sha256_of(pieces: Iterable[bytes]) -> str:
+    """Return the SHA-256 of bytes that come in pieces."""
     total = hashlib.sha256()
     for piece in pieces:
         total.update(piece)

@@ -64,14 +64,24 @@ def _joint_columns(outcomes: Outcomes) -> list[str]:
 
 
 def json_pieces(head: dict[str, Any], lines: Iterable[list[str]]) -> Iterator[bytes]:
-    """Yield a head and targets as JSON with one line per target, some thousand targets at a time."""
+    """Return a head and targets as JSON with one line per target, some thousand targets at a time."""
+    return json_around(head, joined(lines))
+
+
+def json_around(head: dict[str, Any], targets: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield a head and targets, which are JSON already, as `json_pieces` does."""
     text = json.dumps(head, indent=1, ensure_ascii=False)
     yield encoded(text.removesuffix("\n}") + f",\n{TARGETS}\n")
+    yield from targets
+    yield b"\n ]\n}\n"
+
+
+def joined(lines: Iterable[list[str]]) -> Iterator[bytes]:
+    """Yield the targets of a record from their lines."""
     between = ""
     for some in lines:
         yield encoded(between + ",\n".join(some))
         between = ",\n"
-    yield b"\n ]\n}\n"
 
 
 def encoded(text: str) -> bytes:
