@@ -1,5 +1,7 @@
 """A server with users in the browser: log-in, and the page of the administrator."""
 
+# ruff: noqa: E402 - what the imports need is looked for first
+
 from __future__ import annotations
 
 import re
@@ -11,8 +13,9 @@ from typing import Any
 
 import pytest
 from tests.browser.opening import Browser, Opened, Server
+from tests.needs import needed
 
-pytest.importorskip("alembic", reason="a server with users needs: pip install 'truepose[store]'")
+needed("alembic", "'truepose[store]'")
 
 from tests.web.people import PASSWORD, add_people
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.needs import needed
 
 _ROOT = Path(__file__).parents[2]
 _WAIT_S = 120.0
@@ -69,14 +69,8 @@ def local_cluster(folder: Path, workers: int) -> Iterator[LocalCluster]:
 
 
 def need_distributed() -> Any:
-    """Return the package distributed; skip the tests that need it where it is not installed."""
-    try:
-        import distributed
-    except ModuleNotFoundError:
-        if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
-            raise
-        pytest.skip("tests of clusters need distributed: pip install 'truepose[scale]'", allow_module_level=True)
-    return distributed
+    """Return the package distributed; skip the tests that need it, or fail them, where it is not installed."""
+    return needed("distributed", "'truepose[scale]'")
 
 
 def wait_for_workers(address: str, count: int, security: Any = None) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from tests.jobs.clusters import LocalCluster, need_distributed, wait_for_workers
 from tests.jobs.executor_tasks import counted, full_disk, held_back, random_product, slow
+from tests.needs import needed
 
 import truepose as tp
 from truepose.errors import DataError, TrueposeError
@@ -179,7 +180,7 @@ def test_a_study_is_the_same_in_all_forms(form, monkeypatch):
 
 
 def test_a_cluster_with_tls_wants_certificates(tmp_path, monkeypatch):
-    pytest.importorskip("cryptography", reason="pip install cryptography")
+    needed("cryptography", "cryptography")
     made = distributed.Security.temporary()
     files = {"ca": made.tls_ca_file, "cert": made.tls_client_cert, "key": made.tls_client_key}
     for name, text in files.items():

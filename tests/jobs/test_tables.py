@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from tests.needs import needed
 
 import truepose as tp
 from truepose.cli import maps
@@ -20,7 +21,7 @@ from truepose.numerics import processes
 from truepose.samples import write_samples
 from truepose.samples.parquet import ParquetTable
 
-pyarrow = pytest.importorskip("pyarrow", reason="pip install 'truepose[scale]'")
+pyarrow = needed("pyarrow", "'truepose[scale]'")
 
 
 @pytest.fixture

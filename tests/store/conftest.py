@@ -4,23 +4,22 @@
 one. ``TRUEPOSE_STORE_TESTS=require`` makes it a failure that there is neither.
 """
 
+# ruff: noqa: E402 - what the imports need is looked for first
+
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.needs import needed
 
-pytest.importorskip("alembic", reason="the store needs: pip install 'truepose[store]'")
+needed("alembic", "'truepose[store]'")
 
 import sqlalchemy as sa
+from tests.store.servers import OwnServer
 
 from truepose.store.store import Store
 
@@ -34,38 +33,8 @@ def postgres() -> Iterator[sa.URL]:
     if given := os.environ.get("TRUEPOSE_POSTGRES_URL"):
         yield sa.make_url(given).set(drivername="postgresql+psycopg")
         return
-    try:
-        import pgserver  # noqa: F401
-        import psycopg  # noqa: F401
-    except ImportError as error:
-        missing(f"no {error.name}: pip install pgserver 'truepose[postgres]', or set TRUEPOSE_POSTGRES_URL")
-    # not in pytest's folder, which another run closes for the user that root's server runs as
-    folder = Path(tempfile.mkdtemp(prefix="truepose-postgres-"))
-    server = started(folder / "data")
-    server.psql("ALTER SYSTEM SET fsync = off")  # the server itself is never killed here
-    server.psql("SELECT pg_reload_conf()")
-    try:
-        yield sa.make_url(server.get_uri()).set(drivername="postgresql+psycopg")
-    finally:
-        server.cleanup()
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def started(folder: Path) -> Any:
-    """Start a server; it waits 10 s only, which a busy machine may exceed."""
-    import pgserver
-
-    for _ in range(10):
-        with contextlib.suppress(subprocess.SubprocessError):
-            return pgserver.get_server(folder, cleanup_mode="delete")
-    return pgserver.get_server(folder, cleanup_mode="delete")
-
-
-def missing(why: str) -> None:
-    """Skip a test that needs a server, or fail it where it must run."""
-    if os.environ.get("TRUEPOSE_STORE_TESTS") == "require":
-        pytest.fail(why)
-    pytest.skip(why)
+    with OwnServer() as server:
+        yield server.url
 
 
 class Databases:

@@ -10,6 +10,7 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from tests.needs import needed
 
 from truepose.errors import DataError, StoreError
 from truepose.store import audit, schema
@@ -154,7 +155,7 @@ def test_addresses_of_no_store_are_refused(bad: str) -> None:
 
 
 def test_a_server_that_cannot_be_reached_is_named_without_its_password(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg")
+    needed("psycopg", "'truepose[postgres]'")
     with pytest.raises(StoreError, match="cannot be reached") as caught:
         Store.open(f"postgresql://me:secret@/d?host={tmp_path}")
     assert "secret" not in str(caught.value)

@@ -1,5 +1,7 @@
 """Maps of the store in the browser: jobs that act as users, four eyes, withdrawal, recall, audit trail and drift."""
 
+# ruff: noqa: E402 - what the imports need is looked for first
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -8,8 +10,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from tests.needs import needed
 
-pytest.importorskip("alembic", reason="a server with users needs: pip install 'truepose[store]'")
+needed("alembic", "'truepose[store]'")
 
 from tests.web.conftest import ended
 from tests.web.people import PASSWORD, browsers

@@ -1,5 +1,7 @@
 """A server with users: log-in, sessions, roles, and what ends them."""
 
+# ruff: noqa: E402 - what the imports need is looked for first
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -8,8 +10,9 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from tests.needs import needed
 
-pytest.importorskip("alembic", reason="a server with users needs: pip install 'truepose[store]'")
+needed("alembic", "'truepose[store]'")
 
 from tests.web.people import PASSWORD, browsers, enter
 
