@@ -349,6 +349,8 @@ def correct(
         check_names(corrected, in_place=in_place)
         written: list[Path] = []
         if corrected and not dry_run:
+            if record is not None and row is not None:
+                record.check_map(row, released_only=released_only)
             how = {"force": force, "workbook": xlsx}
             written = batch.write_in_place(**how) if in_place else batch.write(out, whole=whole, **how)
             if record is not None:

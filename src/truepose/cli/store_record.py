@@ -1,7 +1,8 @@
 """The option ``--store`` of commands that make files: what they make is recorded in a store, too.
 
-The log-in and the right are checked before any work, so a command that may not record does nothing. The files are
-written first. If the store is lost after that, they stay, and the command fails with the one that takes them in later.
+The log-in and the right are checked before any work, and again before files are written, so a command that may not
+record or has lost the store writes nothing. The files are written first. If the store is lost after that, they stay,
+and the command fails with a message that names how to record them later.
 """
 
 from __future__ import annotations
@@ -60,13 +61,37 @@ class Recorder:
     address: str
     action: Action
 
-    def record(self, files: Sequence[Path], write: Callable[[Change], Any]) -> None:
+    def check(self) -> None:
+        """Check the store and the right to record again, before files are written.
+
+        Raises
+        ------
+        RefusedError
+            If the user may not record any more.
+        StoreError
+            If the store was lost.
+        """
+        from truepose.store.access import check
+
+        with self.store.reading() as connection:
+            check(connection, self.by, self.action)
+
+    def record(self, files: Sequence[Path], write: Callable[[Change], Any], *, remedy: str | None = None) -> None:
         """Write rows about files that have been written.
+
+        Parameters
+        ----------
+        files : sequence of Path
+            The files.
+        write : callable
+            Writes the rows.
+        remedy : str, optional
+            How the files are recorded later; by default the command that takes them in.
 
         Raises
         ------
         StoreError
-            If the store refuses or is lost; the files stay, and the message names the command that takes them in.
+            If the store refuses or is lost; the files stay, and the message names the remedy.
         """
         from truepose.store.access import changing
 
@@ -78,10 +103,17 @@ class Recorder:
                 raise
             more = f" and {len(files) - 1} more" if len(files) > 1 else ""
             place = files[0] if len(files) == 1 else _common(files)
-            raise StoreError(
-                f"{error}; {files[0]}{more} {'are' if more else 'is'} written, but the store has no row of it: "
-                f"take it in with 'truepose store import {place} --store {self.address}'"
-            ) from error
+            later = remedy or f"take it in with 'truepose store import {place} --store {self._shown}'"
+            written = f"{files[0]}{more} {'are' if more else 'is'} written, but the store has no row of it"
+            raise StoreError(f"{error}; {written}: {later}") from error
+
+    @property
+    def _shown(self) -> str:
+        """The address for messages: as it was given, but without a password."""
+        import sqlalchemy as sa
+
+        url = "://" in self.address
+        return sa.make_url(self.address).render_as_string(hide_password=True) if url else self.address
 
     def map_row(self, named: Path, sha256: str | None = None) -> dict[str, Any]:
         """Return the row of a map by its hash, or by a name or part of a hash."""
@@ -94,8 +126,17 @@ class Recorder:
             except DataError:
                 if sha256 is None:
                     raise
-                remedy = f"add it with 'truepose store import {named} --store {self.address}'"
+                remedy = f"add it with 'truepose store import {named} --store {self._shown}'"
                 raise RefusedError(f"{named}: this map is not in the store; {remedy}") from None
+
+    def check_map(self, row: Mapping[str, Any], *, released_only: bool = False) -> None:
+        """Check the store, the right, and the state of a map again, before what it corrected is written."""
+        from truepose.store.access import viewing
+        from truepose.store.releases import check_usable, find_map
+
+        self.check()
+        with viewing(self.store, self.by) as connection:
+            check_usable(find_map(connection, row["sha256"]), released_only=released_only)
 
     def load_map(self, named: Path) -> tuple[ErrorMap, dict[str, Any]]:
         """Return a map that a file holds, or that the store has under a name or hash, with its row."""
@@ -147,12 +188,9 @@ def recorder(address: str | None, action: Action) -> Iterator[Recorder | None]:
         yield None
         return
     with opened(address) as store:
-        from truepose.store.access import check
-
-        by = identify(store)
-        with store.reading() as connection:
-            check(connection, by, action)
-        yield Recorder(store, by, address, action)
+        made = Recorder(store, identify(store), address, action)
+        made.check()
+        yield made
 
 
 def record_samples(
@@ -201,6 +239,7 @@ def record_update(
 
 def record_corrections(to: Recorder, corrected: Sequence[CorrectedProgram], written: Sequence[Path]) -> None:
     """Record corrected programs by the records that were written."""
+    from truepose.programs.corrected import ORIGINAL
     from truepose.programs.record import SUFFIX, head_of
     from truepose.store.recording import add_corrections
 
@@ -212,7 +251,8 @@ def record_corrections(to: Recorder, corrected: Sequence[CorrectedProgram], writ
         for path in (path for path in written if path.name.endswith(SUFFIX)):
             add_corrections(change, path.read_bytes(), head_of(path), known.get)
 
-    to.record(written, write)
+    in_place = any(path.suffix == ORIGINAL for path in written)  # their originals lie beside them
+    to.record(written, write, remedy=None if in_place else "run the same command again with --force")
 
 
 def record_verification(to: Recorder, found: ProgramVerification, data: bytes, program: Path, out: Path | None) -> None:

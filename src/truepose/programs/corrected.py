@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 from truepose._io import files
 from truepose._io.workbook import to_workbook
@@ -25,6 +25,9 @@ from truepose.programs.core.source import Source, unified_diff
 from truepose.programs.leftovers import remember_written
 from truepose.programs.record import FORMAT, SCHEMA, SUFFIX, encoded, head_csv, joined, json_around, rows
 from truepose.programs.whole import Change, CorrectedFiles
+
+ORIGINAL: Final = ".original"
+"""The ending that the kept original of a program corrected in place gets."""
 
 
 class RenderedParts(NamedTuple):
@@ -283,7 +286,7 @@ def write_in_place(corrected: Sequence[CorrectedProgram], *, force: bool = False
 
 
 def _original(path: Path) -> Path:
-    return path.with_name(path.name + ".original")
+    return path.with_name(path.name + ORIGINAL)
 
 
 def write(

@@ -124,5 +124,6 @@ class PostgresqlBackend:
         if isinstance(error, sa.exc.DBAPIError) and (error.connection_invalidated or code[:2] in ("57", "08")):
             return "the connection to the store was lost; an unfinished change was not stored, try again"
         if isinstance(error, sa.exc.OperationalError) and not code:
-            return f"cannot be reached ({first_line(error)}); check the address, and that the server runs"
+            remedy = "check the address, and that the server runs; then try again"
+            return f"cannot be reached ({first_line(error)}); {remedy}"
         return f"{first_line(error)}; nothing was stored"
