@@ -27,6 +27,18 @@ ENGINES = ("sqlite", "postgresql")
 _NUMBERS = itertools.count()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that reach a PostgreSQL server, whether by a fixture or by a parameter."""
+    for item in items:
+        if isinstance(item, pytest.Function) and _reaches_postgresql(item):
+            item.add_marker("postgresql")
+
+
+def _reaches_postgresql(item: pytest.Function) -> bool:
+    values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    return "postgres" in item.fixturenames or any(str(value).startswith("postgresql") for value in values)
+
+
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[sa.URL]:
     """The address of a PostgreSQL server."""
