@@ -14,7 +14,7 @@ from typing import Any
 FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "validation"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-NO_TOPICS = {"harness", "held_out", "pages", "plain", "trust_cells", "__main__"}
+NO_TOPICS = {"harness", "held_out", "pages", "plain", "scale_commands", "trust_cells", "__main__"}
 WITH_THREADS = ("frozen", "growth", "kriging", "similarity")
 """Topics that use all cores, as their peers do; the others are compared in one thread."""
 
