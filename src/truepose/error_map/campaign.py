@@ -66,6 +66,11 @@ class CampaignCheck:
     def __repr__(self) -> str:
         return f"<CampaignCheck of {self.tested} samples: {'; '.join(self.words) or 'no faults'}>"
 
+    @property
+    def drifts(self) -> bool:
+        """Whether a drift was found, or is suspected."""
+        return self.suspected_drift > 0.0 or any(change.kind == "drift" for change in self.changes)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain values, as in a map file."""
         faults = [

@@ -39,11 +39,11 @@ def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
     return {name: values for name, values in given.items() if values is not None}
 
 
-def conditions_told(samples: Samples, cell: Cell) -> dict[str, FloatArray]:
+def conditions_told(samples: Samples, cell: Cell, *, drifting: bool = False) -> dict[str, FloatArray]:
     """Return the conditions that a model of the samples has to know.
 
     Approaches of at least one joint from both sides; temperatures and payloads that differ among the samples, or from
-    those at work.
+    those at work; times, where the readings drift.
 
     Raises
     ------
@@ -67,6 +67,8 @@ def conditions_told(samples: Samples, cell: Cell) -> dict[str, FloatArray]:
             least = _KELVIN if name == "temperature" else _LOAD * every.max()
             if np.ptp(every) <= least:
                 del known[name]
+    if drifting and samples.time is not None:
+        known["time"] = samples.time
     return known
 
 
@@ -76,15 +78,20 @@ def work_of(cell: Cell) -> dict[str, float]:
     return {name: value for name, value in stated.items() if value is not None}
 
 
-def with_conditions(x: FloatArray, predictor: Predictor, poses: Poses, cell: Cell) -> FloatArray:
-    """Return coordinates of poses (n, d) with the conditions that a predictor uses; NaN where poses state none."""
+def with_conditions(
+    x: FloatArray, predictor: Predictor, poses: Poses, cell: Cell, *, time: FloatArray | None = None
+) -> FloatArray:
+    """Return coordinates of poses (n, d) with the conditions that a predictor uses; NaN where poses state none.
+
+    `time` (n,) [s] is that of the samples of the fit: no other poses are on their clock.
+    """
     used = predictor.conditions if isinstance(predictor, Conditional) else ()
-    return joined(x, used, conditions_of(poses, cell)) if used else x
+    return joined(x, used, {**conditions_of(poses, cell), "time": time}) if used else x
 
 
-def knows_approach(predictor: Predictor) -> bool:
-    """Return whether the predictions depend on the direction of approach."""
-    return isinstance(predictor, Conditional) and "approach" in predictor.conditions
+def knows(predictor: Predictor, condition: str) -> bool:
+    """Return whether a predictor has a condition in its input."""
+    return isinstance(predictor, Conditional) and condition in predictor.conditions
 
 
 def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray) -> float:

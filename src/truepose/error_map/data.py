@@ -16,7 +16,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck, check_arm
-from truepose.error_map.conditions import with_conditions
+from truepose.error_map.conditions import knows, with_conditions
 from truepose.error_map.registration import check_limits, reading_noise
 from truepose.error_map.selection import CellSamples
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
@@ -164,7 +164,8 @@ class MapData:
     @property
     def fitted_inputs(self) -> FloatArray:
         """The predictor's `inputs` of the samples, at the point where they were measured."""
-        return with_conditions(self._in_space(self.samples, self.p_cmd), self.predictor, self.samples, self.cell)
+        x, samples = self._in_space(self.samples, self.p_cmd), self.samples
+        return with_conditions(x, self.predictor, samples, self.cell, time=samples.time)
 
     def _in_space(self, poses: Poses, p_cmd: FloatArray) -> FloatArray:
         if self.space == "cartesian":
@@ -205,7 +206,8 @@ class MapData:
 
     def _without(self, block: IntArray) -> LeftOut:
         """Return what is left of the samples' errors without their blocks, see `LeftOut`."""
-        measured = CellSamples(self.cell, self.robot, self.samples, accepted=True)
+        drifting = knows(self.predictor, "time")
+        measured = CellSamples(self.cell, self.robot, self.samples, accepted=True, drifting=drifting)
         found = LeftOut(np.empty_like(self.e), np.empty_like(self.e))
         for k in np.unique(block):
             out, known = np.flatnonzero(block == k), np.flatnonzero(block != k)

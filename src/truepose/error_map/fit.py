@@ -21,6 +21,7 @@ from truepose.geometry import Registration
 from truepose.numerics.executor import Executor
 from truepose.predictors import Choice, rank_predictors
 from truepose.predictors.abilities import Conditional, OutlierWeighing
+from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.registry import conditions_wanted, for_many
 from truepose.samples import Samples, approach_from_order
 
@@ -90,16 +91,14 @@ def fit_cell(
     registration, tf_flange_tool = measured.register()
     progress("Testing for a moved tracker, a scale error and a drift")
 
-    def checked(expansion: bool) -> CampaignCheck:
-        found = check_campaign(cell, measured.robot, samples, registration, tf_flange_tool, expansion=expansion)
-        if not accept_campaign:
-            with wrong_tool_named(cell, measured.robot, samples):
-                found.refuse(samples.source)
-        return found
-
-    told = () if samples.q is None else conditions_told(samples, cell)
-    modelled = "temperature" in told and (predictor == "auto" or "temperature" in conditions_wanted(predictor))
-    campaign = checked(modelled)
+    told = () if samples.q is None else conditions_told(samples, cell, drifting=True)
+    wanted = CONDITIONS if predictor == "auto" else conditions_wanted(predictor)
+    known = {name for name in told if name in wanted}
+    campaign = check_campaign(
+        cell, measured.robot, samples, registration, tf_flange_tool, expansion="temperature" in known
+    )
+    measured = replace(measured, drifting="time" in known and campaign.drifts)
+    _refuse(campaign, measured, known, accept_campaign)
     with points_named(samples):
         if predictor == "auto":
             progress("Cross-validation of the candidates")
@@ -118,8 +117,12 @@ def fit_cell(
             progress(f"Fitting {predictor}")
             errors = measured.errors(registration, tf_flange_tool)
             choice = Choice([], {}, predictor, *errors.fit(predictor), errors)
-    if modelled and not (isinstance(choice.predictor, Conditional) and "temperature" in choice.predictor.conditions):
-        campaign = checked(False)
+    if predictor == "auto":
+        known = set(choice.predictor.conditions if isinstance(choice.predictor, Conditional) else ())
+        campaign = check_campaign(
+            cell, measured.robot, samples, registration, tf_flange_tool, expansion="temperature" in known
+        )
+        _refuse(campaign, measured, known, accept_campaign)
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,
@@ -136,6 +139,13 @@ def fit_cell(
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)
+
+
+def _refuse(campaign: CampaignCheck, measured: CellSamples, known: set[str], accepted: bool) -> None:
+    """Raise an error for faults of a campaign that neither the predictor knows nor the user accepts."""
+    if not accepted:
+        with wrong_tool_named(measured.cell, measured.robot, measured.samples):
+            campaign.refuse(measured.samples.source, ("drift",) if "time" in known else ())
 
 
 def _for_many(predictor: str, n: int) -> str:

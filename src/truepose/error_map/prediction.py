@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
-from truepose.error_map.conditions import knows_approach, not_modelled, with_conditions
+from truepose.error_map.conditions import knows, not_modelled, with_conditions
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -96,12 +96,13 @@ class PredictingMap(MapData):
         where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
         by its standard error: near the repeatability, the difference is mostly that error. A drift that the tests of
         the campaign found or suspect is added, also below their limit, and twice: it goes on after the campaign, as it
-        does for an arm that warmed up during the measurement. So is the effect of conditions at work that the
-        predictor does not know.
+        does for an arm that warmed up during the measurement; not so where the predictor knows the times. The effect of
+        conditions at work that the predictor does not know is added, too.
         """
         faults = self.campaign.get("faults", [])
         sizes = [fault["size"] for fault in faults if fault["kind"] in ("drift", "moved")]
-        drift = sum((2.0 * size) ** 2 for size in (*sizes, self.campaign.get("suspected_drift_mm", 0.0))) / 3.0
+        sizes.append(self.campaign.get("suspected_drift_mm", 0.0))
+        drift = 0.0 if knows(self.predictor, "time") else sum((2.0 * size) ** 2 for size in sizes) / 3.0
         nugget, known = self._nugget_and_known
         return np.asarray(nugget - known + drift + not_modelled(self.predictor, self.samples, self.cell, self.p_cmd))
 
@@ -206,7 +207,7 @@ class PredictingMap(MapData):
     @property
     def knows_approach(self) -> bool:
         """Whether predictions depend on the direction in which the joints come to a configuration."""
-        return knows_approach(self.predictor)
+        return knows(self.predictor, "approach")
 
     def condition_columns(self, n: int, approach: FloatArray | None) -> FloatArray:
         """Return the columns that follow the joints of n targets in `inputs`, (n, c): approach, and what work states.

@@ -38,12 +38,15 @@ class CellSamples:
         The samples.
     accepted : bool
         Whether `check_samples` has accepted them before, as those of a map.
+    drifting : bool
+        Whether the readings drift, so that a predictor has to know the times.
     """
 
     cell: Cell
     robot: Robot
     samples: Samples
     accepted: bool = False
+    drifting: bool = False
 
     def register(self, rows: Rows = slice(None)) -> tuple[Registration, FloatArray]:
         """Return the registration with some rows, and the tool (4, 4) [mm] found with it or as stated."""
@@ -82,7 +85,7 @@ class CellSamples:
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
             arm_of(self.cell, self.robot, tf_flange_tool),
-            {} if samples.q is None else conditions_told(samples, self.cell),
+            {} if samples.q is None else conditions_told(samples, self.cell, drifting=self.drifting),
         )
 
 

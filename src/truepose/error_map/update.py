@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
+from truepose.error_map.conditions import knows
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import points_named
 from truepose.errors import DataError
@@ -199,6 +200,11 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
         ),
     )
     new = error_map.reading_noise(samples)
+    if knows(joined.predictor, "time"):
+        raise DataError(
+            f"{samples.source}: the station drifted while the map's samples were measured, and new samples are on "
+            "another clock; fit the map again with all samples"
+        )
     if isinstance(joined.predictor, Updatable):
         joined.predictor.update(error_map.inputs(samples), e, new)
         return joined

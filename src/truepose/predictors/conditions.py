@@ -8,20 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 
-CONDITIONS: Final = ("approach", "temperature", "payload")
+CONDITIONS: Final = ("approach", "temperature", "payload", "time")
 """The names of the conditions.
 
-``approach``, the sign of each joint's last motion (n, dof); ``temperature`` [°C] and ``payload`` [kg], (n,).
+``approach``, the sign of each joint's last motion (n, dof); ``temperature`` [°C], ``payload`` [kg] and ``time`` [s],
+(n,). The time is that of the samples alone, for a station that moves slowly while they are measured: predictions are
+for its mean station.
 """
 
 _LEAST_RANGE: Final = 2.0  # K
+_SAMPLES_PER_STEP: Final = 8  # of the station's walk
+_MOST_STEPS: Final = 12
 
 
 def width(condition: str, dof: int) -> int:
@@ -80,17 +84,22 @@ class Usual:
         least 2 K, because an arm that warmed up during the measurement goes on to do so.
     payload, largest_payload : float [kg]
         The mean and the largest of the samples' payloads.
+    times, passed : tuple of float [s], [1]
+        The times between which the station moves evenly, quantiles of the samples' times; and the mean share of each
+        step of its walk that samples have passed.
     """
 
     temperature: float = 20.0
     temperature_std: float = 0.0
     payload: float = 0.0
     largest_payload: float = 1.0
+    times: tuple[float, ...] = (0.0, 1.0)
+    passed: tuple[float, ...] = (0.0,)
 
     @classmethod
     def of(cls, X: FloatArray, names: Sequence[str], dof: int) -> Self:
         """Return the usual conditions of samples (n, d)."""
-        found: dict[str, float] = {}
+        found: dict[str, Any] = {}
         given = separated(X, names, dof)[1]
         if "temperature" in given and np.isfinite(given["temperature"]).any():
             found["temperature"] = float(np.nanmean(given["temperature"]))
@@ -99,4 +108,16 @@ class Usual:
         if "payload" in given and np.isfinite(given["payload"]).any():
             found["payload"] = float(np.nanmean(given["payload"]))
             found["largest_payload"] = max(float(np.nanmax(given["payload"])), 1.0)
+        if "time" in given and np.ptp(known := given["time"][np.isfinite(given["time"])]) > 0.0:
+            steps = int(np.clip(len(known) // _SAMPLES_PER_STEP, 1, _MOST_STEPS))
+            found["times"] = tuple(np.unique(np.quantile(known, np.linspace(0.0, 1.0, steps + 1))).tolist())
+            found["passed"] = tuple(_shares(known, found["times"]).mean(axis=0).tolist())
         return cls(**found)
+
+    def walked(self, time: FloatArray) -> FloatArray:
+        """Return the share of each step of the station's walk at times (n,) [s], less the mean; 0 where not known."""
+        return np.where(np.isnan(time)[:, None], 0.0, _shares(time, self.times) - self.passed)
+
+
+def _shares(time: FloatArray, times: Sequence[float]) -> FloatArray:
+    return np.asarray(np.clip((time[:, None] - np.array(times[:-1])) / np.diff(times), 0.0, 1.0))

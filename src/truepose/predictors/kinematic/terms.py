@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,16 +21,16 @@ from truepose.robots.jacobian import Outputs, columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, BACKLASH, EXPANSION = 0, 1, 2, 3, 4
-GROUPS: Final = ("registration", "geometry", "compliance", "backlash", "expansion")
+REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION = range(6)
+GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion")
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
-_STATION_STD: Final = {"mm": 30.0, "rad": 0.03}
-_TOOL_STD: Final = 30.0  # mm
+_REGISTRATION: Final = {"base": {"mm": 30.0, "rad": 0.03}, "tool": {"mm": 30.0}}  # no rotation of the tool
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
+_WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
 _SHORTEST: Final = 1.0  # mm, of a length that grows
 _USUAL: Final = Usual()
@@ -78,6 +78,15 @@ def take(design: Design, rows: slice | IntArray) -> Design:
 def parts(design: Design, size: int) -> list[Design]:
     """Return the design in parts of at most `size` configurations."""
     return [take(design, slice(start, start + size)) for start in range(0, len(design.q), size)]
+
+
+class _Column(NamedTuple):
+    """A drift column."""
+
+    group: int
+    name: str
+    unit: str
+    prior_std: float
 
 
 class Terms:
@@ -135,43 +144,27 @@ class Terms:
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
         self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
         dof = robot.dof
-        reversing = range(dof) if "approach" in self.conditions else ()
-        growing = _growing(robot) if "temperature" in self.conditions else np.empty((dof + 1, 6, 0))
-        lengths = growing.shape[2]
         self._model = error_model(robot, convention, self.tf_flange_tool)
-        registration = {"base": _STATION_STD, "tool": {"mm": _TOOL_STD}}
         self._chosen = [
             i
             for i, parameter in enumerate(self._model.parameters)
-            if (parameter.unit in registration[parameter.group] if parameter.group in registration else geometry)
+            if (parameter.unit in _REGISTRATION[parameter.group] if parameter.group in _REGISTRATION else geometry)
         ]
-        chosen = [self._model.parameters[i] for i in self._chosen]
         self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
         self._plain = len(self._pairs)
         if compliance and "payload" in self.conditions:  # a mass between wrist and tool point
             self._pairs += [(j, k) for j in range(dof) for k in (dof - 1, dof) if j <= k]
         self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
-        self.names = [parameter.name for parameter in chosen]
-        where = [str(k + 1) if k < dof else "at tool" for _, k in self._pairs]
-        self.names += [
-            f"joint {j + 1} under {'mass' if i < self._plain else 'payload'} {at}"
-            for i, ((j, _), at) in enumerate(zip(self._pairs, where, strict=True))
-        ]
-        self.names += [f"backlash q{j + 1}" for j in reversing]
-        self.names += ["expansion of all lengths", *(f"expansion {i}" for i in range(1, lengths))][:lengths]
-        self.units = [parameter.unit for parameter in chosen] + ["rad/m"] * len(self._pairs)
-        self.units += ["rad"] * len(reversing) + ["1/K"] * lengths
-        group = [REGISTRATION if parameter.group in registration else GEOMETRY for parameter in chosen]
-        group += [COMPLIANCE] * len(self._pairs) + [BACKLASH] * len(reversing) + [EXPANSION] * lengths
-        self.group = np.array(group)
-        std = [registration.get(parameter.group, _GEOMETRY_STD)[parameter.unit] for parameter in chosen]
-        std += [_COMPLIANCE_STD] * len(self._pairs) + [_BACKLASH_STD] * len(reversing)
-        std += [_EXPANSION_STD[0], *[_EXPANSION_STD[1]] * lengths][:lengths]
-        self.prior_std = np.array(std)
-        self._counts = len(chosen), len(self._pairs), len(reversing), lengths
+        growing = _growing(robot) if "temperature" in self.conditions else np.empty((dof + 1, 6, 0))
+        parts = [self._arm(), self._masses(), self._walk(), self._reversals(), _lengths(growing.shape[2])]
+        self._counts = [len(part) for part in parts]
+        every = [column for part in parts for column in part]
+        self.names, self.units = [column.name for column in every], [column.unit for column in every]
+        self.group = np.array([column.group for column in every])
+        self.prior_std = np.array([column.prior_std for column in every])
         self.shift = np.zeros(len(self.names)) if shift is None else shift
         self._values = self._model.nominal.copy()
-        self._values[self._chosen] += self.shift[: len(chosen)]
+        self._values[self._chosen] += self.shift[: len(self._chosen)]
         self._nominal_links = robot.links(self.tf_flange_tool)
         self._links = self._model.fixed(self._values)
         parameters = self._model.twists(self._values)[..., self._chosen]
@@ -180,6 +173,39 @@ class Terms:
         position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
         self.range_of = np.concatenate([joints, position]).astype(np.int64)
         self.range_names = [f"joint {j + 1}" for j in np.unique(joints)] + (["position"] if len(position) else [])
+
+    def _arm(self) -> list[_Column]:
+        """Return the columns of registration and geometry."""
+        out = []
+        for parameter in (self._model.parameters[i] for i in self._chosen):
+            of = REGISTRATION if parameter.group in _REGISTRATION else GEOMETRY
+            std = _REGISTRATION.get(parameter.group, _GEOMETRY_STD)[parameter.unit]
+            out.append(_Column(of, parameter.name, parameter.unit, std))
+        return out
+
+    def _masses(self) -> list[_Column]:
+        """Return the columns of compliance: of the arm's own masses, then of the payload."""
+        out = []
+        for i, (j, k) in enumerate(self._pairs):
+            mass = "mass" if i < self._plain else "payload"
+            at = str(k + 1) if k < self.robot.dof else "at tool"
+            out.append(_Column(COMPLIANCE, f"joint {j + 1} under {mass} {at}", "rad/m", _COMPLIANCE_STD))
+        return out
+
+    def _walk(self) -> list[_Column]:
+        """Return the columns of a station that moves, those of the base for each step of its walk."""
+        steps = len(self.usual.times) - 1 if "time" in self.conditions else 0
+        chosen = [self._model.parameters[i] for i in self._chosen]
+        self._base = [place for place, parameter in enumerate(chosen) if parameter.group == "base"]
+        return [
+            _Column(STATION, f"station {chosen[i].name} {step + 1}", chosen[i].unit, _WALK_STD[chosen[i].unit])
+            for step in range(steps)
+            for i in self._base
+        ]
+
+    def _reversals(self) -> list[_Column]:
+        joints = range(self.robot.dof) if "approach" in self.conditions else ()
+        return [_Column(BACKLASH, f"backlash q{j + 1}", "rad", _BACKLASH_STD) for j in joints]
 
     @property
     def linearised(self) -> tuple[FloatArray, FloatArray, int]:
@@ -249,13 +275,13 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        effects = {"approach": BACKLASH, "temperature": EXPANSION}
+        effects = {"time": STATION, "approach": BACKLASH, "temperature": EXPANSION}
         return [GEOMETRY, COMPLIANCE, *(group for name, group in effects.items() if name in self.conditions)]
 
     @property
     def conditional(self) -> slice:
         """The drift columns of backlash and expansion."""
-        return slice(len(self.names) - sum(self._counts[2:]), None)
+        return slice(len(self.names) - sum(self._counts[3:]), None)
 
     def at(self, X: FloatArray, outputs: Outputs = "position") -> Design:
         """Return all columns at configurations with conditions (n, d) [rad, …], for positions or for poses.
@@ -275,6 +301,10 @@ class Terms:
         parts, unknown = [drift], [np.zeros((*lever.shape[:2], 0))]
         if self.compliance:
             parts.append(self._compliance(q, p, lever, given.get("payload")))
+        if "time" in given:
+            moved = drift[:, :, self._base]
+            ramps = self.usual.walked(given["time"][:, 0])
+            parts.append((moved[:, :, None, :] * ramps[:, None, :, None]).reshape(*moved.shape[:2], -1))
         if "approach" in given:
             signs = given["approach"][:, None, :]
             parts.append(lever * signs)
@@ -315,6 +345,13 @@ class Terms:
         if self.residual in ("cartesian", "both"):
             parts.append(p / 1000.0)
         return np.concatenate(parts, axis=1) if parts else np.empty((len(q), 0))
+
+
+def _lengths(count: int) -> list[_Column]:
+    """Return the columns of expansion."""
+    every = [("expansion of all lengths", _EXPANSION_STD[0])]
+    every += [(f"expansion {i}", _EXPANSION_STD[1]) for i in range(1, count)]
+    return [_Column(EXPANSION, name, "1/K", std) for name, std in every[:count]]
 
 
 def _growing(robot: Robot) -> FloatArray:
