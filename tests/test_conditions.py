@@ -156,6 +156,31 @@ def test_a_stated_temperature_is_predicted_and_an_unknown_one_is_told():
     assert left(virtual, stated, Poses(q=q), time=warm)[0] == pytest.approx(known, rel=0.05)
 
 
+def test_a_station_that_moved_slowly_is_modelled():
+    virtual = VirtualCell("creep", seed=2)
+    samples = virtual.measure(virtual.design(100, seed=2), seed=2)
+    with pytest.raises(DataError, match="drift"):
+        fit_cell(virtual.cell, samples, f"{KRIGING}:conditions=none")
+    said = fit_cell(virtual.cell, samples, KRIGING)
+    assert said.predictor.conditions == ("time",)
+    assert [fault["kind"] for fault in said.campaign["faults"]] == ["drift"]
+    mean, inside = left(virtual, said, Poses(q=virtual.design(60, seed=9)))
+    assert mean < 0.04
+    assert inside > 0.85
+    with pytest.raises(DataError, match="another clock; fit the map again"):
+        update_map(said, virtual.measure(virtual.design(10, seed=3), seed=3))
+
+
+def test_an_arm_that_warmed_up_is_not_taken_for_a_station_that_moved():
+    virtual = VirtualCell("cold-start", seed=0)
+    samples = replace(virtual.measure(virtual.design(100, seed=0), seed=0), temperature=None)
+    error_map = fit_cell(virtual.cell, samples, KRIGING)
+    assert error_map.predictor.conditions == ("time",)
+    warm = np.full(60, virtual.preset.work_s)
+    _, inside = left(virtual, error_map, Poses(q=virtual.design(60, seed=9)), time=warm)
+    assert inside > 0.9
+
+
 def test_two_payloads_predict_a_third():
     virtual = VirtualCell("hard", seed=0)
     q = virtual.design(80, seed=0)

@@ -21,8 +21,8 @@ from truepose.robots.jacobian import Outputs, columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION = range(6)
-GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion")
+REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING = range(7)
+GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion", "warming")
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
@@ -32,6 +32,7 @@ _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
+_WARMING_STD: Final = 1e-5  # of all lengths, from one time of the walk to the next
 _SHORTEST: Final = 1.0  # mm, of a length that grows
 _USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
@@ -155,8 +156,12 @@ class Terms:
         if compliance and "payload" in self.conditions:  # a mass between wrist and tool point
             self._pairs += [(j, k) for j in range(dof) for k in (dof - 1, dof) if j <= k]
         self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
-        growing = _growing(robot) if "temperature" in self.conditions else np.empty((dof + 1, 6, 0))
-        parts = [self._arm(), self._masses(), self._walk(), self._reversals(), _lengths(growing.shape[2])]
+        thermal = {"temperature", "time"} & set(self.conditions)
+        growing = _growing(robot) if thermal else np.empty((dof + 1, 6, 0))
+        self._steps = len(usual.times) - 1 if "time" in self.conditions else 0
+        lengths = _lengths(growing.shape[2] if "temperature" in self.conditions else 0)
+        warming = [_Column(WARMING, f"warming {step + 1}", "1", _WARMING_STD) for step in range(self._steps)]
+        parts = [self._arm(), self._masses(), self._walk(), self._reversals(), lengths, warming]
         self._counts = [len(part) for part in parts]
         every = [column for part in parts for column in part]
         self.names, self.units = [column.name for column in every], [column.unit for column in every]
@@ -194,12 +199,11 @@ class Terms:
 
     def _walk(self) -> list[_Column]:
         """Return the columns of a station that moves, those of the base for each step of its walk."""
-        steps = len(self.usual.times) - 1 if "time" in self.conditions else 0
         chosen = [self._model.parameters[i] for i in self._chosen]
         self._base = [place for place, parameter in enumerate(chosen) if parameter.group == "base"]
         return [
             _Column(STATION, f"station {chosen[i].name} {step + 1}", chosen[i].unit, _WALK_STD[chosen[i].unit])
-            for step in range(steps)
+            for step in range(self._steps)
             for i in self._base
         ]
 
@@ -214,10 +218,19 @@ class Terms:
         return self._links, self._twists[:, :, self.robot.dof : self.robot.dof + p], p
 
     def growth(self) -> tuple[FloatArray, FloatArray]:
-        """Return the twists of expansion at work: known, and per standard deviation of what is not, (dof + 1, 6, g)."""
+        """Return the twists of expansion and warming at work: known, and unknown per coefficient, (dof + 1, 6, g)."""
         known, unknown = self._kelvin(np.full(1, np.nan))
-        twists = self._twists[:, :, self.robot.dof + self._counts[0] :]
-        return known * twists, unknown * twists
+        every = self._twists[:, :, self.robot.dof + self._counts[0] :]
+        twists, warming = every[:, :, : self._counts[4]], np.repeat(every[:, :, :1], self._steps, axis=2)
+        return (
+            np.concatenate([known * twists, 0.0 * warming], axis=2),
+            np.concatenate([unknown * twists, self._whole_walk * warming], axis=2),
+        )
+
+    @property
+    def _whole_walk(self) -> float:
+        """The factor of each step's coefficient at which their squares sum to that of a walk in one direction."""
+        return float(np.sqrt(self._steps))
 
     def moments(self, estimate: FloatArray, power: int = 1) -> FloatArray:
         """Return the deviation of each joint by each mass per horizontal lever at work, (dof, dof + 1, …) [rad/mm].
@@ -275,12 +288,12 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        effects = {"time": STATION, "approach": BACKLASH, "temperature": EXPANSION}
-        return [GEOMETRY, COMPLIANCE, *(group for name, group in effects.items() if name in self.conditions)]
+        effects = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperature", WARMING: "time"}
+        return [GEOMETRY, COMPLIANCE, *(group for group, name in effects.items() if name in self.conditions)]
 
     @property
     def conditional(self) -> slice:
-        """The drift columns of backlash and expansion."""
+        """The drift columns of backlash, expansion and warming."""
         return slice(len(self.names) - sum(self._counts[3:]), None)
 
     def at(self, X: FloatArray, outputs: Outputs = "position") -> Design:
@@ -313,6 +326,10 @@ class Terms:
             kelvin, kelvin_std = self._kelvin(given["temperature"][:, :, None])
             parts.append(growth * kelvin)
             unknown.append(growth * kelvin_std)
+        if "time" in given:  # the arm of the samples grew; when it works, it may have gone on
+            later = np.isnan(given["time"])[:, :, None]
+            parts.append(growth[:, :, :1] * ramps[:, None, :])
+            unknown.append(np.repeat(np.where(later, self._whole_walk * growth[:, :, :1], 0.0), self._steps, axis=2))
         every = np.concatenate(parts, axis=2) * self.prior_std
         missing = np.concatenate(unknown, axis=2) * self.prior_std[self.conditional]
         return Design(q, p, every, lever, self._place(q, p), missing)
