@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -125,6 +126,26 @@ def test_a_correction_without_its_map_waits_for_it(store, team, folder, tmp_path
     assert all("is not in the store; import the map first" in reason for reason in reasons)
     aside.rename(folder / "map.truepose")
     assert import_folder(store, team["anna"], folder).counts() == {"map": 1, "correction": 1, "verification": 1}
+
+
+def test_a_correction_of_a_corrected_program_is_left_out(store, team, folder, tmp_path, monkeypatch):
+    """Somebody corrected a copy on a machine that did not know it; its record names the map and the date."""
+    import_folder(store, team["anna"], folder)
+    monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "state of another machine"))
+    other = folder.parent / "other"
+    other.mkdir()
+    shutil.copy(folder / "corrected" / "part.csv", other / "copy.csv")
+    error_map = tp.load_map(shutil.copy(folder / "map.truepose", tmp_path))
+    twice = tp.correct_program(other / "copy.csv", error_map, on_guard="skip", accept_weak_map=True)
+    twice.write(other / "twice")
+    done = import_folder(store, team["anna"], other)
+    (left,) = done.left_out
+    assert left.path.name == "copy.corrections.json"
+    assert re.search(
+        r"was corrected already: on 20\d\d-\d\d-\d\d with the map map \(\w{12}\), from part\.csv", left.reason
+    )
+    assert len(rows(store, schema.correction)) == 1
+    assert import_folder(store, team["anna"], folder).left_out == []  # the first correction itself stays known
 
 
 def test_files_that_are_no_objects_are_left_out_with_the_reason(store, team, folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
@@ -12,7 +13,9 @@ from alembic.migration import MigrationContext
 from truepose.errors import StoreError
 from truepose.store import migrate, records, rows, schema
 from truepose.store.address import backend_of
+from truepose.store.backup import restore
 from truepose.store.change import Change
+from truepose.store.corrected import earlier_corrections
 from truepose.store.store import Store
 from truepose.store.verify import verify
 
@@ -47,6 +50,22 @@ def test_older_stores_are_migrated_with_their_rows(new_address: Callable[[], str
         assert [row["targets"] for row in rows.recall(connection, 1).rows] == [3]
         assert verify(store, head=before.hash).faults == []
         assert store.head().sequence == before.sequence + 1
+
+
+@pytest.mark.parametrize("version", range(1, schema.VERSION))
+def test_a_store_that_an_older_program_wrote_is_taken_over(new_address: Callable[[], str], version: int) -> None:
+    """The folder ``versions`` holds stores that the program of each version wrote, as backups."""
+    address = new_address()
+    moved = restore(Path(__file__).with_name("versions") / f"v{version}.zip", address)
+    with Store.open(address) as store, store.reading() as connection:
+        found = verify(store, head=moved.head.hash)
+        assert (found.faults, found.head.sequence) == ([], moved.head.sequence + 1)
+        march = rows.get(connection, schema.map, name="march")
+        assert march["state"] == "released"
+        assert [row["program"] for row in rows.recall(connection, march["id"]).rows] == ["home.src", "rib01.src"]
+        outputs = [row["output_sha256"] for row in rows.recall(connection, march["id"]).rows]
+        made = earlier_corrections(connection, outputs)
+        assert [one.program for one in made.values()] == ["rib01.src"]  # the other was left as it was
 
 
 def test_a_store_of_a_newer_program_is_refused(store: Store, address: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -115,6 +116,28 @@ def test_an_update_keeps_its_parent_for_the_recall(enter, tokens, files, tmp_pat
     assert (updated["map"]["name"], [one["program"] for one in updated["corrections"]]) == ("april", ["part.csv"])
     text = enter("store", "recall", "march", token=tokens["eva"]).out
     assert "0 with this map, 1 with maps updated from it." in text
+
+
+def test_a_corrected_program_is_refused_on_another_machine(enter, tokens, files, tmp_path, monkeypatch):
+    """The copy has another name and no record beside it, and the other machine has no list of corrected programs."""
+    march, out = files / "march.truepose", tmp_path / "corrected"
+    enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", march, token=tokens["anna"])
+    assert enter("correct", march, files / "part.csv", "--out", out, *CORRECT, token=tokens["ben"]).code == 0
+    monkeypatch.setenv("TRUEPOSE_STATE", str(tmp_path / "state of another machine"))
+    programs = tmp_path / "another machine"
+    programs.mkdir()
+    shutil.copy(out / "part.csv", programs / "copy.csv")
+    shutil.copy(files / "part.csv", programs / "part.csv")
+    named = ("correct", "march", programs / "copy.csv", programs / "part.csv", "--out", tmp_path / "again", *CORRECT)
+    refused = enter(*named, token=tokens["ben"]).failed()
+    reason = r"copy\.csv: was corrected already: on 20\d\d-\d\d-\d\d with the map march \(\w{12}\), from part\.csv"
+    assert re.search(reason, refused)
+    assert "do not correct it twice: take the original" in refused
+    assert not (tmp_path / "again").exists()
+    done = enter(*named, "--keep-going", "--json", token=tokens["ben"])
+    assert done.code == 1
+    assert [Path(one["file"]).name for one in done.json["refused"]] == ["copy.csv"]
+    assert sorted(path.name for path in (tmp_path / "again").glob("*.csv")) == ["part.corrections.csv", "part.csv"]
 
 
 def test_a_report_shows_the_head_and_the_state(enter, tokens, files, address, no_figures):

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -325,10 +326,14 @@ def correct(
         with _others_named(len(found.programs) + len(found.unreadable)):
             if found.unreadable and not keep_going:
                 raise unread(found.unreadable)
-            if executor is None and worth_processes(found.programs):
+            again = {} if record is None else record.corrected_already(found.programs)
+            if again and not keep_going:
+                raise RefusedError(next(iter(again.values())))
+            originals = [program for program in found.programs if program.path not in again]
+            if executor is None and worth_processes(originals):
                 executor = stack.enter_context(execution.executor("correction"))
             corrected, refused = correct_read(
-                _announced(found.programs, progress, together=executor is not None),
+                _announced(originals, progress, together=executor is not None),
                 error_map,
                 cell,
                 keep_going=keep_going,
@@ -343,8 +348,8 @@ def correct(
         if row is not None:
             beside = map_path if map_path.is_file() else None  # the list of corrected programs lies beside a file
             corrected = [replace(one, map_state=row["state"], map_path=beside) for one in corrected]
-        unreadable = [RefusedProgram(error.path, str(error)) for error in found.unreadable]
-        batch = CorrectedBatch(tuple(corrected), (*unreadable, *refused))
+        before = {**{error.path: str(error) for error in found.unreadable}, **again}
+        batch = CorrectedBatch(tuple(corrected), (*starmap(RefusedProgram, before.items()), *refused))
         progress("Writing")
         check_names(corrected, in_place=in_place)
         written: list[Path] = []

@@ -22,6 +22,7 @@ from truepose.errors import DataError, FileError, RefusedError, StoreError, True
 if TYPE_CHECKING:
     from truepose.error_map import ErrorMap
     from truepose.programs import CorrectedProgram, ProgramVerification
+    from truepose.programs.core.program import Program
     from truepose.report.evidence import StoreEntry
     from truepose.samples import Samples
     from truepose.store.access import Identity
@@ -137,6 +138,16 @@ class Recorder:
         self.check()
         with viewing(self.store, self.by) as connection:
             check_usable(find_map(connection, row["sha256"]), released_only=released_only)
+
+    def corrected_already(self, programs: Sequence[Program]) -> dict[Path, str]:
+        """Return the programs with a file that is the output of a correction of the store, by path, with the reason."""
+        from truepose.store.access import viewing
+        from truepose.store.corrected import earlier_corrections
+
+        sources = [(program.path, source) for program in programs for source in program.sources]
+        with viewing(self.store, self.by) as connection:
+            known = earlier_corrections(connection, [source.sha256 for _, source in sources])
+        return {path: known[one.sha256].reason(str(one.path)) for path, one in sources if one.sha256 in known}
 
     def load_map(self, named: Path) -> tuple[ErrorMap, dict[str, Any]]:
         """Return a map that a file holds, or that the store has under a name or hash, with its row."""

@@ -24,6 +24,7 @@ from truepose.programs.record import TARGETS
 from truepose.samples import Samples
 from truepose.store import records, schema
 from truepose.store.change import Change
+from truepose.store.corrected import check_original
 from truepose.store.names import LONGEST, name_key
 from truepose.store.rows import find
 
@@ -143,7 +144,8 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
     Raises
     ------
     DataError
-        If the store does not have the map, or a file before or after the correction is not at hand.
+        If the store does not have the map, a file before or after the correction is not at hand, or the one before is
+        itself the output of a correction.
     """
     row = map_of(change.connection, head["map_sha256"])
     robot_id = change.row(schema.cell, row["cell_id"])["robot_id"]
@@ -152,6 +154,8 @@ def add_corrections(change: Change, record: bytes, head: Mapping[str, Any], cont
     options = {key: head[key] for key in ("on_guard", "limits", "resolution_mm", "map_state") if key in head}
     made = []
     for one in changed:
+        if one["sha256_before"] != one["sha256_after"]:
+            check_original(change.connection, one["file"], one["sha256_before"])
         before, after = (_needed(content, one["file"], one[key], key) for key in ("sha256_before", "sha256_after"))
         program_id = records.put_program(change, robot_id, program_name(one["file"]), before)
         verdicts = counts.get(one["file"], Counter())

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-VERSION: Final = 2
+VERSION: Final = 3
 """The version of this schema: the number of the newest migration."""
 LARGEST_BLOB: Final = 64 * 2**20
 """The largest blob in bytes that a database keeps itself, without a folder of blobs."""
@@ -258,6 +258,7 @@ audit = _table(
 for _columns in (
     (audit.c.object, audit.c.object_id, audit.c.sequence),
     (correction.c.map_id, correction.c.id),
+    (correction.c.output_sha256, correction.c.id),
     (verification.c.map_id, verification.c.id),
     (verification.c.correction_id, verification.c.id),
     (map.c.cell_id, map.c.id),
