@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -53,6 +54,31 @@ def test_wrong_tries_are_refused_and_then_stopped(client: TestClient, guard: Gua
     assert statuses == [403] * 10 + [429] * 2
     client.cookies.set(guard.cookie, "wrong")
     assert client.get("/api/v1/session").status_code == 429
+
+
+def test_wrong_cookies_count_and_the_lock_ends_after_its_time(tmp_path: Path) -> None:
+    now = [1000.0]
+    guard = Guard(port=8765, clock=lambda: now[0])
+    client = TestClient(create_app(Workspace(tmp_path / "work"), guard), base_url=BASE, follow_redirects=False)
+
+    def tried(cookie: str) -> Any:
+        client.cookies.set(guard.cookie, cookie)
+        return client.get("/api/v1/session")
+
+    for second in range(10):
+        now[0] = 1000.0 + second
+        assert tried(f"wrong{second}").status_code == 403
+    locked = tried("wrong")
+    assert (locked.status_code, locked.headers["Retry-After"]) == (429, "51")
+    assert "51 s" in locked.json()["detail"]
+    assert client.get("/?token=wrong").status_code == 429
+    assert tried(guard.session).status_code == 200
+    now[0] = 1059.5
+    assert tried("wrong").headers["Retry-After"] == "1"
+    now[0] = 1060.0
+    assert [tried("wrong").status_code for _ in range(2)] == [403, 429]
+    now[0] = 1200.0
+    assert tried("wrong").status_code == 403
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1:1", "localhost", "127.0.0.1:8765.evil.example", ""])

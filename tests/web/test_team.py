@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import anyio
 import pytest
 from fastapi.testclient import TestClient
+from starlette.requests import Request
 from tests.needs import needed
 
 needed("alembic", "'truepose[store]'")
@@ -17,16 +20,20 @@ needed("alembic", "'truepose[store]'")
 from tests.web.people import PASSWORD, browsers, enter
 
 from truepose.errors import DataError, StoreError
+from truepose.jobs import Job
 from truepose.jobs.job import COMMANDS
 from truepose.store.access import log_in
 from truepose.store.store import Store
 from truepose.store.users import set_disabled, set_password, set_roles
 from truepose.web import Workspace
+from truepose.web.jobs import _events
 from truepose.web.security import CSRF_HEADER
+from truepose.web.server import WithUsers, _guard
 from truepose.web.team.address import Address
 from truepose.web.team.permissions import NEEDED, OF_COMMANDS, OPEN
 from truepose.web.team.sessions import IDLE_S, LONGEST_S, Sessions
-from truepose.web.team.team import Team
+from truepose.web.team.team import Team, Visitor
+from truepose.web.team.visits import session_check
 
 FREE_TRIES = 3
 
@@ -39,6 +46,24 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+
+class Running:
+    """A queue with one job that runs for ever."""
+
+    job: Final = Job(
+        id="00000001-00000000", command=("study",), folder=".", cell="", title="", state="running", created=""
+    )
+
+    def revision(self, _job: str) -> int:
+        return self.job.revision
+
+    def get(self, _job: str) -> Job:
+        return self.job
+
+
+def lost() -> None:
+    raise StoreError("store: the connection to the store was lost; try again")
 
 
 @pytest.fixture
@@ -108,7 +133,8 @@ def test_wrong_tries_of_many_names_are_stopped_together(opened: Callable[..., Te
     client = opened()
     statuses = [enter(client, f"user{i} x", "wrong").status_code for i in range(61)]
     assert statuses == [401] * 60 + [429]
-    clock.now += 61
+    assert enter(client, "reader", PASSWORD).headers["Retry-After"] == "60"
+    clock.now += 60
     assert enter(client, "reader", PASSWORD).status_code == 204
 
 
@@ -225,9 +251,6 @@ def test_a_lost_store_is_said_and_the_server_recovers(
 ) -> None:
     client = opened("reader")
 
-    def lost() -> None:
-        raise StoreError("store: the connection to the store was lost; try again")
-
     with monkeypatch.context() as broken:
         broken.setattr(team.store, "reading", lost)
         answer = client.get("/api/v1/cells")
@@ -255,6 +278,53 @@ def test_the_address_is_that_of_the_url_or_the_bound_one(url: str | None, host: 
 def test_an_address_that_nobody_can_open_is_refused(url: str | None) -> None:
     with pytest.raises(DataError, match="--url"):
         Address.of(url, "0.0.0.0", 8765)
+
+
+@pytest.mark.parametrize(
+    ("users", "said"),
+    [
+        (WithUsers("", "10.0.0.5"), "http://10.0.0.5:8765/ has no TLS"),
+        (WithUsers("", "0.0.0.0", "http://truepose.example"), "http://truepose.example/ has no TLS"),
+        (WithUsers("", "10.0.0.5", "https://truepose.example"), ""),
+        (WithUsers("", url="http://localhost:8765"), ""),
+        (WithUsers(""), ""),
+    ],
+)
+def test_passwords_that_cross_a_network_in_the_clear_are_warned_of(team: Team, users: WithUsers, said: str) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        _guard(8765, users, team)
+    assert len(found) == bool(said)
+    assert all(said in str(one.message) and "--url https://" in str(one.message) for one in found)
+
+
+@pytest.mark.parametrize("end", ["logout", "disabled", "store"])
+def test_the_events_of_a_job_end_with_the_session(
+    opened: Callable[..., TestClient], team: Team, store: Store, end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = opened("Jürgen")
+    (visitor,) = (Visitor(one, ("measure",)) for one in team.sessions._open.values())
+    request = Request({"type": "http", "app": client.app, "state": {"visitor": visitor}})
+    goes_on = session_check(request)
+    seen = visitor.session.seen
+    monkeypatch.setattr("truepose.web.jobs._REPEAT", 0.0)
+    monkeypatch.setattr("truepose.web.jobs._LOOK", 0.0)
+
+    async def sent() -> int:
+        count = 0
+        async for _ in _events(Running(), Running.job, None, goes_on):  # type: ignore[arg-type]
+            count += 1
+            if count == 4 and end == "logout":
+                assert client.post("/api/v1/logout").status_code == 204
+            elif count == 4 and end == "disabled":
+                set_disabled(store, log_in(store, "root", PASSWORD), "Jürgen", True)
+            elif count == 4:
+                monkeypatch.setattr(team.store, "reading", lost)
+            assert count <= 4
+        return count
+
+    assert anyio.run(sent) == 4
+    assert visitor.session.seen == seen, "watching does not keep a session open"
 
 
 def test_another_address_needs_users(run: Callable[..., Any], tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from starlette.responses import FileResponse, StreamingResponse
 
 from truepose.jobs import Job, JobQueue, State
-from truepose.web.team.visits import check_job
+from truepose.web.team.visits import check_job, session_check
 from truepose.web.workspace import InJobs
 
 router = APIRouter(tags=["jobs"])
@@ -58,8 +58,10 @@ def job_result(job: str, jobs: InJobs) -> Path:
         204: {"description": "The job has ended, and the client has seen its end"},
     },
 )
-async def job_events(job: str, jobs: InJobs, last_event_id: Annotated[str | None, Header()] = None) -> Response:
-    """Return the states of a job as server-sent events, until it has ended.
+async def job_events(
+    job: str, jobs: InJobs, request: Request, last_event_id: Annotated[str | None, Header()] = None
+) -> Response:
+    """Return the states of a job as server-sent events, until it has ended, or the session of the user.
 
     An event is sent at every change, and at least twice a second while the job runs. Every event holds the whole job,
     so that a client that connects again misses nothing.
@@ -68,7 +70,9 @@ async def job_events(job: str, jobs: InJobs, last_event_id: Annotated[str | None
     if not current.active and last_event_id == _event_id(current):
         return Response(status_code=204)
     return StreamingResponse(
-        _events(jobs, current, last_event_id), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+        _events(jobs, current, last_event_id, session_check(request)),
+        media_type="text/event-stream",
+        headers={"X-Accel-Buffering": "no"},
     )
 
 
@@ -86,14 +90,19 @@ def run_job_again(job: str, jobs: InJobs, request: Request) -> Job:
     return jobs.run_again(job)
 
 
-async def _events(jobs: JobQueue, job: Job, seen: str | None) -> AsyncIterator[bytes]:
-    """Yield the states of a job as events, until it has ended."""
+async def _events(
+    jobs: JobQueue, job: Job, seen: str | None, goes_on: Callable[[], bool] = lambda: True
+) -> AsyncIterator[bytes]:
+    """Yield the states of a job as events, until it has ended or the session of the user does not go on."""
     yield b"retry: 1000\n\n"
     sent = 0.0 if seen != _event_id(job) else time.monotonic()
     while True:
         changed = jobs.revision(job.id) != job.revision
         since = time.monotonic() - sent
-        if changed or not sent or (job.state == "running" and since >= _REPEAT):
+        due = changed or not sent or (job.state == "running" and since >= _REPEAT)
+        if (due or since >= _BEAT) and not await to_thread.run_sync(goes_on):
+            return
+        if due:
             job = await to_thread.run_sync(jobs.get, job.id)
             yield b"id: %s\ndata: %s\n\n" % (_event_id(job).encode(), _JOB.dump_json(job))
             sent = time.monotonic()

@@ -5,8 +5,6 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
-from truepose.web.problems import problem_response
-from truepose.web.team.team import WaitError
 from truepose.web.team.visits import InTeam, InVisit
 
 router = APIRouter(tags=["session"])
@@ -29,10 +27,7 @@ class NewPassword(BaseModel):
 @router.post("/login", status_code=204)
 def log_in(credentials: Credentials, team: InTeam, request: Request) -> Response:
     """Open a session; the answer to a wrong try does not tell whether the user exists."""
-    try:
-        id_, _ = team.log_in(credentials.name, credentials.password)
-    except WaitError as error:
-        return problem_response(error.status, error.title, str(error), headers={"Retry-After": str(error.seconds)})
+    id_, _ = team.log_in(credentials.name, credentials.password)
     answer = Response(status_code=204)
     request.app.state.guard.set_cookie(answer, id_)
     return answer

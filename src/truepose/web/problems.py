@@ -29,11 +29,17 @@ class WebError(TrueposeError):
         The kind of problem in some words.
     detail : str
         The problem and its remedy.
+    headers : mapping of str to str, optional
+        The headers of the answer.
     """
 
-    def __init__(self, status: int, title: str, detail: str) -> None:
-        self.status, self.title = status, title
+    def __init__(self, status: int, title: str, detail: str, headers: Mapping[str, str] | None = None) -> None:
+        self.status, self.title, self.headers = status, title, dict(headers or {})
         super().__init__(detail)
+
+    def response(self) -> Response:
+        """Return the answer."""
+        return problem_of(self)
 
 
 def missing(what: str) -> WebError:
@@ -59,7 +65,8 @@ def problem_of(error: Exception) -> Response:
         _LOG.error("internal error", exc_info=error)
         made = document("InternalError", f"internal error ({type(error).__name__})")
         made["detail"] += "; the server's terminal shows more; please report it"
-    return problem_response(**made)
+    headers = error.headers if isinstance(error, WebError) else None
+    return problem_response(**made, headers=headers)
 
 
 def install(app: FastAPI) -> None:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final, Protocol
@@ -22,7 +24,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from truepose.web.problems import problem_response
-from truepose.web.throttle import Window
+from truepose.web.throttle import WaitError, Window
 from truepose.web.uploads import BodyTooLargeError, largest_body
 
 CSRF_HEADER: Final = "X-Truepose-CSRF"
@@ -71,11 +73,17 @@ class Guard:
         The port of the server; part of the cookie's name, since cookies do not know ports.
     token : str
         The start-up token; random by default.
+    clock : callable
+        A function that returns the time in seconds, for the limit of wrong tries.
     """
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    _wrong: Window = field(default_factory=lambda: Window(_TRIES, _WINDOW_S))
+    clock: Callable[[], float] = time.monotonic
+    _wrong: Window = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._wrong = Window(_TRIES, _WINDOW_S, self.clock)
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -159,10 +167,8 @@ class Guard:
 
     def _wrong_try(self, what: str) -> Response:
         """Return 403, or 429 after many wrong tries in a minute."""
-        if self._wrong.full():
-            return problem_response(
-                429, "Too many wrong tries", "wait a minute", headers={"Retry-After": f"{_WINDOW_S:.0f}"}
-            )
+        if wait := self._wrong.wait():
+            return WaitError(wait).response()
         self._wrong.add()
         return problem_response(403, "Refused", f"{what}; open the address that 'truepose app' printed")
 

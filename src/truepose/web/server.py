@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import warnings
 import webbrowser
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -134,7 +135,15 @@ def _team(users: WithUsers, closing: ExitStack) -> Team:
 def _guard(port: int, users: WithUsers | None, team: Team | None) -> Gate:
     if users is None or team is None:
         return Guard(port=port)
-    return TeamGuard(Address.of(users.url, users.host, port), team)
+    address = Address.of(users.url, users.host, port)
+    if address.in_clear:
+        warnings.warn(
+            f"{address.url} has no TLS: passwords cross the network in the clear; put a reverse proxy for TLS in front "
+            "and state its address with --url https://NAME, see docs/administration.md",
+            UserWarning,
+            stacklevel=2,
+        )
+    return TeamGuard(address, team)
 
 
 def _listen(port: int, host: str = HOST) -> socket.socket:

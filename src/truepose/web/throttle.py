@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from typing import Final
 
+from truepose.web.problems import WebError
+
 _MOST_NAMES: Final = 10_000
 _FREE: Final = 3
 _LONGEST_WAIT: Final = 300.0
+
+
+class WaitError(WebError):
+    """Too many wrong tries.
+
+    Parameters
+    ----------
+    seconds : float
+        The seconds to wait.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        wait = max(1, math.ceil(seconds))
+        super().__init__(
+            429, "Too many wrong tries", f"wait {wait} s, then try again", headers={"Retry-After": str(wait)}
+        )
 
 
 class Window:
@@ -29,18 +48,21 @@ class Window:
     def __init__(self, most: int, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         self.seconds = seconds
         self._most, self._clock = most, clock
-        self._wrong: deque[float] = deque()
+        self._lock = threading.Lock()
+        self._wrong: deque[float] = deque(maxlen=most)
 
-    def full(self) -> bool:
-        """Return whether no further try is allowed now."""
-        start = self._clock() - self.seconds
-        while self._wrong and self._wrong[0] < start:
-            self._wrong.popleft()
-        return len(self._wrong) >= self._most
+    def wait(self) -> float:
+        """Return the seconds until a further try is allowed; 0 if it is allowed now."""
+        now = self._clock()
+        with self._lock:
+            while self._wrong and self._wrong[0] + self.seconds <= now:
+                self._wrong.popleft()
+            return 0.0 if len(self._wrong) < self._most else self._wrong[0] + self.seconds - now
 
     def add(self) -> None:
-        """Count a wrong try."""
-        self._wrong.append(self._clock())
+        """Count a wrong try; of more than are allowed, the last ones count."""
+        with self._lock:
+            self._wrong.append(self._clock())
 
 
 class Waits:

@@ -7,11 +7,9 @@ import unicodedata
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from starlette.responses import Response
-
 from truepose._io.zips import directory, is_zip
 from truepose.errors import FileError
-from truepose.web.problems import WebError, problem_response
+from truepose.web.problems import WebError
 
 MB: Final = 1 << 20
 LARGEST_FILE, LARGEST_READINGS, LARGEST_ZIP = 64 * MB, 256 * MB, 1024 * MB
@@ -44,10 +42,6 @@ class BodyTooLargeError(WebError):
 
     def __init__(self, limit: int) -> None:
         super().__init__(413, "Too large", f"more than {limit // MB} MB; send fewer or smaller files")
-
-    def response(self) -> Response:
-        """Return the answer."""
-        return problem_response(self.status, self.title, str(self))
 
 
 def safe_name(name: str) -> str:

@@ -60,6 +60,11 @@ class Address:
         return self.host in _LOCAL
 
     @property
+    def in_clear(self) -> bool:
+        """Whether requests come over a network without TLS."""
+        return self.scheme == "http" and not self.local
+
+    @property
     def hosts(self) -> frozenset[str]:
         """The values of the header ``Host``."""
         names = _LOCAL if self.local else (self.host,)

@@ -79,6 +79,11 @@ class Sessions:
             self._open.pop(_hash(id_), None)
         return None
 
+    def is_open(self, session: Session) -> bool:
+        """Return whether a session is open; it does not count as in use."""
+        with self._lock:
+            return self._alive(session) and any(one is session for one in self._open.values())
+
     def end(self, session: Session) -> None:
         """End a session."""
         with self._lock:

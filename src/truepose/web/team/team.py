@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from truepose.errors import DataError, RefusedError, StoreError
 from truepose.web.problems import WebError
 from truepose.web.team.sessions import Session, Sessions
-from truepose.web.throttle import Waits, Window
+from truepose.web.throttle import WaitError, Waits, Window
 
 if TYPE_CHECKING:
     from truepose.jobs import Job
@@ -29,20 +29,6 @@ _AT_ONCE: Final = 2  # each check of a password takes 64 MB
 _REFUSED: Final = (
     "the user name or the password is wrong, or the user is disabled; after wrong tries, wait some minutes"
 )
-
-
-class WaitError(WebError):
-    """Too many wrong tries.
-
-    Parameters
-    ----------
-    seconds : float
-        The seconds to wait.
-    """
-
-    def __init__(self, seconds: float) -> None:
-        self.seconds = max(1, round(seconds))
-        super().__init__(429, "Too many wrong tries", f"wait {self.seconds} s, then try again")
 
 
 @dataclass(frozen=True)
@@ -112,9 +98,7 @@ class Team:
         from truepose.store.names import name_key
 
         key = name_key(name.strip())[:200]
-        if self._window.full():
-            raise WaitError(self._window.seconds)
-        if wait := self._waits.begin(key):
+        if wait := self._window.wait() or self._waits.begin(key):
             raise WaitError(wait)
         try:
             with self._checks:
@@ -148,8 +132,20 @@ class Team:
         StoreError
             If the store cannot be reached.
         """
-        if (session := self.sessions.find(id_)) is None:
-            return None
+        session = self.sessions.find(id_)
+        return None if session is None else self._visitor_of(session)
+
+    def still_in(self, visitor: Visitor) -> bool:
+        """Return whether the session of an answer that is still being sent goes on; it does not count as in use.
+
+        Raises
+        ------
+        StoreError
+            If the store cannot be reached.
+        """
+        return self.sessions.is_open(visitor.session) and self._visitor_of(visitor.session) is not None
+
+    def _visitor_of(self, session: Session) -> Visitor | None:
         try:
             roles, password = self._standing(session.identity)
         except RefusedError:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 from fastapi import Depends, Request
 
-from truepose.errors import DataError
+from truepose.errors import DataError, StoreError
 from truepose.jobs import Job
 from truepose.web.problems import WebError
 from truepose.web.team.permissions import OF_COMMANDS, check_action
@@ -39,6 +40,25 @@ def check_job(request: Request, job: Job, *, own: bool = False) -> None:
     if (action := OF_COMMANDS.get(job.command[0])) is None:
         raise DataError(f"{job.command[0]} cannot be run by users")
     check_action(visitor.identity.name, visitor.roles, action)
+
+
+def session_check(request: Request) -> Callable[[], bool]:
+    """Return a function that says whether the session of a request goes on, for answers that take their time.
+
+    Where the store cannot be reached the answer is no; the next request says why.
+    """
+    team: Team | None = request.app.state.team
+    visitor: Visitor | None = getattr(request.state, "visitor", None)
+
+    def goes_on() -> bool:
+        if team is None or visitor is None:
+            return True
+        try:
+            return team.still_in(visitor)
+        except StoreError:
+            return False
+
+    return goes_on
 
 
 InTeam = Annotated[Team, Depends(_team)]
