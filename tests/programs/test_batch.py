@@ -12,7 +12,7 @@ import pytest
 from openpyxl import load_workbook
 
 from truepose.errors import FileError, RefusedError
-from truepose.programs import FrameTable, correct_programs, read_program
+from truepose.programs import FrameTable, correct_programs, read_program, record
 
 HEAD = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
 GOOD = HEAD + "LIN {{X {0},Y 2,Z 3,A 0,B 0,C 0}}\nLIN {{X {0},Y 9,Z 3,A 0,B 0,C 0}}\n"
@@ -186,3 +186,25 @@ def test_workbooks_are_written_with_the_rest_or_not_at_all(
 
 def fill_disk(_: object) -> bytes:
     raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_records_are_read_once_for_all_programs_beside_them(
+    make_map: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    programs = [tmp_path / f"p{k}.src" for k in range(8)]
+    for k, path in enumerate(programs):
+        path.write_text(module(f"p{k}", GOOD.format(10 * k)))
+    error_map, out = make_map([0.37, 0, 0]), tmp_path / "out"
+    correct_programs(programs, error_map, frames=FrameTable()).write(out)
+    for path in out.iterdir():
+        if path.suffix != ".src":
+            path.rename(tmp_path / path.name)  # eight records beside the originals
+    read: list[Path] = []
+    hashes_of = record.hashes_of
+    monkeypatch.setattr(record, "hashes_of", lambda path: [read.append(path), hashes_of(path)][1])
+    corrected = correct_programs(programs, error_map, frames=FrameTable())
+    assert len(read) == 8
+    assert corrected.n_corrected == 8
+    with pytest.raises(RefusedError, match=r"p3\.src: was corrected already, see p3\.corrections\.json"):
+        correct_programs([programs[0], out / "p3.src"], error_map, frames=FrameTable())
+    assert len(read) == 16  # a new run looks again

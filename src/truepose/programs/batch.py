@@ -22,6 +22,7 @@ from truepose.programs.frame_table import FrameTable
 from truepose.programs.leftovers import clear_leftovers
 from truepose.programs.parallel import correct_in_tasks
 from truepose.programs.reading import Reading, read_chosen
+from truepose.programs.record import records_read_once
 
 _SHOWN: Final = 3  # warnings that a message repeats
 _WORTH_PROCESSES: Final = 40_000
@@ -239,14 +240,15 @@ def correct_read(
         results = correct_in_tasks(list(programs), error_map, cell, executor, **settings)
     else:
         results = ((program, _tried(program, error_map, cell, settings)) for program in programs)
-    for program, one in results:
-        if isinstance(one, CorrectedProgram):
-            corrected.append(one)
-            refused += [RefusedProgram(path, reason) for path, reason in one.refused.items()]
-        elif not keep_going:
-            raise one
-        else:
-            refused.append(RefusedProgram(program.path, str(one), max(1, len(program.modules))))
+    with records_read_once():
+        for program, one in results:
+            if isinstance(one, CorrectedProgram):
+                corrected.append(one)
+                refused += [RefusedProgram(path, reason) for path, reason in one.refused.items()]
+            elif not keep_going:
+                raise one
+            else:
+                refused.append(RefusedProgram(program.path, str(one), max(1, len(program.modules))))
     return corrected, refused
 
 

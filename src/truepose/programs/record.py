@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain, takewhile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -211,13 +213,11 @@ def check_not_corrected(program: Program, map_path: Path | None) -> None:
         If a record cannot be read.
     """
     hashes = {source.sha256: source.path for source in program.sources}
-    for path, entries in chain(records_of(program), _lists_of(program)):
-        for before, after in entries:
-            if before != after and after in hashes:
-                raise RefusedError(
-                    f"{hashes[after]}: was corrected already, see {path.name}; do not correct it twice: "
-                    "take the original"
-                )
+    for results in _results(program):
+        for after, path in hashes.items():
+            if after in results:
+                earlier = f"was corrected already, see {results[after].name}"
+                raise RefusedError(f"{path}: {earlier}; do not correct it twice: take the original")
     history.check(program, map_path)
 
 
@@ -226,10 +226,7 @@ def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]
 
     The record of a project lies in its folder, above those of its modules.
     """
-    beside = dict.fromkeys([program.folder, *(source.path.parent for source in program.sources)])
-    above = dict.fromkeys(parent for folder in beside for parent in folder.resolve().parents)
-    own = {folder.resolve() for folder in beside}
-    for folder in [*beside, *(parent for parent in above if parent not in own)]:
+    for folder in _folders(program):
         for path in sorted(folder.glob(f"*{SUFFIX}")):
             yield path, hashes_of(path)
     for path in _in_zip(program):
@@ -237,14 +234,75 @@ def records_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]
             yield path, hashes_of(path)
 
 
-def _lists_of(program: Program) -> Iterator[tuple[Path, list[tuple[str, str]]]]:
-    """Yield the lists of changed files of corrected backups in, beside and above a program, each with the hashes."""
+def _folders(program: Program) -> list[Path]:
+    """Return the folders of the files of a program, and those above them."""
+    beside = dict.fromkeys([program.folder, *(source.path.parent for source in program.sources)])
+    above = dict.fromkeys(parent for folder in beside for parent in folder.resolve().parents)
+    own = {folder.resolve() for folder in beside}
+    return [*beside, *(parent for parent in above if parent not in own)]
+
+
+_Results = dict[str, Path]  # the hash of each corrected file, with the record or list that has it
+_READ: Final[ContextVar[dict[tuple[Any, Path], _Results] | None]] = ContextVar("records", default=None)
+
+
+@contextmanager
+def records_read_once() -> Iterator[None]:
+    """Within the block, read the records of a folder once for all programs in it and below it."""
+    token = _READ.set({})
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+
+
+def _results(program: Program) -> Iterator[_Results]:
+    """Yield the results of corrections by the records beside and above a program, then by the lists of backups."""
+    inside = _in_zip(program)
+    for folder in _folders(program):
+        yield _once(_recorded_in, folder)
+    yield _recorded(path for path in inside if path.name.endswith(SUFFIX))
     folder = program.folder.resolve()
-    places = [folder / CHANGED, *(parent / CHANGED for parent in folder.parents)]
-    for path in [*(path for path in places if path.is_file()), *_in_zip(program)]:
-        if path.name == CHANGED:
-            lines = [line.split(",") for line in read_bytes(path).decode("utf-8", "replace").splitlines()]
-            yield path, [(line[-2], line[-1]) for line in lines if len(line) > 2]
+    for place in (folder, *folder.parents):
+        yield _once(_listed_in, place)
+    yield _listed(path for path in inside if path.name == CHANGED)
+
+
+def _once(read: Callable[[Path], _Results], folder: Path) -> _Results:
+    known = _READ.get()
+    if known is None:
+        return read(folder)
+    if (read, folder) not in known:
+        known[read, folder] = read(folder)
+    return known[read, folder]
+
+
+def _recorded_in(folder: Path) -> _Results:
+    return _recorded(sorted(folder.glob(f"*{SUFFIX}")))
+
+
+def _listed_in(folder: Path) -> _Results:
+    return _listed(path for path in [folder / CHANGED] if path.is_file())
+
+
+def _recorded(records: Iterable[Path]) -> _Results:
+    found: _Results = {}
+    for path in records:
+        for before, after in hashes_of(path):
+            if before != after:
+                found.setdefault(after, path)
+    return found
+
+
+def _listed(lists: Iterable[Path]) -> _Results:
+    """Return the results by the lists of changed files of corrected backups."""
+    found: _Results = {}
+    for path in lists:
+        lines = [line.split(",") for line in read_bytes(path).decode("utf-8", "replace").splitlines()]
+        for line in lines:
+            if len(line) > 2 and line[-2] != line[-1]:
+                found.setdefault(line[-1], path)
+    return found
 
 
 def _in_zip(program: Program) -> list[Path]:
