@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from tests.programs.test_urp import correct, lay, move, points
 from tests.store.people import PASSWORD, join
 from tests.store.plant import N, plant
 
 import truepose as tp
+from truepose.error_map import update_map
 from truepose.errors import RefusedError
 from truepose.store import schema, users
 from truepose.store.access import Identity
@@ -146,6 +151,44 @@ def test_a_correction_of_a_corrected_program_is_left_out(store, team, folder, tm
     )
     assert len(rows(store, schema.correction)) == 1
     assert import_folder(store, team["anna"], folder).left_out == []  # the first correction itself stays known
+
+
+def test_an_updated_map_has_its_parent_and_the_samples_of_both(store, team, folder):
+    """Also of a map that was imported alone; a map that was fitted anew with all samples has no parent."""
+    (folder / "a").mkdir()
+    (folder / "updated.truepose").rename(folder / "a" / "april.truepose")  # read before its parent
+    error_map = tp.load_map(folder / "map.truepose")
+    both = tp.load_map(folder / "a" / "april.truepose").samples
+    tp.fit_cell(error_map.cell, both, "ordinary-kriging").save(folder / "anew.truepose")
+    assert import_folder(store, team["anna"], folder).counts()["map"] == 3
+    update_map(error_map, tp.read_samples(folder / "later.csv"), "station").save(folder / "moved.truepose")
+    assert import_folder(store, team["anna"], folder).counts() == {"map": 1}
+    maps = {one["name"]: one for one in rows(store, schema.map)}
+    parents = {name: one["parent_id"] for name, one in maps.items()}
+    march = maps["map"]["id"]
+    assert parents == {"map": None, "april": march, "anew": None, "moved": march}
+    named = {one["id"]: one["name"] for one in rows(store, schema.reading_set)}
+    links = rows(store, schema.map_reading_set)
+    of_april = {named[one["reading_set_id"]] for one in links if one["map_id"] == maps["april"]["id"]}
+    assert of_april == {"samples.csv", "later.csv"}
+    assert [one["name"] for one, _ in recall_map(store, team["eva"], "map").updated] == ["april", "moved"]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_program_of_a_teach_pendant_is_taken_with_its_record(store, team, folder, packed):
+    """A .urp, whose text is packed in the file; its original lies beside it, or in the .zip of a backup."""
+    original = lay(folder, [move(points())])
+    sha = hashlib.sha256((folder / "map.truepose").read_bytes()).hexdigest()
+    replace(correct(original), map_hash=sha).write(folder / "corrected")
+    if packed:
+        with zipfile.ZipFile(folder / "backup.zip", "w") as archive:
+            archive.write(original, "programs/cell.urp")
+        original.unlink()
+    done = import_folder(store, team["anna"], folder)
+    assert done.left_out == []
+    assert done.counts()["correction"] == 2
+    outputs = [store.read_blob(one["output_sha256"]) for one in rows(store, schema.correction)]
+    assert (folder / "corrected" / "cell.urp").read_bytes() in outputs
 
 
 def test_files_that_are_no_objects_are_left_out_with_the_reason(store, team, folder):

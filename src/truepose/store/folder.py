@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, get_args
 from truepose._io.archive import LARGEST_MAP
 from truepose._io.files import check_regular
 from truepose._io.folders import files_within
+from truepose._io.zips import is_zip
 from truepose.cell import load_cell
 from truepose.error_map import load_map
 from truepose.errors import FileError, TrueposeError
@@ -73,12 +74,15 @@ class FolderContent:
         The number of files that are no objects: programs, reports, readings.
     by_hash : dict of str to Path
         A file of each content.
+    archives : list of Path
+        The .zip files, such as backups of controllers.
     """
 
     objects: list[FileObject] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
     others: int = 0
     by_hash: dict[str, Path] = field(default_factory=dict)
+    archives: list[Path] = field(default_factory=list)
 
 
 def read_folder(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> FolderContent:
@@ -109,7 +113,14 @@ def read_folder(folder: Path, progress: Callable[[int, int], None] = lambda done
             found.objects.append(FileObject(kind, path, digest, _READERS[kind](path)))
         except TrueposeError as error:
             found.left_out.append(LeftOut(path, str(error).removeprefix(f"{path}: ")))
+    found.objects.sort(key=_order)
     return found
+
+
+def _order(one: FileObject) -> tuple[int, int, int]:
+    """Return the place of an object: after those that it depends on, updated maps after the ones that they are from."""
+    kind = KINDS.index(one.kind)
+    return (kind, len(one.content.samples), one.path.stat().st_mtime_ns) if one.kind == "map" else (kind, 0, 0)
 
 
 def _look(path: Path, found: FolderContent, kinds: list[tuple[Kind, Path, str]]) -> None:
@@ -126,6 +137,8 @@ def _look(path: Path, found: FolderContent, kinds: list[tuple[Kind, Path, str]])
     first = found.by_hash.setdefault(digest, path)
     if (kind := kind_of(path, start)) is None:
         found.others += 1
+        if is_zip(path):
+            found.archives.append(path)
     elif first != path:
         found.left_out.append(LeftOut(path, f"has the same content as {first}"))
     else:

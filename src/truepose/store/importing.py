@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import sqlalchemy as sa
 
+from truepose._io.files import read_bytes
+from truepose._io.folders import files_within
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError, RefusedError, StoreError, TrueposeError
 from truepose.store import recording, schema
 from truepose.store.access import Identity, changing, check
+from truepose.store.ancestry import parent_of
 from truepose.store.folder import FileObject, FolderContent, LeftOut, read_folder
 from truepose.store.recording import CellFile
-from truepose.store.rows import find
+from truepose.store.rows import find, reading_sets_of
 
 if TYPE_CHECKING:
     from truepose.store.change import Change
@@ -130,9 +137,21 @@ class _Importer:
         error_map: ErrorMap = one.content
         source = Path(error_map.samples.source)
         places = (source, one.path.parent / source, one.path.parent / source.name)
-        sets = [self._samples[place.resolve()] for place in places if place.resolve() in self._samples]
+        sets = [self._samples[place.resolve()] for place in places if place.resolve() in self._samples][:1]
         cell_id = self._cell(change, one.path, error_map)
-        recording.add_map(change, cell_id, one.path, error_map, reading_sets=tuple(sets[:1]))
+        parent = parent_of(self._store, change.connection, cell_id, error_map)
+        if parent is not None:
+            known = [row["id"] for row in reading_sets_of(change.connection, parent["id"])]
+            sets = [*known, *self._appended(error_map, parent["figures"]["n"])]
+        parent_id = None if parent is None else parent["id"]
+        recording.add_map(change, cell_id, one.path, error_map, reading_sets=tuple(sets), parent_id=parent_id)
+
+    def _appended(self, error_map: ErrorMap, n: int) -> list[int]:
+        """Return the reading set of the folder that an update appended after the first n samples."""
+        added = error_map.samples.p_meas[n:]
+        tables = [one for one in self._content.objects if one.kind == "samples" and len(one.content) == len(added)]
+        same = [one.path.resolve() for one in tables if len(added) and np.array_equal(one.content.p_meas, added)]
+        return [self._samples[path] for path in same if path in self._samples][:1]
 
     def _add_verification(self, change: Change, one: FileObject) -> None:
         name = Path(one.content.program.replace("\\", "/")).name
@@ -151,10 +170,20 @@ class _Importer:
         own = error_map.cell
         return recording.add_cell(change, CellFile(path.resolve().parent.name, own.to_toml().encode(), own))
 
+    @cached_property
+    def _packed(self) -> dict[str, Path]:
+        """The files in the .zip files of the folder, such as backups of controllers, by their SHA-256."""
+        found: dict[str, Path] = {}
+        for archive in self._content.archives:
+            with suppress(TrueposeError):  # a file that is no .zip that can be read holds no original
+                for path in files_within(archive).files:
+                    found.setdefault(hashlib.sha256(read_bytes(path)).hexdigest(), path)
+        return found
+
     def _content_of(self, sha256: str) -> bytes | None:
-        path = self._content.by_hash.get(sha256)
+        path = self._content.by_hash.get(sha256) or self._packed.get(sha256)
         if path is not None:
-            return path.read_bytes()
+            return read_bytes(path)
         with self._store.reading() as connection:
             known = connection.execute(sa.select(schema.blob.c.size).where(schema.blob.c.sha256 == sha256)).scalar()
         return None if known is None else self._store.read_blob(sha256)
