@@ -19,6 +19,7 @@ from tests.browser.opening import Browser, Server, chromium_path
 
 from truepose.web.pages import STATIC
 
+AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 PICTURES = Path(__file__).parents[2] / "build" / "screens"
 
 
@@ -77,3 +78,10 @@ def pictures() -> Path:
     """The ignored folder of the pictures that the documentation shows."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     return PICTURES
+
+
+@pytest.fixture(scope="session")
+def axe() -> str:
+    """The source of axe-core."""
+    assert AXE.is_file(), "axe-core is missing; run 'npm ci' in frontend"
+    return AXE.read_text("utf-8")

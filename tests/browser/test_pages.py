@@ -7,15 +7,7 @@ from pathlib import Path
 import pytest
 from tests.browser.opening import PAGES, Browser, Opened, Server
 
-AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
-
 WIDE, NARROW = 1400, 390
-
-
-@pytest.fixture(scope="session")
-def axe(browser: Browser) -> str:
-    assert AXE.is_file(), "axe-core is missing; run 'npm ci' in frontend"
-    return AXE.read_text("utf-8")
 
 
 def show_correction(app: Opened, *, from_page: str = "") -> None:

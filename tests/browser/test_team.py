@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 from tests.browser.opening import Browser, Opened, Server
 from tests.needs import needed
 
@@ -19,6 +21,7 @@ needed("alembic", "'truepose[store]'")
 
 from tests.web.people import PASSWORD, add_people
 
+from truepose.store import schema
 from truepose.store.access import log_in
 from truepose.store.importing import import_folder
 from truepose.store.store import Store
@@ -26,14 +29,26 @@ from truepose.store.store import Store
 REFUSED = re.compile("console error: Failed to load resource: the server responded with a status of 40[139]")
 
 
-@pytest.fixture
-def team_server(browser: Browser, virtual_cell: Path, tmp_path: Path) -> Iterator[Server]:
-    """A server with a store that has the files of the virtual cell; the engineer took them in."""
-    workspace, folder = tmp_path / "workspace", tmp_path / "store"
+MONTHS = 10
+
+
+@pytest.fixture(scope="module")
+def team_server(browser: Browser, virtual_cell: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server with a store that has the files of the virtual cell; the engineer took them in, and verified monthly."""
+    root = tmp_path_factory.mktemp("team")
+    workspace, folder = root / "workspace", root / "store"
     shutil.copytree(virtual_cell, workspace / "virtual-cell")
     with Store.open(folder, create=True) as store:
         add_people(store)
         import_folder(store, log_in(store, "Jürgen", PASSWORD), workspace / "virtual-cell")
+        with store.transaction("Jürgen") as change:
+            map_id = change.connection.execute(sa.select(schema.map.c.id)).scalar_one()
+            for month in range(MONTHS):
+                after = {"n": 40, "mean_mm": 0.06 + 0.004 * month, "p95_mm": 0.12 + 0.009 * month, "max_mm": 0.3}
+                figures = json.dumps({"program": f"panel-{month:02}.src", "after": after})
+                when = f"2025-{month + 1:02}-15T08:00:00.000000Z"
+                verified = {"map_id": map_id, "correction_id": None, "reading_set_id": None, "record_sha256": None}
+                change.insert(schema.verification, {**verified, "kind": "program", "figures": figures, "created": when})
     with Server.started(workspace, "--store", str(folder)) as running:
         yield running
 
@@ -66,3 +81,44 @@ def test_an_administrator_adds_and_disables_a_user(browser: Browser, team_server
         page.get_by_label("What for").fill("night shift")
         page.get_by_role("button", name="Make a token").click()
         page.get_by_text("tp_").wait_for()
+
+
+def cards(app: Opened, view: str) -> None:
+    """Choose a view of the history by the keyboard, from the one before."""
+    app.page.get_by_role("tab", selected=True).focus()
+    app.page.keyboard.press("ArrowRight")
+    app.page.wait_for_function("view => location.hash.endsWith(`view=${view}`)", arg=view)
+    app.ready()
+
+
+@pytest.mark.parametrize(
+    ("language", "width", "theme"), [("en", 1400, "light"), ("de", 390, "dark"), ("zh", 390, "light")]
+)
+def test_the_history_shows_drift_and_the_audit_trail(
+    browser: Browser, team_server: Server, axe: str, pictures: Path, language: str, width: int, theme: Any
+) -> None:
+    found = []
+    with entered(browser, team_server, "quality", language=language, width=width, theme=theme) as app:
+        page = app.page
+        app.go("history")
+        cards(app, "drift")
+        page.locator("figure.chart canvas").wait_for()
+        assert page.get_by_role("grid").get_attribute("aria-rowcount") == str(MONTHS + 2)
+        found += [f"drift: {one}" for one in [*app.overflow(), *app.axe(axe)]]
+        page.screenshot(path=pictures / f"drift-{theme}-{width}-{language}.png")
+        cards(app, "audit")
+        grid = page.get_by_role("grid")
+        grid.get_by_text("verification.add").first.wait_for()
+        every = grid.get_attribute("aria-rowcount")
+        page.locator("main select").select_option("map")
+        page.wait_for_function("n => document.querySelector('[role=grid]').ariaRowCount !== n", arg=every)
+        assert set(grid.locator("[role=row] [role=gridcell]:nth-child(4)").all_inner_texts()) == {"map.add"}
+        page.keyboard.press("Escape")
+        grid.focus()
+        page.keyboard.press("ArrowDown")
+        page.locator("main section h2", has_text="map.add").wait_for()
+        found += [f"audit: {one}" for one in [*app.overflow(), *app.axe(axe)]]
+        page.screenshot(path=pictures / f"audit-{theme}-{width}-{language}.png")
+        page.locator("main input[type=search]").fill("nothing has this text")
+        page.locator("main .none").wait_for()
+    assert not found, "\n".join(found)

@@ -73,6 +73,7 @@ def test_errors_are_those_from_the_nominal_targets_of_the_record(proof):
     assert found.before == "predicted"
     assert found.record.endswith("part.corrections.json")
     assert found.figures["before"]["mean_mm"] > 0.01
+    assert found.figures["after"]["p95_mm"] == pytest.approx(np.percentile(np.linalg.norm(error, axis=1), 95), abs=1e-6)
 
 
 @pytest.mark.promise(

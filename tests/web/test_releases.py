@@ -98,17 +98,42 @@ def test_the_audit_trail_of_a_cell_and_its_head_are_shown(
 ) -> None:
     quality = opened("quality")
     signed(quality, taken_in)
-    entries = quality.get(f"{cell}/audit").json()
+    part = quality.get(f"{cell}/audit").json()
+    entries = part["rows"]
+    assert part["total"] == len(entries)
     actions = [(one["action"], one["user"]) for one in entries]
     assert ("map.release", "quality") in actions
     assert ("map.add", "both") in actions
     assert not any(action.startswith(("user.", "role.", "login")) for action, _ in actions)
     sequences = [one["sequence"] for one in entries]
     assert sequences == sorted(sequences, reverse=True)
-    older = quality.get(f"{cell}/audit", params={"before": sequences[2], "limit": 1}).json()
-    assert [one["sequence"] for one in older] == [sequences[3]]
+    older = quality.get(f"{cell}/audit", params={"offset": 3, "limit": 1}).json()
+    assert ([one["sequence"] for one in older["rows"]], older["total"]) == ([sequences[3]], part["total"])
     found = quality.get(f"{cell}/releases").json()
     assert (found["sequence"], found["head"]) == (store.head().sequence, store.head().hash)
+
+
+FILTERS: list[tuple[dict[str, str], Callable[[dict[str, Any]], bool]]] = [
+    ({"kind": "map"}, lambda one: one["object"] == "map" and one["name"] == "map"),
+    ({"kind": "correction"}, lambda one: one["name"].rpartition("/")[2] == "panel.dat"),
+    ({"kind": "release"}, lambda one: one["name"] == "map" and one["user"] == "quality"),
+    ({"text": "QUALITY"}, lambda one: one["user"] == "quality"),
+    ({"text": "map.release"}, lambda one: one["action"] == "map.release"),
+    ({"text": "reading_set.add", "kind": "reading_set"}, lambda one: one["action"] == "reading_set.add"),
+]
+
+
+def test_the_audit_trail_is_filtered_by_the_server(opened: Callable[..., TestClient], cell: str, taken_in: str) -> None:
+    quality = opened("quality")
+    signed(quality, taken_in)
+    every = quality.get(f"{cell}/audit").json()["total"]
+    for wanted, matches in FILTERS:
+        part = quality.get(f"{cell}/audit", params=wanted).json()
+        assert 0 < part["total"] == len(part["rows"]) < every, wanted
+        assert all(map(matches, part["rows"])), wanted
+    for text in ("%", "_no_such_", "' OR 1=1 --", "<b>"):
+        part = quality.get(f"{cell}/audit", params={"text": text})
+        assert (part.status_code, part.json()["total"]) == (200, 0), text
 
 
 def test_the_drift_of_a_cell_is_in_the_order_of_time(

@@ -1,6 +1,6 @@
 /** The options of a uPlot: our axes, colours, bands and straight lines. Used by `components/Chart.svelte`. */
 import type uPlot from 'uplot'
-import { number, significant } from './format'
+import { date, dateTime, number, significant } from './format'
 import { cssColor } from './theme.svelte'
 
 export interface ChartSeries {
@@ -9,6 +9,8 @@ export interface ChartSeries {
   /** Name of a CSS variable; the curve colours in turn by default. */
   color?: `--${string}`
   points?: boolean
+  /** With `points`: a line through them, also across gaps. */
+  joined?: boolean
   dash?: boolean
   /** Lower and upper bound, drawn as an area. */
   band?: [ArrayLike<number | null>, ArrayLike<number | null>]
@@ -28,6 +30,8 @@ export interface ChartSpec {
   yLabel: string
   xUnit?: string
   yUnit?: string
+  /** x is a time in seconds since 1970. */
+  xTime?: boolean
   width: number
   height: number
   lines: readonly ChartLine[]
@@ -46,7 +50,7 @@ export function chartData(x: ArrayLike<number>, series: readonly ChartSeries[]):
 
 export function chartOptions(spec: ChartSpec): uPlot.Options {
   const colors = spec.series.map(({ color }, i) => cssColor(color ?? `--curve-${(i % 5) + 1}`))
-  const series: uPlot.Series[] = [{ label: title(spec.xLabel, spec.xUnit), value: (_, value) => significant(value) }]
+  const series: uPlot.Series[] = [{ label: title(spec.xLabel, spec.xUnit), value: (_, value) => (spec.xTime && value !== null ? dateTime(value) : significant(value)) }]
   const bands: uPlot.Band[] = []
   spec.series.forEach((one, i) => {
     const color = colors[i] as string
@@ -67,7 +71,9 @@ export function chartOptions(spec: ChartSpec): uPlot.Options {
     labelSize: 20,
     values: (_, splits) => {
       const step = splits.length > 1 ? Math.abs((splits[1] as number) - (splits[0] as number)) : 1
-      return splits.map((value) => number(value, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))))
+      const whole = Math.max(0, -Math.floor(Math.log10(step) + 1e-9))
+      const decimals = Math.abs(step * 10 ** whole - Math.round(step * 10 ** whole)) > 1e-6 ? whole + 1 : whole // 0.025
+      return splits.map((value) => number(value, decimals))
     },
   })
   return {
@@ -75,9 +81,9 @@ export function chartOptions(spec: ChartSpec): uPlot.Options {
     height: spec.height - 28, // the legend stands below
     series,
     bands,
-    axes: [axis(title(spec.xLabel, spec.xUnit)), { ...axis(title(spec.yLabel, spec.yUnit)), size: 64 }],
+    axes: [spec.xTime ? timeAxis(axis(spec.xLabel)) : axis(title(spec.xLabel, spec.xUnit)), { ...axis(title(spec.yLabel, spec.yUnit)), size: 64 }],
     scales: {
-      x: { time: false, range: (_, min, max) => spec.xRange() ?? widened(min, max, 0) },
+      x: { time: false, range: (_, min, max) => spec.xRange() ?? widened(min, max, spec.xTime ? 0.03 : 0) },
       y: { range: (_, min, max) => spec.yRange() ?? widened(min, max, 0.06) },
     },
     cursor: { drag: { x: false, y: false }, points: { size: 7 } },
@@ -89,11 +95,27 @@ export function chartOptions(spec: ChartSpec): uPlot.Options {
   }
 }
 
-function drawn({ label, points, dash }: ChartSeries, color: string): uPlot.Series {
+const DAY = 86_400
+
+/** Dates below an axis of seconds since 1970; times of day where days are too coarse. */
+function timeAxis(axis: uPlot.Axis): uPlot.Axis {
+  return {
+    ...axis,
+    space: 104,
+    incrs: [60, 300, 900, 3600, 3 * 3600, 6 * 3600, 12 * 3600, ...[1, 2, 7, 14, 30, 61, 91, 183, 365, 730, 1826].map((n) => n * DAY)],
+    values: (_, splits) => {
+      const step = splits.length > 1 ? (splits[1] as number) - (splits[0] as number) : DAY
+      return splits.map((value) => (step < DAY ? dateTime(value) : date(value)))
+    },
+  }
+}
+
+function drawn({ label, points, joined, dash }: ChartSeries, color: string): uPlot.Series {
   return {
     label,
     stroke: color,
-    width: points ? 0 : 2,
+    width: points ? (joined ? 1.5 : 0) : 2,
+    spanGaps: joined ?? false,
     dash: dash ? [6, 4] : undefined,
     points: points ? { show: true, size: 6, stroke: color, fill: color } : { show: false },
     value: (_, value) => significant(value),

@@ -35,6 +35,10 @@ export function dateTime(value: string | number | null | undefined): string {
   return new Intl.DateTimeFormat(i18n.language, { dateStyle: 'medium', timeStyle: 'short' }).format(date)
 }
 
+/** A day (seconds since 1970) in the language's form. */
+export const date = (seconds: number): string =>
+  new Intl.DateTimeFormat(i18n.language, { dateStyle: 'medium' }).format(new Date(seconds * 1000))
+
 /** A duration such as "8 s" or "2 min 05 s". */
 export function duration(seconds: number): string {
   if (seconds < 60) return `${number(seconds, seconds < 10 ? 1 : 0)} s`

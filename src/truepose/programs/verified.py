@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
+
+import numpy as np
 
 from truepose._io.delimited import escaped
 from truepose.verification.conformity import CONFORMITIES, RULE, Conformity, overall
@@ -122,14 +125,10 @@ class ProgramVerification:
 
     @property
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """The mean and the maximum of the errors after and, where they are known, before the correction."""
+        """The mean, the 95th percentile and the maximum of the errors after and, where known, before the correction."""
         before = [t.before_mm for t in self.targets if t.before_mm is not None]
         states = {"before": before, "after": [t.error_mm for t in self.targets]}
-        return {
-            state: {"n": len(errors), "mean_mm": sum(errors) / len(errors), "max_mm": max(errors)}
-            for state, errors in states.items()
-            if errors
-        }
+        return {state: _summary(errors) for state, errors in states.items() if errors}
 
     def sentences(self) -> list[str]:
         """Return the result in sentences."""
@@ -181,3 +180,9 @@ class ProgramVerification:
             shown = ["" if value is None else f"{value:.6f}" for value in values]
             writer.writerow([escaped(t.file), t.line, escaped(t.name), t.correction, *shown, t.readings, t.decision])
         return buffer.getvalue()
+
+
+def _summary(errors: Sequence[float]) -> dict[str, float | int]:
+    """Return the number, the mean, the 95th percentile and the maximum of errors."""
+    p95 = float(np.percentile(errors, 95))
+    return {"n": len(errors), "mean_mm": sum(errors) / len(errors), "p95_mm": p95, "max_mm": max(errors)}

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 router = APIRouter(tags=["releases"])
 _COLUMNS = ("map", "map_sha256", "robot", "program", "program_sha256", "output_sha256", "draft", "corrected_by", "time")
 MapState = Literal["draft", "released", "superseded", "withdrawn"]
+AuditedKind = Literal["cell", "campaign", "reading_set", "map", "correction", "verification", "release"]
 
 
 class Signature(BaseModel):
@@ -86,8 +87,16 @@ class AuditEntry(BaseModel):
     action: str
     object: str
     object_id: int | None
+    name: str | None = Field(description="of the object, or of its map or program")
     payload: dict[str, Any]
     hash: str
+
+
+class AuditPart(BaseModel):
+    """A part of the audit trail, and the number of all entries that match."""
+
+    total: int
+    rows: list[AuditEntry]
 
 
 class DriftPoint(BaseModel):
@@ -154,14 +163,16 @@ def audit_trail(
     cell: InCell,
     team: InTeam,
     visit: InVisit,
-    before: Annotated[int | None, Query(description="only entries before this sequence")] = None,
+    text: Annotated[str, Query(max_length=200, description="a part of time, user, action, values or hash")] = "",
+    kind: Annotated[AuditedKind | None, Query(description="only entries about this kind of object")] = None,
+    offset: Annotated[int, Query(ge=0)] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 200,
-) -> list[AuditEntry]:
-    """Return the entries of the audit trail about the cell and what belongs to it, newest first."""
+) -> AuditPart:
+    """Return a part of the audit trail about the cell and what belongs to it, newest first."""
     from truepose.web.team import records
 
-    found = records.audit_of(team.store, visit.identity, cell.file, before, limit)
-    return [AuditEntry.model_validate(one) for one in found]
+    wanted = records.AuditFilter(text, kind, offset, limit)
+    return AuditPart.model_validate(records.audit_of(team.store, visit.identity, cell.file, wanted))
 
 
 @router.get("/cells/{cell}/drift")

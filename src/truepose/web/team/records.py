@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import sqlalchemy as sa
 
@@ -16,6 +18,31 @@ from truepose.store.recording import cell_name
 from truepose.store.releases import signatures
 from truepose.store.rows import decoded
 from truepose.store.store import Store
+
+_OF_MAPS: Final = {
+    "verification": (schema.verification, schema.verification.c.map_id),
+    "release": (schema.release, schema.release.c.object_id),
+}
+
+
+@dataclass(frozen=True)
+class AuditFilter:
+    """A part of the audit trail.
+
+    Attributes
+    ----------
+    text : str
+        A part of time, user, action, values or hash; empty for all.
+    object : str or None
+        The kind of the objects; None for all.
+    offset, limit : int
+        The number of entries to skip, and the largest number to return.
+    """
+
+    text: str = ""
+    object: str | None = None
+    offset: int = 0
+    limit: int = 200
 
 
 def maps(store: Store, by: Identity, cell_file: Path) -> dict[str, Any]:
@@ -42,30 +69,57 @@ def maps(store: Store, by: Identity, cell_file: Path) -> dict[str, Any]:
     return {"maps": shown, "sequence": last.sequence, "head": last.hash}
 
 
-def audit_of(store: Store, by: Identity, cell_file: Path, before: int | None, limit: int) -> list[dict[str, Any]]:
-    """Return the entries about a cell and what belongs to it, the newest first."""
-    audit, cells = schema.audit, _cells(cell_file)
+def audit_of(store: Store, by: Identity, cell_file: Path, wanted: AuditFilter) -> dict[str, Any]:
+    """Return a part of the entries about a cell and what belongs to it, the newest first, and their number."""
+    audit = schema.audit
+    objects = _objects(cell_file)
+    about = sa.or_(*((audit.c.object == name) & audit.c.object_id.in_(ids) for name, ids in objects.items()))
+    if wanted.object is not None:
+        about &= audit.c.object == wanted.object
+    if text := wanted.text.strip():
+        columns = (audit.c.time, audit.c.user, audit.c.action, audit.c.payload, audit.c.hash)
+        about &= sa.or_(*(column.icontains(text, autoescape=True) for column in columns))
+    query = sa.select(audit).where(about).order_by(audit.c.sequence.desc())
+    with viewing(store, by) as connection:
+        total = connection.execute(sa.select(sa.func.count()).select_from(audit).where(about)).scalar_one()
+        found = connection.execute(query.offset(wanted.offset).limit(wanted.limit)).mappings().all()
+        rows = [
+            {**row, "payload": json.loads(row["payload"]), "name": _name_of(connection, dict(row))} for row in found
+        ]
+    return {"total": total, "rows": rows}
+
+
+def _objects(cell_file: Path) -> dict[str, sa.Select[Any]]:
+    """Return the ids of a cell and of what belongs to it, by the name of the table."""
+    cells = _cells(cell_file)
     campaigns = sa.select(schema.campaign.c.id).where(schema.campaign.c.cell_id.in_(cells))
     own_maps = sa.select(schema.map.c.id).where(schema.map.c.cell_id.in_(cells))
-    corrections = sa.select(schema.correction.c.id).where(schema.correction.c.map_id.in_(own_maps))
-    reading_sets = sa.select(schema.reading_set.c.id).where(schema.reading_set.c.campaign_id.in_(campaigns))
-    verifications = sa.select(schema.verification.c.id).where(schema.verification.c.map_id.in_(own_maps))
     signed = schema.release.c.object_id.in_(own_maps) & (schema.release.c.object == "map")
-    objects = {
+    return {
         "cell": cells,
         "campaign": campaigns,
+        "reading_set": sa.select(schema.reading_set.c.id).where(schema.reading_set.c.campaign_id.in_(campaigns)),
         "map": own_maps,
-        "correction": corrections,
-        "reading_set": reading_sets,
-        "verification": verifications,
+        "correction": sa.select(schema.correction.c.id).where(schema.correction.c.map_id.in_(own_maps)),
+        "verification": sa.select(schema.verification.c.id).where(schema.verification.c.map_id.in_(own_maps)),
         "release": sa.select(schema.release.c.id).where(signed),
     }
-    wanted = sa.or_(*((audit.c.object == name) & audit.c.object_id.in_(ids) for name, ids in objects.items()))
-    query = sa.select(audit).where(wanted).order_by(audit.c.sequence.desc()).limit(limit)
-    if before is not None:
-        query = query.where(audit.c.sequence < before)
-    with viewing(store, by) as connection:
-        return [{**row, "payload": json.loads(row["payload"])} for row in connection.execute(query).mappings()]
+
+
+def _name_of(connection: sa.Connection, entry: Mapping[str, Any]) -> str | None:
+    """Return the name of the object of an entry: that of its map or program if it has none itself."""
+    kind, id_ = entry["object"], entry["object_id"]
+    correction, program = schema.correction, schema.program
+    if kind == "correction":
+        query = sa.select(program.c.name).join(correction, correction.c.program_id == program.c.id)
+        query = query.where(correction.c.id == id_)
+    elif kind in _OF_MAPS:
+        table, of = _OF_MAPS[kind]
+        query = sa.select(schema.map.c.name).join(table, of == schema.map.c.id).where(table.c.id == id_)
+    else:
+        table = schema.metadata.tables[kind]
+        query = sa.select(table.c.name).where(table.c.id == id_)
+    return connection.execute(query).scalar()
 
 
 def drift(store: Store, by: Identity, cell_file: Path) -> list[dict[str, Any]]:
