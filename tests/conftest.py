@@ -94,6 +94,17 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(figures, name, lambda *_: picture)
 
 
+@pytest.fixture
+def quick_hashes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Argon2id with small parameters, for tests that are about everything else."""
+    from argon2 import PasswordHasher
+
+    from truepose.store import passwords
+
+    cheap = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+    monkeypatch.setattr(passwords, "_hasher", lambda: cheap)
+
+
 @dataclass(frozen=True)
 class Run:
     code: int

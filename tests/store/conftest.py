@@ -110,14 +110,3 @@ def store(address: str) -> Iterator[Store]:
     """A new, empty store on each engine in turn."""
     with Store.open(address) as opened:
         yield opened
-
-
-@pytest.fixture
-def quick_hashes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Argon2id with small parameters, for tests that are about everything else."""
-    from argon2 import PasswordHasher
-
-    from truepose.store import passwords
-
-    cheap = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
-    monkeypatch.setattr(passwords, "_hasher", lambda: cheap)

@@ -40,7 +40,7 @@ def cell(workspace: Workspace) -> str:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path: Path, quick_hashes: None) -> Iterator[Store]:
     """A store with an administrator and the users of `tests.web.people`."""
     from tests.web.people import add_people
 
