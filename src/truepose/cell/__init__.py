@@ -2,7 +2,7 @@
 
 from truepose.cell.cell import Cell, load_cell
 from truepose.cell.poses import ANGLE_KEYS, Pose
-from truepose.cell.sections import Correction, Tracker
+from truepose.cell.sections import Conditions, Correction, Tracker, conditions_at_work
 from truepose.cell.template import template, write_template
 from truepose.cell.text import CellProblem
 
@@ -10,9 +10,11 @@ __all__ = [
     "ANGLE_KEYS",
     "Cell",
     "CellProblem",
+    "Conditions",
     "Correction",
     "Pose",
     "Tracker",
+    "conditions_at_work",
     "load_cell",
     "template",
     "write_template",

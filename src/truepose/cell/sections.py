@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from truepose._io.strict import is_whole
 from truepose._typing import FloatArray
 from truepose.cell.poses import CellError, CellSection, NotNegative, Number, Pose, Positive, Share, Temperature
+from truepose.errors import DataError
 
 Fit = Literal["none", "position", "pose"]
 
@@ -106,6 +107,32 @@ class Conditions(CellSection):
 
     temperature_C: Temperature | None = None  # noqa: N815 - °C, as in the cell file
     payload_kg: NotNegative | None = None
+
+    @property
+    def at_work(self) -> dict[str, float | None]:
+        """Temperature and payload, by key."""
+        return {"temperature_C": self.temperature_C, "payload_kg": self.payload_kg}
+
+
+def conditions_at_work(temperature: float | None, payload: float | None) -> Conditions:
+    """Return the conditions at work of a command's options, in °C and kg.
+
+    Raises
+    ------
+    DataError
+        If one of them cannot be.
+
+    Examples
+    --------
+    >>> conditions_at_work(25.0, None).at_work
+    {'temperature_C': 25.0, 'payload_kg': None}
+    """
+    try:
+        return Conditions(temperature_C=temperature, payload_kg=payload)
+    except ValidationError:
+        raise DataError(
+            f"temperature {temperature} °C, payload {payload} kg: expected -50 to 80 °C, and 0 kg or more"
+        ) from None
 
 
 GroupNumber = Annotated[int, Field(ge=1, le=8)]

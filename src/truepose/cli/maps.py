@@ -49,6 +49,12 @@ def predict(
     out: Annotated[
         Path | None, typer.Option("--out", help="The table to write; by default predicted.csv or predicted.parquet.")
     ] = None,
+    temperature: Annotated[
+        float | None, typer.Option("--temperature", metavar="C", help="Temperature in °C of poses that state none.")
+    ] = None,
+    payload: Annotated[
+        float | None, typer.Option("--payload", metavar="KG", help="Payload in kg of poses that state none.")
+    ] = None,
     execution: Execution = _EXECUTION,
     force: Force = False,
     as_json: Json = False,
@@ -56,6 +62,7 @@ def predict(
     """Predict the measured position of commanded poses, and the standard deviation of a corrected position."""
     import numpy as np
 
+    from truepose.cell import conditions_at_work
     from truepose.error_map import load_map
     from truepose.error_map.bulk import ROWS, in_parts, predict_parts
     from truepose.errors import DataError
@@ -69,7 +76,7 @@ def predict(
         raise DataError(f"{poses_path} and {out}: give both as Parquet (.parquet) or none of them")
     overwrite(force, out)
     with working("Reading the map", quiet=as_json) as progress:
-        error_map = load_map(map_path)
+        error_map = load_map(map_path).at_work(conditions_at_work(temperature, payload))
         poses = ParquetTable(poses_path) if large else read_plan(poses_path)
         progress(f"Predicting {len(poses)} poses")
         with execution.executor("prediction", pays=len(poses) > _WORTH_PROCESSES) as executor:

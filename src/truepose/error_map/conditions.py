@@ -14,6 +14,7 @@ from truepose.predictors.abilities import Conditional
 from truepose.predictors.conditions import joined
 from truepose.samples import Poses, Samples, approach_from_order
 
+_COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
@@ -51,17 +52,13 @@ def conditions_told(samples: Samples, cell: Cell, *, drifting: bool = False) -> 
         If the cell states a condition at work that the samples do not state.
     """
     known = conditions_of(samples, cell)
+    check_work(samples, cell)
     if "approach" in known:
         both = np.minimum((known["approach"] > 0).sum(axis=0), (known["approach"] < 0).sum(axis=0))
         if both.max() < _REVERSALS:
             del known["approach"]
     work = work_of(cell)
-    for name, column in (("temperature", "temp_C"), ("payload", "load_kg")):
-        if name in work and name not in known:
-            raise DataError(
-                f"{samples.source}: the cell states the {name} at work, but the samples have no column {column}; add "
-                f"it, or take {name} out of [conditions]"
-            )
+    for name in _COLUMNS:
         if name in known:
             every = np.append(known[name], work.get(name, known[name][0]))
             least = _KELVIN if name == "temperature" else _LOAD * every.max()
@@ -70,6 +67,17 @@ def conditions_told(samples: Samples, cell: Cell, *, drifting: bool = False) -> 
     if drifting and samples.time is not None:
         known["time"] = samples.time
     return known
+
+
+def check_work(samples: Samples, cell: Cell) -> None:
+    """Raise DataError if a cell states a condition at work that the samples do not state."""
+    known = conditions_of(samples, cell)
+    for name in work_of(cell):
+        if name not in known:
+            raise DataError(
+                f"{samples.source}: the cell states the {name} at work, but the samples have no column "
+                f"{_COLUMNS[name]}; add it, or take {name} out of [conditions]"
+            )
 
 
 def work_of(cell: Cell) -> dict[str, float]:

@@ -9,7 +9,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,9 @@ from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
 from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
-from truepose.cell import Cell
+from truepose.cell import Cell, Conditions
 from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle
+from truepose.error_map.conditions import check_work, work_of
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.error_map.frozen import FrozenMap, freeze
@@ -28,6 +29,7 @@ from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.validation import Validation, validate
 from truepose.errors import DataError, RefusedError
+from truepose.predictors.abilities import Conditional
 from truepose.samples import Poses, Samples
 
 
@@ -85,6 +87,27 @@ class ErrorMap(PredictingMap):
     def save(self, path: str | Path) -> None:
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
+
+    def at_work(self, conditions: Conditions) -> Self:
+        """Return the map for another temperature or payload at work.
+
+        Parameters
+        ----------
+        conditions : Conditions
+            The ``[conditions]`` of a cell; what they do not state stays as it is.
+
+        Raises
+        ------
+        DataError
+            If the samples do not state a condition that is stated for work.
+        """
+        stated = {name: value for name, value in conditions.at_work.items() if value is not None}
+        if stated.items() <= self.cell.conditions.at_work.items():
+            return self
+        cell = self.cell.model_copy(update={"conditions": self.cell.conditions.model_copy(update=stated)})
+        check_work(self.samples, cell)
+        predictor = self.predictor.at_work(work_of(cell)) if isinstance(self.predictor, Conditional) else self.predictor
+        return self.changed(cell=cell, predictor=predictor)
 
     def freeze(self, tf_flange_tool: ArrayLike | None = None, *, std: bool = False) -> FrozenMap:
         """Return the map's predictions as plain arrays, which predict one pose in some microseconds.

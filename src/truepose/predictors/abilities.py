@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, Self, runtime_checkable
 
 from numpy.typing import ArrayLike
@@ -36,6 +36,9 @@ class Conditional(Protocol):
     """A predictor whose input may have columns of conditions after the joints, see `truepose.predictors.conditions`."""
 
     conditions: Sequence[str]
+
+    def at_work(self, work: Mapping[str, float]) -> Self:
+        """Return the fitted model for another ``temperature`` [°C] or ``payload`` [kg] at work."""
 
 
 @runtime_checkable

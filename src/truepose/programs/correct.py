@@ -45,6 +45,7 @@ from truepose.programs.corrector import (
     Corrector,
     HasHash,
     KnowsApproach,
+    KnowsWork,
     KnowsWorth,
     LimitsCorrections,
     TurnedTargets,
@@ -179,14 +180,17 @@ def correct_program(
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
     reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
     before = poses_before(program) if reversing else None
+    asked_map = error_map
+    if cell is not None and isinstance(error_map, KnowsWork):
+        asked_map = error_map.at_work(cell.conditions)
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
             more["near"] = near[rows]
         if before is not None:
             more["before"] = before[rows]
-        asked = _ask(error_map, columns, on_guard, orientation, more)
-        for k, shared in _shared(error_map, program, columns, asked, limits, orientation, more).items():
+        asked = _ask(asked_map, columns, on_guard, orientation, more)
+        for k, shared in _shared(asked_map, program, columns, asked, limits, orientation, more).items():
             i = int(rows[k])
             outcomes.differences[i] = shared.difference
             if not shared.refused:
@@ -200,7 +204,7 @@ def correct_program(
     more.pop("before", None)
     joints = JointCorrection(outcomes, known, "refuse" if on_guard == "refuse" else "skip")
     for posed in joints.posed():
-        asked = _ask(error_map, posed.poses, on_guard, orientation, {**more, "near": posed.q} if more else more)
+        asked = _ask(asked_map, posed.poses, on_guard, orientation, {**more, "near": posed.q} if more else more)
         asked[4].update(joints.settle(posed, asked[0], asked[3], resolution))
         _note(outcomes, posed.rows, asked)
         done += len(posed.rows)

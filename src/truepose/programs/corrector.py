@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import FloatArray, IntArray
-from truepose.cell import Cell
+from truepose.cell import Cell, Conditions
 from truepose.compensation import LimitsInForce, Policy
 from truepose.programs.core.program import IDENTITY
 from truepose.robots import Robot
@@ -122,6 +122,14 @@ class KnowsApproach(Protocol):
     @property
     def knows_approach(self) -> bool:
         """Whether the corrections depend on the direction of approach."""
+
+
+@runtime_checkable
+class KnowsWork(Protocol):
+    """A corrector that can be asked for another temperature or payload at work, see `ErrorMap.at_work`."""
+
+    def at_work(self, conditions: Conditions) -> Corrector:
+        """Return the corrector for the ``[conditions]`` of a cell."""
 
 
 class _ArmCheck(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, Self
@@ -198,6 +199,13 @@ class KinematicKriging(PosePredictor):
         self._reading = np.zeros_like(e) if noise_std is None else noise_std
         self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
 
+    def at_work(self, work: Mapping[str, float]) -> Self:
+        """Return the fitted model for another ``temperature`` [°C] or ``payload`` [kg] at work."""
+        self._check_fitted()
+        other = copy.copy(self)
+        other.work, other._terms = dict(work), self._terms.at_work(work)
+        return other
+
     def optimum(self) -> tuple[IntArray, Start]:
         """Return the joints and the hyperparameters of this fit, for `start_from`."""
         self._check_fitted()
@@ -374,8 +382,7 @@ class KinematicKriging(PosePredictor):
     @property
     def _effect_size(self) -> FloatArray:
         """Root mean square of the coefficients of conditions, (c,), per prior standard deviation."""
-        estimate, covariance = self._form.drift_estimate()
-        return np.sqrt((estimate**2 + np.diag(covariance))[self._terms.conditional])
+        return self._terms.effect_size(*self._form.drift_estimate())
 
     def _nugget_variance(self) -> FloatArray:
         return np.full(3, self.inflation_ * self.hyper_.noise**2)

@@ -6,6 +6,7 @@ effect of an error of joint j's own angle. Place: coordinates of the rest Z.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
@@ -33,6 +34,7 @@ _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
 _WARMING_STD: Final = 1e-5  # of all lengths, from one time of the walk to the next
+_GOES_ON: Final = 1.6
 _SHORTEST: Final = 1.0  # mm, of a length that grows
 _USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
@@ -224,13 +226,26 @@ class Terms:
         twists, warming = every[:, :, : self._counts[4]], np.repeat(every[:, :, :1], self._steps, axis=2)
         return (
             np.concatenate([known * twists, 0.0 * warming], axis=2),
-            np.concatenate([unknown * twists, self._whole_walk * warming], axis=2),
+            np.concatenate([unknown * twists, warming], axis=2),
         )
 
-    @property
-    def _whole_walk(self) -> float:
-        """The factor of each step's coefficient at which their squares sum to that of a walk in one direction."""
-        return float(np.sqrt(self._steps))
+    def effect_size(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return the root mean squares of the coefficients of `conditional`, (c,), per prior standard deviation.
+
+        Of warming, that of the sum over all steps stands at the last of them, times 1.6: from the mean arm of the
+        samples to the last one is about half of it, and the arm goes on to warm up.
+
+        Parameters
+        ----------
+        mean, covariance : (p,), (p, p) arrays
+            The coefficients of all drift columns, per prior standard deviation.
+        """
+        squares = (mean**2 + np.diag(covariance))[self.conditional]
+        if self._steps:
+            last = slice(len(mean) - self._steps, None)
+            squares[-self._steps :] = 0.0
+            squares[-1] = _GOES_ON**2 * (mean[last].sum() ** 2 + covariance[last, last].sum())
+        return np.asarray(np.sqrt(squares))
 
     def moments(self, estimate: FloatArray, power: int = 1) -> FloatArray:
         """Return the deviation of each joint by each mass per horizontal lever at work, (dof, dof + 1, …) [rad/mm].
@@ -273,6 +288,12 @@ class Terms:
             work=self.work,
             shift=np.where(self.group < COMPLIANCE, shift, 0.0),
         )
+
+    def at_work(self, work: Mapping[str, float]) -> Terms:
+        """Return the same terms for other conditions at work."""
+        other = copy.copy(self)
+        other.work = dict(work)
+        return other
 
     def curvature(self, design: Design) -> FloatArray:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
@@ -329,7 +350,7 @@ class Terms:
         if "time" in given:  # the arm of the samples grew; when it works, it may have gone on
             later = np.isnan(given["time"])[:, :, None]
             parts.append(growth[:, :, :1] * ramps[:, None, :])
-            unknown.append(np.repeat(np.where(later, self._whole_walk * growth[:, :, :1], 0.0), self._steps, axis=2))
+            unknown.append(np.repeat(np.where(later, growth[:, :, :1], 0.0), self._steps, axis=2))
         every = np.concatenate(parts, axis=2) * self.prior_std
         missing = np.concatenate(unknown, axis=2) * self.prior_std[self.conditional]
         return Design(q, p, every, lever, self._place(q, p), missing)
