@@ -13,7 +13,7 @@ from truepose import VirtualCell
 from truepose.error_map import load_map, update_map
 from truepose.error_map.fit import fit_cell
 from truepose.error_map.importing import import_samples
-from truepose.errors import FileError
+from truepose.errors import DataError, FileError
 from truepose.samples import Mask, Poses, Samples, mask_table, read_mask, read_samples, set_aside, write_samples
 from truepose.samples.tidy import read_all_samples
 from truepose.trackers import write_readings
@@ -44,9 +44,9 @@ def test_reasons_survive_in_the_table(measured: Samples, tmp_path: Path, ending:
     assert [one["row"] for one in found.excluded] == [4, 17]
     assert found.row is not None
     assert found.row.tolist() == [i for i in range(40) if i not in (4, 17)]
-    table, reasons = read_all_samples(path)
+    table = read_all_samples(path)
     assert len(table) == 40
-    assert {i: reasons[i] for i in np.flatnonzero(reasons != "")} == {4: CUT, 17: COMMA}
+    assert {i: table.reasons[i] for i in np.flatnonzero(table.reasons != "")} == {4: CUT, 17: COMMA}
 
 
 def test_a_masked_row_may_hold_anything_and_rows_keep_their_numbers(tmp_path: Path) -> None:
@@ -156,6 +156,24 @@ def test_import_takes_a_mask_and_masks_a_gross_reading(
     assert [one["point"] for one in read_samples(tmp_path / "samples.csv").excluded] == ["P011"]
 
 
+@pytest.mark.parametrize("key", ["P011", 11])
+@pytest.mark.parametrize("row", [["nan"] * 3, ["0"] * 3, None])
+def test_a_masked_point_may_lack_its_reading(
+    virtual: VirtualCell, measured: Samples, tmp_path: Path, key: str | int, row: list[str] | None
+) -> None:
+    names = np.array([f"P{i:03d}" for i in range(40)])
+    path, plan = tmp_path / "tracker.csv", Poses(q=measured.q, name=names)
+    lines = [[name, *(f"{x:.4f}" for x in p)] for name, p in zip(names, measured.p_meas, strict=True)]
+    lines[11:12] = [] if row is None else [["P011", *row]]
+    path.write_text("\n".join(map(",".join, [["name", "x_meas_mm", "y_meas_mm", "z_meas_mm"], *lines])) + "\n", "utf-8")
+    with pytest.raises(DataError, match="without a reading: point P011"):
+        import_samples(virtual.cell, path, plan, mask=Mask({"P012": CUT}))
+    found = import_samples(virtual.cell, path, plan, mask=Mask({key: CUT, 12: COMMA} if key == 11 else {key: CUT}))
+    assert found.understood.missing_points == ("P011",)
+    assert len(found.table) == 39
+    assert len(found.samples) == (38 if key == 11 else 39)
+
+
 @pytest.mark.parametrize("ending", [".csv", ".xlsx"])
 def test_a_table_is_masked_anew_and_nothing_else_in_it_changes(tmp_path: Path, ending: str) -> None:
     path, out, back = tmp_path / "a.csv", tmp_path / f"b{ending}", tmp_path / "c.csv"
@@ -167,16 +185,38 @@ def test_a_table_is_masked_anew_and_nothing_else_in_it_changes(tmp_path: Path, e
     found = mask_table(path, out, Mask({"P1": COMMA, 1: CUT}))
     assert path.read_text("utf-8") == text
     assert (len(found), [one["row"] for one in found.excluded]) == (1, [0, 1])
-    _, reasons = read_all_samples(out)
-    assert reasons.tolist() == [COMMA, CUT, ""]
+    assert read_all_samples(out).reasons.tolist() == [COMMA, CUT, ""]
     if ending == ".csv":
         first = out.read_text("utf-8").splitlines()
         assert first[0] == "operator;name;q1_deg;x_meas_mm;y_meas_mm;z_meas_mm;masked"
         assert first[1].startswith("A;P1;10.50;1000;0;0;")
         assert first[3] == "'=C;P3;30;1300;9;0;"
     mask_table(out, back, None)
-    _, reasons = read_all_samples(back)
-    assert reasons.tolist() == ["", "", ""]
+    assert read_all_samples(back).reasons.tolist() == ["", "", ""]
+
+
+@pytest.mark.parametrize("bad", ["nan", "inf", "", "no reading", "1e300", "٣", "1_0"])
+@pytest.mark.parametrize("column", range(1, 5))
+def test_a_row_that_is_masked_may_hold_anything_before_and_after(tmp_path: Path, bad: str, column: int) -> None:
+    path, out, back = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "c.csv"
+    fields = ["P2", "20", "1200", "7", "0"]
+    fields[column] = bad
+    header = "name,q1_deg,x_meas_mm,y_meas_mm,z_meas_mm"
+    path.write_text(f"{header}\nP1,10,1000,0,0\n{','.join(fields)}\nP3,30,1300,9,0\n", "utf-8")
+    shown = read_all_samples(path)
+    values = np.column_stack([shown.values["q"], shown.values["p_meas"]])
+    assert np.argwhere(~np.isfinite(values)).tolist() == [[1, column - 1]]
+    with pytest.raises(FileError, match=":3: "):
+        read_samples(path)
+    found = mask_table(path, out, Mask({"P2": CUT}))
+    assert found.excluded == read_samples(out).excluded
+    assert [one["line"] for one in found.excluded] == [3]
+    assert found.p_meas.tolist() == [[1000.0, 0.0, 0.0], [1300.0, 9.0, 0.0]]
+    assert out.read_text("utf-8").splitlines()[2] == f"{','.join(fields)},{CUT}"
+    with pytest.raises(FileError, match=":3: "):
+        mask_table(out, back, Mask({"P1": CUT}))
+    assert not back.exists()
+    assert len(mask_table(out, back, Mask({1: COMMA}))) == 2
 
 
 def test_a_mask_that_fits_no_row_or_leaves_none_writes_nothing(tmp_path: Path) -> None:

@@ -170,6 +170,31 @@ def test_rows_of_a_table_are_masked_and_unmasked_in_a_new_one(running: Bench) ->
     assert (running.folder / first["name"]).read_bytes() == before
 
 
+def test_a_row_that_holds_no_number_is_shown_and_can_be_masked(running: Bench) -> None:
+    assert wait(running, running.send(preview=False)).state == "done"
+    (first,) = running.get("samples")
+    path = running.folder / first["name"]
+    header, *rows = path.read_text("utf-8").splitlines()
+    column = header.split(",").index("x_meas_mm")
+    fields = rows[3].split(",")
+    fields[column : column + 2] = ["nan", "no reading"]
+    path.write_text("\n".join([header, *rows[:3], ",".join(fields), *rows[4:]]) + "\n", "utf-8")
+    (entry,) = running.get("samples")
+    assert (entry["count"], entry["masked"]) == (N, 0)
+    assert ":5: " in entry["problem"]
+    shown = running.get(f"samples/{entry['id']}")["rows"]
+    assert shown[3]["p_meas_mm"][:2] == [None, None]
+    assert None not in [*shown[3]["p_mm"], *shown[2]["p_meas_mm"]]
+    address = f"{API}/cells/{running.cell}/samples/{entry['id']}/mask"
+    job = wait(running, running.client.post(address, json={"reasons": {3: "no reading"}}))
+    assert job.state == "done", job.problem
+    masked = next(one for one in running.get("samples") if one["name"] == job.result["samples"])
+    assert (masked["count"], masked["masked"], masked["problem"]) == (N, 1, None)
+    assert len(read_samples(running.folder / masked["name"])) == N - 1
+    unmasked = running.client.post(address.replace(entry["id"], masked["id"]), json={"reasons": {3: ""}})
+    assert wait(running, unmasked).state == "failed"
+
+
 @pytest.mark.parametrize("reasons", [{N: "not in the table"}, {0: "x" * 300}, {"a": "b"}])
 def test_masks_that_make_no_sense_write_nothing(running: Bench, reasons: dict[Any, str]) -> None:
     assert wait(running, running.send(preview=False)).state == "done"
@@ -464,7 +489,7 @@ def test_a_plan_that_makes_no_sense_starts_nothing(bench: Bench, body: str) -> N
 def test_a_table_that_cannot_be_read_is_listed_with_the_reason(bench: Bench) -> None:
     (bench.folder / "bad.csv").write_text("row,q1_deg,x_meas_mm,y_meas_mm,z_meas_mm\n0,1,x,0,0\n", "utf-8")
     (entry,) = bench.get("samples")
-    assert entry["count"] is None
+    assert entry["count"] == 1
     assert "is not a number" in entry["problem"]
     assert bench.client.get(f"{API}/cells/{bench.cell}/samples/{entry['id']}").status_code == 422
 

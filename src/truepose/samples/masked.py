@@ -2,33 +2,106 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truepose._io.delimited import TextTable, unescaped
-from truepose._typing import IntArray
+from truepose._io.strict import LARGEST, to_float
+from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
-from truepose.samples.columns import gather
-from truepose.samples.frames import quantities
+from truepose.samples.columns import gather, require
+from truepose.samples.frames import COMMANDED, MEASURED, quantities
 
 MASKED: Final = "masked"
 """The column of reasons in the tidy table."""
 
 
-def counted_quantities(table: TextTable) -> dict[str, Any]:
-    """Return the arguments of `Samples` from a tidy table without its masked rows.
+@dataclass(frozen=True)
+class SampleTable:
+    """All rows of a tidy table as they stand there, to show them and to say which to leave out.
+
+    Attributes
+    ----------
+    row : (n,) array of int
+        The number of each row.
+    name : (n,) array of str, optional
+        The names of the points.
+    reasons : (n,) array of str
+        The reason to leave each row out; empty where it counts.
+    values : dict of str to array
+        The other quantities of `Samples` by name, angles of orientations in rad as ``rpy_cmd`` and ``rxyz_meas``; nan
+        where a field is no number.
+    source : str
+        The file, for messages.
+    """
+
+    row: IntArray
+    name: NDArray[np.str_] | None
+    reasons: NDArray[np.str_]
+    values: dict[str, FloatArray]
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def all_rows(table: TextTable) -> SampleTable:
+    """Return all rows of a tidy table, whatever their values are.
+
+    Raises
+    ------
+    FileError
+        If a column is missing, misspelt or without unit, or the number of a row is invalid.
+    """
+    named: dict[str, Any] = gather(table, ("row", "name"), finite=False)
+    values = _numbers(table)
+    require(table, values, "x_meas")
+    require(table, values, "q1", "x_cmd")
+    rows = named.get("row", np.arange(len(table.line)))
+    return SampleTable(rows, named.get("name"), masked_rows(table), values, str(table.path))
+
+
+def _numbers(table: TextTable) -> dict[str, Any]:
+    """Return the quantities of a table; nan where a field is no number."""
+    wanted = (COMMANDED | MEASURED) - {"row", "name"}
+    try:
+        return gather(table, wanted, finite=False)
+    except FileError:
+        known = [[_is_value(field, table.delimiter) for field in row] for row in table.fields.tolist()]
+        readable = replace(table, fields=np.where(np.array(known, bool), table.fields, "nan"))
+        return gather(readable, wanted, finite=False)
+
+
+def _is_value(field: str, delimiter: str) -> bool:
+    """Return whether a field is a number, or nan, in a table with a delimiter."""
+    try:
+        value = to_float(field if delimiter == "," else field.replace(",", "."))
+    except ValueError:
+        return False
+    return not abs(value) > LARGEST
+
+
+def counted_quantities(table: TextTable, reasons: NDArray[np.str_] | None = None) -> dict[str, Any]:
+    """Return the arguments of `Samples` from a tidy table without its masked rows, whose values may be anything.
 
     Without a column ``row``, rows keep their number in the table.
+
+    Parameters
+    ----------
+    table : TextTable
+        The table.
+    reasons : (n,) array of str, optional
+        The reasons to leave rows out; by default those of the table.
 
     Raises
     ------
     FileError
         As `truepose.samples.frames.quantities`; also where all rows are masked.
     """
-    reasons = masked_rows(table)
+    reasons = masked_rows(table) if reasons is None else reasons
     rows = np.flatnonzero(reasons == "")
     part = rows_of(table, rows)
     found = {"row": rows, **quantities(part, measured=True), "line": part.line}

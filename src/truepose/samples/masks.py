@@ -19,9 +19,9 @@ from truepose._io.files import write_atomic
 from truepose._io.strict import is_whole
 from truepose.errors import FileError
 from truepose.samples.columns import POINT_NAMES
-from truepose.samples.masked import MASKED
+from truepose.samples.masked import MASKED, SampleTable
 from truepose.samples.table import Poses, Samples
-from truepose.samples.tidy import append_columns, read_all_samples
+from truepose.samples.tidy import append_columns, read_all_samples, read_samples_but
 
 _REASON, _ROW = "reason", "row"
 _LONGEST: Final = 200
@@ -45,14 +45,26 @@ class Mask:
     source: str = "mask"
     lines: dict[str | int, int] | None = None
 
-    def of(self, poses: Poses) -> NDArray[np.str_]:
+    def of(self, poses: Poses | SampleTable, plan: Poses | None = None) -> NDArray[np.str_]:
         """Return the reason of each row of a table, (n,); empty where it counts.
+
+        Parameters
+        ----------
+        poses : Poses or SampleTable
+            The table.
+        plan : Poses, optional
+            The plan that the rows are of; masked points of it need not be in the table, since they have no reading.
 
         Raises
         ------
         FileError
             If a masked point is not in the table, or its name stands for several rows.
         """
+        if plan is not None:
+            assert plan.row is not None
+            assert poses.row is not None
+            known = dict(zip(plan.row.tolist(), self.of(plan).tolist(), strict=True))
+            return np.array([known[row] for row in poses.row.tolist()], dtype=np.str_)
         assert poses.row is not None
         names = [] if poses.name is None else [name.strip().casefold() for name in poses.name.tolist()]
         rows: list[Any] = poses.row.tolist()
@@ -133,14 +145,16 @@ def mask_table(path: str | Path, out: str | Path, mask: Mask | None) -> Samples:
     Raises
     ------
     FileError
-        If the table cannot be read, a masked point is not in it, no row would count, or the file cannot be written.
+        If the table cannot be read, a masked point is not in it, a value of a row that would count is invalid, no row
+        would count, or the file cannot be written.
     """
-    samples, _ = read_all_samples(path)
-    reasons = np.full(len(samples), "", dtype="<U1") if mask is None else mask.of(samples)
+    table = read_all_samples(path)
+    reasons = np.full(len(table), "", dtype="<U1") if mask is None else mask.of(table)
     if (reasons != "").all():
         raise FileError(path, "all rows would be masked; at least one must count")
+    samples = read_samples_but(path, reasons)
     append_columns(path, out, {MASKED: reasons})
-    return set_aside(samples, reasons)
+    return samples
 
 
 def checked_reason(reason: str, source: str | Path, line: int | None = None) -> str:

@@ -44,7 +44,7 @@ from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
 from truepose.samples.columns import header_of, names_columns
 from truepose.samples.frames import quantities, tidy_columns
-from truepose.samples.masked import MASKED, counted_quantities, masked_rows
+from truepose.samples.masked import MASKED, SampleTable, all_rows, counted_quantities
 from truepose.samples.table import Poses, Samples
 
 
@@ -86,19 +86,27 @@ def read_samples(path: str | Path) -> Samples:
     return samples
 
 
-def read_all_samples(path: str | Path) -> tuple[Samples, NDArray[np.str_]]:
-    """Read a tidy table with its masked rows, to show it; the values are not checked.
+def read_all_samples(path: str | Path) -> SampleTable:
+    """Read a tidy table with its masked rows, to show it; fields that are no number are nan.
 
-    Returns
-    -------
-    samples : Samples
-        All samples in the order of the file.
-    reasons : (n,) array of str
-        The reason of each masked row; empty where it counts.
+    Raises
+    ------
+    FileError
+        If the file is not a tidy table.
+    """
+    return all_rows(_table(path))
+
+
+def read_samples_but(path: str | Path, reasons: NDArray[np.str_]) -> Samples:
+    """Read the samples without a reason (n,) to leave them out; the column ``masked`` does not matter.
+
+    Raises
+    ------
+    FileError
+        If the file is not a tidy table, or a value of a row that counts is invalid; with the line.
     """
     table = _table(path)
-    samples = Samples(**quantities(table, measured=True), line=table.line, source=str(table.path))
-    return samples, masked_rows(table)
+    return Samples(**counted_quantities(table, reasons), source=str(table.path))
 
 
 def read_poses(path: str | Path) -> Poses:

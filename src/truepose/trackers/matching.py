@@ -125,7 +125,7 @@ def match(
         The largest distance of repeated readings of one point; they are averaged, and their standard deviation is kept
         as `p_std` unless the file states one.
     mask : Mask, optional
-        The points to leave out later, which are not checked.
+        The points to leave out later, which are not checked and may lack a reading.
 
     Returns
     -------
@@ -150,10 +150,11 @@ def match(
     if extra.any():
         strangers = f"{readings.points(extra)} fit{'s' if extra.sum() == 1 else ''} no point of the plan"
         raise DataError(f"{readings.source}: {count}; {strangers}; remove, or complete the plan")
-    if absent.any() and not missing:
+    lacking = absent if mask is None else absent & (mask.of(plan) == "")
+    if lacking.any() and not missing:
         remedy = "measure again, or leave out with --missing (missing=True in Python)"
         raise DataError(
-            f"{readings.source}: {count}; without a reading: {plan.rows(absent)} of {plan.source}; {remedy}"
+            f"{readings.source}: {count}; without a reading: {plan.rows(lacking)} of {plan.source}; {remedy}"
         )
     if moved.any() and not reorder:
         described = _describe_moved(found, readings, plan, moved)
@@ -161,7 +162,7 @@ def match(
         raise DataError(f"{readings.source}: {described}; {remedy}")
     swapped = _swapped_names(found, readings, plan.p_cmd) if note == BY_NAME else []
     samples, scatter, averaged = _join(readings, plan[~absent], found.owner, np.flatnonzero(~absent))
-    counted = samples if mask is None else set_aside(samples, mask.of(samples))
+    counted = samples if mask is None else set_aside(samples, mask.of(samples, plan))
     check(counted)
     check_turns(counted)
     rows = np.asarray(plan.row)

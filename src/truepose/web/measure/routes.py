@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -12,13 +13,15 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
+from truepose._io.plain import plain
+from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.errors import DataError, TrueposeError, one_line
 from truepose.jobs import Job, JobQueue
 from truepose.planning import METHODS, expected_accuracy, measuring_program
 from truepose.robots import to_toml
-from truepose.samples import Poses, Samples
-from truepose.samples.tidy import read_all_samples
+from truepose.samples.masked import SampleTable
+from truepose.samples.tidy import read_all_samples, read_samples_but
 from truepose.trackers import read_plan
 from truepose.web.cache import InCache
 from truepose.web.measure.form import MaskRequest, ReadingForm, mask_of
@@ -65,15 +68,17 @@ class PlanRequest(BaseModel):
 
 
 class PoseRow(BaseModel):
-    """A pose of a plan, or of a table of samples."""
+    """A pose of a plan, or of a table of samples; null stands for a field that is no number."""
 
     row: int
     name: str
-    q_deg: list[float]
-    p_mm: list[float] = Field(description="commanded position, base frame; of the stated tool if there are joints")
-    rpy_deg: list[float] = []
-    p_meas_mm: list[float] = Field([], description="measured position, tracker frame")
-    p_std_mm: list[float] = []
+    q_deg: list[float | None]
+    p_mm: list[float | None] = Field(
+        description="commanded position, base frame; of the stated tool if there are joints"
+    )
+    rpy_deg: list[float | None] = []
+    p_meas_mm: list[float | None] = Field([], description="measured position, tracker frame")
+    p_std_mm: list[float | None] = []
     masked: str = Field("", description="the reason why the sample is left out")
 
 
@@ -157,19 +162,24 @@ def _entry(file: StoredFile) -> TableEntry:
     """Return the entry of a file; the rows of a file that has not changed are counted once."""
     entry = TableEntry(id=file.id, name=one_line(file.name), modified=file.modified, count=None)
     try:
-        entry.count, entry.masked = _count(file, file.path.stat().st_mtime_ns)
+        entry.count, entry.masked, problem = _count(file, file.path.stat().st_mtime_ns)
     except TrueposeError as error:
-        entry.problem = str(error).replace(f"{file.path.parent}/", "")
+        problem = str(error)
+    entry.problem = problem and problem.replace(f"{file.path.parent}/", "")
     return entry
 
 
 @lru_cache(maxsize=1000)
-def _count(file: StoredFile, _changed: int) -> tuple[int, int]:
-    """Return the number of rows of a table, and of masked ones."""
+def _count(file: StoredFile, _changed: int) -> tuple[int, int, str | None]:
+    """Return the number of rows of a table and of masked ones, and what is wrong with a row that counts."""
     if file.kind == "plan":
-        return len(read_plan(file.path)), 0
-    samples, reasons = read_all_samples(file.path)
-    return len(samples), int((reasons != "").sum())
+        return len(read_plan(file.path)), 0, None
+    table, problem = read_all_samples(file.path), None
+    try:
+        read_samples_but(file.path, table.reasons)
+    except TrueposeError as error:
+        problem = str(error)
+    return len(table), int((table.reasons != "").sum()), problem
 
 
 @router.get("/cells/{cell}/plans/{file}")
@@ -178,7 +188,13 @@ def plan_table(
 ) -> PoseTable:
     """Return the poses of a plan."""
     stored = cell.get(file, "plan")
-    return _table(stored, cell.load(), read_plan(stored.path), None, slice(offset, offset + min(limit, _MOST_ROWS)))
+    poses = read_plan(stored.path)
+    values: dict[str, Any] = {"q": poses.q, "p_cmd": poses.p_cmd}
+    if poses.rotation_cmd is not None:
+        values["rpy_cmd"] = poses.rotation_cmd.as_euler("ZYX")[:, ::-1]
+    assert poses.row is not None
+    table = SampleTable(poses.row, poses.name, np.full(len(poses), ""), values, poses.source)
+    return _table(stored, cell.load(), table, slice(offset, offset + min(limit, _MOST_ROWS)))
 
 
 @router.get("/cells/{cell}/samples/{file}")
@@ -187,56 +203,64 @@ def sample_table(
 ) -> PoseTable:
     """Return the rows of a table of samples, with the masked ones."""
     stored = cell.get(file, "samples")
-    samples, reasons = read_all_samples(stored.path)
     rows = slice(offset, offset + min(limit, _MOST_ROWS))
-    return _table(stored, cell.load(), samples, reasons.tolist(), rows)
+    return _table(stored, cell.load(), read_all_samples(stored.path), rows)
 
 
 @router.post("/cells/{cell}/samples/{file}/mask", status_code=202)
 def mask_samples(cell: InCell, jobs: InJobs, file: str, wanted: MaskRequest) -> Job:
     """Start to write a table of samples anew with other rows left out; the table itself stays."""
     stored = cell.get(file, "samples")
-    samples, known = read_all_samples(stored.path)
-    assert samples.row is not None
-    reasons: dict[int, str] = dict(zip(samples.row.tolist(), known.tolist(), strict=True)) | wanted.reasons
+    table = read_all_samples(stored.path)
+    reasons: dict[int, str] = dict(zip(table.row.tolist(), table.reasons.tolist(), strict=True)) | wanted.reasons
     left_out = mask_of((row, reason) for row, reason in reasons.items() if reason)
     command = ["mask", cell.word(stored.path), "--out", cell.relative(cell.new("samples", stored.path.name))]
     if left_out.reasons:
-        left_out.of(samples)  # a row that is not in the table is refused before anything is written
+        left_out.of(table)  # a row that is not in the table is refused before anything is written
         path = cell.new("samples", f"{stored.path.stem}.mask.csv")
         left_out.write(path)
         command += ["--mask", cell.relative(path)]
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Masks of {one_line(stored.name)}")
 
 
-def _table(stored: StoredFile, cell: Cell, poses: Poses, reasons: list[str] | None, rows: slice) -> PoseTable:
-    part = poses[rows]
-    assert part.row is not None
-    n, p, rotation = len(part), part.p_cmd, part.rotation_cmd
-    if part.q is not None:
-        tf = cell.load_robot().forward(part.q, tool=cell.tf_flange_tool)
-        p, rotation = tf[:, :3, 3], Rotation.from_matrix(tf[:, :3, :3])
-    assert p is not None  # Poses holds one of them
-    q = [[]] * n if part.q is None else np.rad2deg(part.q).tolist()
-    rpy = [[]] * n if rotation is None else rotation.as_euler("ZYX", degrees=True)[:, ::-1].tolist()
-    measured, std = (part.p_meas, part.p_std) if isinstance(part, Samples) else (None, None)
-    names = [""] * n if part.name is None else part.name.tolist()
-    why = [""] * n if reasons is None else reasons[rows]
-    found = [
-        PoseRow(
-            row=part.row[i],
-            name=names[i],
-            q_deg=q[i],
-            p_mm=p[i].tolist(),
-            rpy_deg=rpy[i],
-            p_meas_mm=[] if measured is None else measured[i].tolist(),
-            p_std_mm=[] if std is None else std[i].tolist(),
-            masked=why[i],
-        )
-        for i in range(n)
-    ]
-    masked = sum(map(bool, reasons or []))
-    return PoseTable(id=stored.id, name=one_line(stored.name), total=len(poses), masked=masked, rows=found)
+def _table(stored: StoredFile, cell: Cell, table: SampleTable, rows: slice) -> PoseTable:
+    """Return some rows of a table; values that are no number are null."""
+    n = len(table.row[rows])
+    part = {name: values[rows] for name, values in table.values.items() if values is not None}
+    p, rpy, q = part.get("p_cmd"), part.get("rpy_cmd"), part.get("q")
+    if q is not None:
+        p, rpy = _reached(cell, q)
+    found = {
+        "row": table.row[rows].tolist(),
+        "name": [""] * n if table.name is None else table.name[rows].tolist(),
+        "q_deg": _listed(q, n, np.rad2deg),
+        "p_mm": _listed(p, n),
+        "rpy_deg": _listed(rpy, n, np.rad2deg),
+        "p_meas_mm": _listed(part.get("p_meas"), n),
+        "p_std_mm": _listed(part.get("p_std"), n),
+        "masked": table.reasons[rows].tolist(),
+    }
+    return PoseTable(
+        id=stored.id,
+        name=one_line(stored.name),
+        total=len(table),
+        masked=int((table.reasons != "").sum()),
+        rows=[PoseRow.model_validate(dict(zip(found, one, strict=True))) for one in zip(*found.values(), strict=True)],
+    )
+
+
+def _reached(cell: Cell, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the commanded positions [mm] and roll, pitch, yaw [rad] of joints (n, dof); nan where these are."""
+    known = np.isfinite(q).all(axis=1)
+    p, rpy = np.full((len(q), 3), np.nan), np.full((len(q), 3), np.nan)
+    if known.any():
+        tf = cell.load_robot().forward(q[known], tool=cell.tf_flange_tool)
+        p[known], rpy[known] = tf[:, :3, 3], Rotation.from_matrix(tf[:, :3, :3]).as_euler("ZYX")[:, ::-1]
+    return p, rpy
+
+
+def _listed(values: FloatArray | None, n: int, unit: Callable[[FloatArray], FloatArray] = np.asarray) -> list[Any]:
+    return [[]] * n if values is None else plain(unit(values))
 
 
 @router.get("/cells/{cell}/plans/{file}/expected")
