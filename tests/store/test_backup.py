@@ -169,6 +169,17 @@ def test_rows_that_were_forged_with_their_hash_do_not_match_the_audit_trail(save
         Store.open(tmp_path / "restored")
 
 
+def test_rows_with_different_columns_are_refused(saved: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(saved) as archive:
+        first, second = map(json.loads, archive.read("tables/map.jsonl").splitlines())
+    del second["made_by"]
+    rows = b"".join(json.dumps(row).encode() + b"\n" for row in (first, second))
+    forged = hashlib.sha256(rows).hexdigest()
+    rewrite(saved, lambda manifest: manifest["sha256"].update(map=forged), **{"tables/map.jsonl": rows})
+    with pytest.raises(FileError, match="rows of map with different columns"):
+        restore(saved, tmp_path / "restored")
+
+
 def test_a_backup_of_a_newer_program_is_refused(saved: Path, tmp_path: Path) -> None:
     rewrite(saved, lambda manifest: manifest.update(schema=schema.VERSION + 1))
     with pytest.raises(FileError, match="update truepose"):

@@ -50,6 +50,7 @@ if __name__ == "__main__":
     if len(sys.argv) == 2:
         write(sys.argv[1])
     address, kills, seed = sys.argv[1:]
+    Store.open(address).close()  # the driver and all else that opening a store imports; no connection is inherited
     moments = random.Random(int(seed))
     for _ in range(int(kills)):
         os.write(1, kill_one(address, moments))

@@ -8,15 +8,15 @@ on reports, in the answer of ``truepose store head``, and in a file beside the d
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
 import sqlalchemy as sa
 
+from truepose.store.hashing import canonical, canonical_list, row_hasher, sha256
+from truepose.store.progress import SILENT, Progress, counted
 from truepose.store.schema import audit
 
 START: Final = "0" * 64
@@ -45,31 +45,14 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def canonical(value: Any) -> str:
-    """Return a value as JSON text: one text for one value.
-
-    Examples
-    --------
-    >>> canonical({"b": 1, "a": None})
-    '{"a":null,"b":1}'
-    """
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-
-
 def row_hash(table: sa.Table, row: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a row without its empty columns, so that a later schema can add columns."""
-    kept = {
-        column.name: value
-        for column in table.columns
-        if (value := row.get(column.name)) is not None and column.info.get("audited", True)
-    }
-    return hashlib.sha256(canonical(kept).encode()).hexdigest()
+    """Return the SHA-256 of a row without its empty columns; see `truepose.store.hashing.row_hasher`."""
+    return row_hasher(table)([row.get(column.name) for column in table.columns])
 
 
-def entry_hash(entry: Mapping[str, Any]) -> str:
-    """Return the hash of an entry from its other columns."""
-    text = canonical([entry[column.name] for column in audit.columns if column.name != "hash"])
-    return hashlib.sha256(text.encode()).hexdigest()
+def entry_hash(entry: Sequence[Any]) -> str:
+    """Return the hash of an entry from its columns but the last one, which is the hash."""
+    return sha256(canonical_list(entry[:-1]))
 
 
 def head(connection: sa.Connection) -> Head:
@@ -105,28 +88,31 @@ def append(connection: sa.Connection, before: Head, user: str, entries: Iterable
             "payload": canonical(entry.payload),
             "previous": previous,
         }
-        row["hash"] = previous = entry_hash(row)
+        row["hash"] = previous = entry_hash([*row.values(), ""])
         rows.append(row)
     if rows:
         connection.execute(sa.insert(audit), rows)
     return Head(sequence, previous)
 
 
-def broken_links(connection: sa.Connection) -> Iterator[str]:
+def broken_links(connection: sa.Connection, progress: Progress = SILENT) -> Iterator[str]:
     """Yield what is wrong in the chain: an entry that was edited, removed or inserted."""
-    expected = Head(0, START)
+    before, previous, total = 0, START, head(connection).sequence
     rows = connection.execute(sa.select(audit).order_by(audit.c.sequence), execution_options={"yield_per": _MANY})
-    for found in rows.mappings():
-        row = dict(found)
-        sequence, where = row["sequence"], describe(row)
-        if sequence != expected.sequence + 1:
-            missing = f"{expected.sequence + 1} to {sequence - 1}"
-            yield f"entries {missing} of the audit trail are missing before entry {sequence} ({where})"
-        elif row["previous"] != expected.hash:
-            yield f"entry {sequence} ({where}) does not continue the chain: entry {sequence - 1} was replaced"
-        if entry_hash(row) != row["hash"]:
-            yield f"entry {sequence} ({where}) was changed after it was written"
-        expected = Head(sequence, row["hash"])
+    for row in counted(rows, total, progress):
+        sequence = row.sequence
+        if sequence != before + 1:
+            missing = f"{before + 1} to {sequence - 1}"
+            yield f"entries {missing} of the audit trail are missing before entry {sequence} ({_described(row)})"
+        elif row.previous != previous:
+            yield f"entry {sequence} ({_described(row)}) does not continue the chain: entry {before} was replaced"
+        if entry_hash(row) != row.hash:
+            yield f"entry {sequence} ({_described(row)}) was changed after it was written"
+        before, previous = sequence, row.hash
+
+
+def _described(row: sa.Row[Any]) -> str:
+    return describe(dict(row._mapping))
 
 
 def describe(row: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import re
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +29,7 @@ from truepose.errors import FileError
 from truepose.store import audit, migrate, schema
 from truepose.store.audit import Head
 from truepose.store.change import Change
+from truepose.store.progress import SILENT, Progress
 from truepose.store.store import Store, blob_content
 from truepose.store.verify import check_trail
 
@@ -58,7 +59,7 @@ class Moved:
     head: Head
 
 
-def backup(store: Store, path: str | Path, *, progress: Callable[[str], object] = len) -> Moved:
+def backup(store: Store, path: str | Path, *, progress: Progress = SILENT) -> Moved:
     """Write a backup, and read it again before it gets its name.
 
     Raises
@@ -97,14 +98,14 @@ def _replacing(path: Path) -> Iterator[Path]:
         raise FileError(path, f"cannot be written: {error.strerror or error}; choose another output path") from error
 
 
-def _write(store: Store, archive: zipfile.ZipFile, progress: Callable[[str], object]) -> None:
+def _write(store: Store, archive: zipfile.ZipFile, progress: Progress) -> None:
     """Write all members of a backup; the manifest is the last one."""
     hashes, counts = {}, {}
     with store.reading() as connection:
         head = audit.head(connection)
         for table in _TABLES:
             progress(f"Writing {table.name}")
-            hashes[table.name], counts[table.name] = _write_rows(archive, connection, table)
+            hashes[table.name], counts[table.name] = _write_rows(archive, connection, table, progress)
         progress(f"Writing {counts['blob']} blobs")
         for sha in _shas(connection):
             archive.writestr(f"blobs/{sha}", blob_content(store, connection, sha))
@@ -121,7 +122,7 @@ def _write(store: Store, archive: zipfile.ZipFile, progress: Callable[[str], obj
     archive.writestr(_MANIFEST, json.dumps(manifest, indent=1))
 
 
-def restore(path: str | Path, address: str | Path, *, progress: Callable[[str], object] = len) -> Moved:
+def restore(path: str | Path, address: str | Path, *, progress: Progress = SILENT) -> Moved:
     """Make a store from a backup.
 
     Parameters
@@ -130,8 +131,8 @@ def restore(path: str | Path, address: str | Path, *, progress: Callable[[str], 
         The backup.
     address : str or Path
         The place of the new store; see `Store.open`.
-    progress : callable
-        What is told each step.
+    progress : Progress
+        What is told each step, and how far it is.
 
     Raises
     ------
@@ -154,9 +155,10 @@ def restore(path: str | Path, address: str | Path, *, progress: Callable[[str], 
                 change.blob(archive.read(f"blobs/{sha}"))
             for table in _TABLES[1:]:
                 progress(f"Restoring {table.name}")
-                _read_rows(archive, connection, table.name)
-            progress("Comparing rows with their entries")
-            if faults := check_trail(connection).faults:
+                done, total = 0, manifest["rows"].get(table.name, 0)
+                for some in _read_rows(archive, store, connection, table.name):
+                    progress.count(done := done + some, max(done, total))
+            if faults := check_trail(connection, progress).faults:
                 raise FileError(path, f"{len(faults)} faults, first: {faults[0]}; {_DAMAGED}")
             migrate.upgrade(connection)
             note = {"head": moved.head.hash, "from": manifest["schema"], "to": schema.VERSION, "program": __version__}
@@ -169,32 +171,36 @@ def _missing(path: Path) -> None:
     raise FileError(path, "no such file")
 
 
-def _write_rows(archive: zipfile.ZipFile, connection: sa.Connection, table: sa.Table) -> tuple[str, int]:
+def _write_rows(
+    archive: zipfile.ZipFile, connection: sa.Connection, table: sa.Table, progress: Progress
+) -> tuple[str, int]:
     """Write a table without the content of blobs; return the SHA-256 of what was written, and the number of rows."""
     digest, count = hashlib.sha256(), 0
     columns = [column for column in table.columns if column is not schema.blob.c.content]
     query = sa.select(*columns).order_by(*table.primary_key.columns)
+    names, encode = [column.name for column in columns], json.JSONEncoder(ensure_ascii=False).encode
+    total = int(connection.execute(sa.select(sa.func.count()).select_from(table)).scalar() or 0)
     with archive.open(_member(table.name), "w", force_zip64=True) as out:
-        for row in connection.execute(query, execution_options={"yield_per": _MANY}).mappings():
-            line = json.dumps(dict(row), ensure_ascii=False).encode() + b"\n"
-            digest.update(line)
-            out.write(line)
-            count += 1
+        found = connection.execute(query, execution_options={"yield_per": _MANY})
+        for rows in found.partitions():
+            lines = [encode(dict(zip(names, row, strict=True))) for row in rows]
+            data = "\n".join([*lines, ""]).encode()
+            digest.update(data)
+            out.write(data)
+            progress.count(count := count + len(lines), max(count, total))
     return digest.hexdigest(), count
 
 
-def _read_rows(archive: zipfile.ZipFile, connection: sa.Connection, name: str) -> None:
-    """Insert the rows of a table as they are, in the version of the schema that the backup has."""
-    for lines in _batches(archive, name):
-        rows = [json.loads(line) for line in lines]
-        table = sa.table(name, *(sa.column(column) for column in rows[0]))
-        connection.execute(sa.insert(table), rows)
-
-
-def _batches(archive: zipfile.ZipFile, name: str) -> Iterator[list[bytes]]:
+def _read_rows(archive: zipfile.ZipFile, store: Store, connection: sa.Connection, name: str) -> Iterator[int]:
+    """Insert the rows of a table as they are, in the version of the schema that the backup has; yield their numbers."""
     with archive.open(_member(name)) as lines:
         while batch := list(itertools.islice(lines, _MANY)):
-            yield batch
+            rows = json.loads(b"[%s]" % b",".join(batch))
+            columns = list(rows[0])
+            if not all(list(row) == columns for row in rows):
+                raise FileError(archive.filename or "", f"has rows of {name} with different columns; {_DAMAGED}")
+            store.backend.insert_rows(connection, name, columns, [tuple(row.values()) for row in rows])
+            yield len(rows)
 
 
 def _shas(connection: sa.Connection) -> Iterator[str]:

@@ -15,8 +15,9 @@ import sqlalchemy as sa
 from truepose._io.plain import plain
 from truepose.errors import DataError
 from truepose.store import schema
-from truepose.store.audit import canonical, now
+from truepose.store.audit import now
 from truepose.store.change import Change
+from truepose.store.hashing import canonical
 from truepose.store.names import clean_name, name_key
 from truepose.store.rows import find
 

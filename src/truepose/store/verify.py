@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import sqlalchemy as sa
 
 from truepose.errors import FileError, StoreError
 from truepose.store import anchor, audit, schema
-from truepose.store.audit import Head, row_hash
+from truepose.store.audit import Head
+from truepose.store.hashing import row_hasher
+from truepose.store.progress import SILENT, Progress, counted
 from truepose.store.store import Store, blob_content
 
 _MANY: Final = 5000  # rows fetched at once
+_ROW: Final = '{"row":"'
+_ROW_END: Final = len(_ROW) + 64
 
 
 @dataclass
@@ -41,7 +45,7 @@ class Verification:
 
 
 def verify(
-    store: Store, *, head: str | None = None, contents: bool = True, progress: Callable[[str], object] = len
+    store: Store, *, head: str | None = None, contents: bool = True, progress: Progress = SILENT
 ) -> Verification:
     """Compare a store with its audit trail.
 
@@ -53,33 +57,35 @@ def verify(
         A head that was noted elsewhere, such as on a report; the chain must contain it.
     contents : bool
         Whether blobs are read and their hashes compared; otherwise only their presence and size are checked.
-    progress : callable
-        What is told each step.
+    progress : Progress
+        What is told each step, and how far it is.
     """
     with store.reading() as connection:
         found = Verification(audit.head(connection))
-        progress("Checking the audit trail")
+        progress("Checking the database")
         found.faults += store.backend.damage(connection)
-        found.faults += audit.broken_links(connection)
+        progress("Checking the audit trail")
+        found.faults += audit.broken_links(connection, progress)
         found.faults += _wrong_heads(store, connection, head, found)
-        progress("Comparing rows with their entries")
-        _compare(connection, found)
+        _compare(connection, found, progress)
         progress("Checking blobs")
-        found.faults += _wrong_blobs(store, connection, contents, found)
+        found.faults += _wrong_blobs(store, connection, contents, found, progress)
     return found
 
 
-def check_trail(connection: sa.Connection) -> Verification:
+def check_trail(connection: sa.Connection, progress: Progress = SILENT) -> Verification:
     """Check the chain and the rows of an open transaction, without what is outside of the database."""
-    found = Verification(audit.head(connection), faults=list(audit.broken_links(connection)))
-    _compare(connection, found)
+    progress("Checking the audit trail")
+    found = Verification(audit.head(connection), faults=list(audit.broken_links(connection, progress)))
+    _compare(connection, found, progress)
     return found
 
 
-def _compare(connection: sa.Connection, found: Verification) -> None:
+def _compare(connection: sa.Connection, found: Verification, progress: Progress) -> None:
     """Compare all rows with their entries, and their references."""
     for table in schema.AUDITED:
-        found.faults += _wrong_rows(connection, table, found)
+        progress(f"Comparing the rows of {table.name} with their entries")
+        found.faults += _wrong_rows(connection, table, found, progress)
         found.faults += _wrong_references(connection, table)
 
 
@@ -102,21 +108,23 @@ def _wrong_heads(store: Store, connection: sa.Connection, head: str | None, foun
         yield f"entry {kept.sequence} is not the one whose head {path} keeps: the audit trail was replaced"
 
 
-def _wrong_rows(connection: sa.Connection, table: sa.Table, found: Verification) -> Iterator[str]:
+def _wrong_rows(connection: sa.Connection, table: sa.Table, found: Verification, progress: Progress) -> Iterator[str]:
     """Yield rows that are not as their last entry describes them; both are read once, in the order of their ids."""
-    entries = _last_entries(connection, table)
+    entries, hashed = _last_entries(connection, table), row_hasher(table)
     entry = next(entries, None)
-    rows = connection.execute(sa.select(table).order_by(table.c.id), execution_options={"yield_per": _MANY}).mappings()
-    for row in rows:
+    total = int(connection.execute(sa.select(sa.func.count()).select_from(table)).scalar() or 0)
+    rows = connection.execute(sa.select(table).order_by(table.c.id), execution_options={"yield_per": _MANY})
+    for row in counted(rows, total, progress):
         found.rows += 1
-        while entry is not None and entry[0] < row["id"]:
+        row_id = row.id
+        while entry is not None and entry[0] < row_id:
             yield from _removed(table, *entry)
             entry = next(entries, None)
-        if entry is None or entry[0] != row["id"]:
-            yield f"{table.name} {row['id']} has no entry in the audit trail: it was added to the database directly"
+        if entry is None or entry[0] != row_id:
+            yield f"{table.name} {row_id} has no entry in the audit trail: it was added to the database directly"
             continue
-        if row_hash(table, dict(row)) != entry[2]:
-            yield f"{table.name} {row['id']} was changed after entry {entry[1]}, without an entry"
+        if hashed(row) != entry[2]:
+            yield f"{table.name} {row_id} was changed after entry {entry[1]}, without an entry"
         entry = next(entries, None)
     while entry is not None:
         yield from _removed(table, *entry)
@@ -136,17 +144,19 @@ def _last_entries(connection: sa.Connection, table: sa.Table) -> Iterator[tuple[
         .where(entries.c.object == table.name, entries.c.object_id.is_not(None))
         .order_by(entries.c.object_id, entries.c.sequence)
     )
-    last: Any = None
-    for row in connection.execute(query, execution_options={"yield_per": _MANY}):
-        if last is not None and last.object_id != row.object_id:
-            yield last.object_id, last.sequence, _row_of(last.payload)
-        last = row
+    last: tuple[int, int, str] | None = None
+    for object_id, sequence, payload in connection.execute(query, execution_options={"yield_per": _MANY}):
+        if last is not None and last[0] != object_id:
+            yield last[0], last[1], _row_of(last[2])
+        last = object_id, sequence, payload
     if last is not None:
-        yield last.object_id, last.sequence, _row_of(last.payload)
+        yield last[0], last[1], _row_of(last[2])
 
 
 def _row_of(payload: str) -> str | None:
     """Return the hash of the row in a payload; an entry that was edited may hold anything."""
+    if payload.startswith(_ROW) and payload[_ROW_END : _ROW_END + 2] == '",':  # as the store writes it: row comes first
+        return payload[len(_ROW) : _ROW_END]
     try:
         row = json.loads(payload)["row"]
     except (ValueError, KeyError, TypeError):
@@ -165,12 +175,15 @@ def _wrong_references(connection: sa.Connection, table: sa.Table) -> Iterator[st
             yield f"{table.name} {row_id} names {key.column.table.name} {value}, which does not exist"
 
 
-def _wrong_blobs(store: Store, connection: sa.Connection, contents: bool, found: Verification) -> Iterator[str]:
+def _wrong_blobs(
+    store: Store, connection: sa.Connection, contents: bool, found: Verification, progress: Progress
+) -> Iterator[str]:
     """Yield blobs that are missing or were changed, with the objects that name them."""
     known: set[str] = set()
     blob = schema.blob
     columns = sa.select(blob.c.sha256, blob.c.size).order_by(blob.c.sha256)
-    for sha, size in connection.execute(columns, execution_options={"yield_per": _MANY}):
+    total = int(connection.execute(sa.select(sa.func.count()).select_from(blob)).scalar() or 0)
+    for sha, size in counted(connection.execute(columns, execution_options={"yield_per": _MANY}), total, progress):
         found.blobs += 1
         known.add(sha)
         if (why := _blob_fault(store, connection, sha, size, contents)) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +27,9 @@ AUDIT_GUARDS: Final = tuple(
 )
 _MAGIC: Final = b"SQLite format 3\0"
 _READS: Final = "truepose_reads"
+
+_CACHE_KIB: Final = 2**16
+_LARGE_CACHE_KIB: Final = 2**18
 
 
 class SqliteBackend:
@@ -103,6 +106,16 @@ class SqliteBackend:
         finally:
             os.close(descriptor)
 
+    def insert_rows(
+        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+    ) -> None:
+        """Insert many rows as they are; indexes in no order need the larger cache."""
+        connection.exec_driver_sql(f"PRAGMA cache_size=-{_LARGE_CACHE_KIB}")
+        names = ", ".join(map(connection.dialect.identifier_preparer.quote, columns))
+        places = ", ".join("?" * len(columns))
+        quoted = connection.dialect.identifier_preparer.quote(table)
+        connection.exec_driver_sql(f"INSERT INTO {quoted} ({names}) VALUES ({places})", [tuple(row) for row in rows])
+
     def grant(self, connection: sa.Connection, role: str) -> None:
         """Refuse: a file has no roles."""
         raise DataError("SQLite has no roles; rights are those of the folder (--grant is for PostgreSQL)")
@@ -134,6 +147,7 @@ def _set_up(connection: Any, _record: object) -> None:
         "journal_mode=WAL",
         "synchronous=FULL",
         "foreign_keys=ON",
+        f"cache_size=-{_CACHE_KIB}",  # the checks of a large store read indexes in no order
         "recursive_triggers=ON",  # REPLACE must not get round the triggers of the audit trail
     ):
         connection.execute(f"PRAGMA {pragma}").close()
