@@ -48,7 +48,7 @@ lint: setup
 
 docs: setup
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group docs
-	$(BIN)/sphinx-build -W --keep-going -b html $(SPHINXOPTS) docs docs/_build/html
+	$(BIN)/sphinx-build -W --keep-going -j auto -b html $(SPHINXOPTS) docs docs/_build/html
 
 study: setup
 	$(BIN)/truepose study docs/validation/paper --force

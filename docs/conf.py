@@ -5,6 +5,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from sphinx.application import Sphinx
+
 from truepose import __version__
 
 HERE = Path(__file__).parent
@@ -12,6 +14,12 @@ sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent / "tools")]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 STATE = tempfile.TemporaryDirectory(prefix="truepose-docs-")  # what pages correct is not remembered
 os.environ["TRUEPOSE_STATE"] = STATE.name
+
+
+def setup(app: Sphinx) -> None:
+    """Let pages be read in several processes."""
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True  # it copies files at the end, and says nothing
+
 
 project, author, project_copyright = "truepose", "The truepose developers", "The truepose developers"
 version = release = __version__

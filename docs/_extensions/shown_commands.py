@@ -1,11 +1,12 @@
 """The directives ``run`` and ``python``: commands and code that are run while the page is built, with their output.
 
 All blocks of a page run in one folder that is new for each build, so that a page is a session from its first line to
-its last. A command that fails where it should not is a warning, and so an error of ``make docs``; so is an exception of
-Python. A line of commands that starts with ``!`` is meant to fail; one that starts with ``#`` is a comment. The option
-``:with:`` of ``run`` first copies material into the folder: ``practice`` is the practice cell (made once for each
-build), any other name a folder of ``docs/how-to/files``. Blocks of ``python`` share their names; what they print is
-shown, with warnings. Their option ``:figure:`` shows a picture (.png) that the block wrote, with the text of ``:alt:``.
+its last; pages may be read in several processes. A command that fails where it should not is a warning, and so an error
+of ``make docs``; so are a command that prints a traceback and an exception of Python. A line of commands that starts
+with ``!`` is meant to fail; one that starts with ``#`` is a comment. The option ``:with:`` of ``run`` first copies
+material into the folder: ``practice`` is the practice cell (made once for each build), any other name a folder of
+``docs/how-to/files``. Blocks of ``python`` share their names; what they print is shown, with warnings. Their option
+``:figure:`` shows a picture (.png) that the block wrote, with the text of ``:alt:``.
 """
 
 import base64
@@ -25,13 +26,14 @@ from typing import Any
 from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 LOGGER = logging.getLogger(__name__)
 COLUMNS = "116"
 MATERIAL = Path(__file__).parents[1] / "how-to" / "files"
-FOLDERS: dict[str, tempfile.TemporaryDirectory[str]] = {}
+FOLDERS = tempfile.TemporaryDirectory(prefix="truepose-docs-")
 NAMES: dict[str, dict[str, Any]] = {}
 
 
@@ -55,7 +57,7 @@ class Run(SphinxDirective):
             return line
         fails, command = line.startswith("!"), line.lstrip("! ")
         done = execute(command, folder)
-        if (done.returncode != 0) != fails:
+        if (done.returncode != 0) != fails or "Traceback (most recent call last)" in done.stdout:
             LOGGER.warning("%s: exit code %d\n%s", command, done.returncode, done.stdout, location=self.get_location())
         return "\n".join([f"$ {command}", *(row.rstrip() for row in done.stdout.strip("\n").splitlines())])
 
@@ -84,7 +86,9 @@ class Python(SphinxDirective):
 
 def folder_of(page: str) -> Path:
     """Return the folder in which the commands and the code of a page run."""
-    return Path(FOLDERS.setdefault(page, tempfile.TemporaryDirectory(prefix="truepose-docs-")).name)
+    folder = Path(FOLDERS.name) / page.replace("/", "-")
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 def interpret(code: str, folder: Path, names: dict[str, Any]) -> tuple[str, str]:
@@ -131,8 +135,15 @@ def practice() -> Path:
     return folder / "practice"
 
 
+def prepare(app: Sphinx, env: BuildEnvironment, pages: list[str]) -> None:
+    """Make the practice cell before processes share the pages."""
+    if pages:
+        practice()
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("run", Run)
     app.add_directive("python", Python)
-    return {"parallel_read_safe": False}
+    app.connect("env-before-read-docs", prepare)
+    return {"parallel_read_safe": True}
