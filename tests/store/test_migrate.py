@@ -60,6 +60,7 @@ def test_a_store_that_an_older_program_wrote_is_taken_over(new_address: Callable
     with Store.open(address) as store, store.reading() as connection:
         found = verify(store, head=moved.head.hash)
         assert (found.faults, found.head.sequence) == ([], moved.head.sequence + 1)
+        assert compare_metadata(MigrationContext.configure(connection), schema.metadata) == []
         march = rows.get(connection, schema.map, name="march")
         assert march["state"] == "released"
         assert [row["program"] for row in rows.recall(connection, march["id"]).rows] == ["home.src", "rib01.src"]

@@ -140,6 +140,20 @@ def test_a_corrected_program_is_refused_on_another_machine(enter, tokens, files,
     assert sorted(path.name for path in (tmp_path / "again").glob("*.csv")) == ["part.corrections.csv", "part.csv"]
 
 
+def test_a_validation_is_recorded_with_its_samples(enter, tokens, files):
+    """Of a map of the store by its name, also of one that was withdrawn; twice is one row."""
+    enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", files / "m.truepose", token=tokens["anna"])
+    assert enter("store", "withdraw", "m", "--reason", "x", token=tokens["eva"], stdin=(PASSWORD,)).code == 0
+    for named in ("m", files / "m.truepose"):
+        done = enter("validate", named, files / "later.csv", "--json", token=tokens["anna"])
+        assert done.code == 0, done
+    (row,) = enter("store", "list", "verifications", "--json", token=tokens["eva"]).json["verifications"]
+    assert (row["kind"], row["made_by"]) == ("map", "anna")
+    assert row["figures"]["after"]["mean_mm"] == done.json["after"]["mean_mm"]
+    assert row["reading_set_id"] == 2
+    assert "needs the role" in enter("validate", "m", files / "later.csv", token=tokens["eva"]).failed()
+
+
 def test_a_report_shows_the_head_and_the_state(enter, tokens, files, address, no_figures):
     enter("fit", files / "cell.toml", files / "samples.csv", *FIT, "--out", files / "m.truepose", token=tokens["anna"])
     with Store.open(address) as store:

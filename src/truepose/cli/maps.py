@@ -10,6 +10,7 @@ import typer
 
 from truepose.cli.options import Execution, Force, Json, MapPath, with_groups
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
+from truepose.cli.store_record import RecordIn, record_validation, recorder
 from truepose.cli.summaries import show_better, show_campaign, show_worth
 
 if TYPE_CHECKING:
@@ -100,18 +101,21 @@ def predict(
 def validate(
     map_path: MapPath,
     test_path: Annotated[Path, typer.Argument(metavar="TEST", help="Table of samples that were not in the fit.")],
+    store: RecordIn = None,
     as_json: Json = False,
 ) -> None:
     """Compare the errors before and after correction on samples that were not in the fit."""
     from truepose.error_map import load_map, recheck
     from truepose.samples import read_samples
 
-    with working("Reading the map", quiet=as_json) as progress:
-        error_map = load_map(map_path)
+    with recorder(store, "verify") as record, working("Reading the map", quiet=as_json) as progress:
+        error_map, row = (load_map(map_path), None) if record is None else record.load_map(map_path)
         samples = read_samples(test_path)
         progress("Validating, and comparing with another predictor")
         validation, found = error_map.validate(samples), recheck(error_map, samples)
-    data = validation.to_dict()
+        data = validation.to_dict()
+        if record is not None and row is not None:
+            record_validation(record, row, test_path, samples, data)
     if as_json:
         more = {"holding": found.holding.to_dict(), "campaign": error_map.campaign}
         emit_json({"map": map_path, "test": test_path, "predictor": error_map.predictor_name, **data, **more})

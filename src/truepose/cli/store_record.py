@@ -278,6 +278,20 @@ def record_verification(to: Recorder, found: ProgramVerification, data: bytes, p
     to.record(files, lambda change: add_verification(change, found, data, output_sha256=sha))
 
 
+def record_validation(
+    to: Recorder, row: Mapping[str, Any], samples_path: Path, samples: Samples, figures: Mapping[str, Any]
+) -> None:
+    """Record the validation of a map with samples that were not in the fit, and these samples."""
+    from truepose.store.recording import add_samples
+    from truepose.store.records import put_verification
+
+    def write(change: Change) -> None:
+        reading_set = add_samples(change, row["cell_id"], samples_path, samples)
+        put_verification(change, "map", figures, map_id=row["id"], reading_set_id=reading_set)
+
+    to.record([], write)
+
+
 def record_report(to: Recorder, out: Path, row: Mapping[str, Any], head: str) -> None:
     """Record that a report was made: the hash of its file, its map and the head that it shows."""
 

@@ -100,15 +100,15 @@ def broken_links(connection: sa.Connection, progress: Progress = SILENT) -> Iter
     before, previous, total = 0, START, head(connection).sequence
     rows = connection.execute(sa.select(audit).order_by(audit.c.sequence), execution_options={"yield_per": _MANY})
     for row in counted(rows, total, progress):
-        sequence = row.sequence
+        sequence, *_, linked, hashed = row
         if sequence != before + 1:
             missing = f"{before + 1} to {sequence - 1}"
             yield f"entries {missing} of the audit trail are missing before entry {sequence} ({_described(row)})"
-        elif row.previous != previous:
+        elif linked != previous:
             yield f"entry {sequence} ({_described(row)}) does not continue the chain: entry {before} was replaced"
-        if entry_hash(row) != row.hash:
+        if entry_hash(row) != hashed:
             yield f"entry {sequence} ({_described(row)}) was changed after it was written"
-        before, previous = sequence, row.hash
+        before, previous = sequence, hashed
 
 
 def _described(row: sa.Row[Any]) -> str:

@@ -153,11 +153,13 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
             progress("Restoring blobs")
             for sha in _members(archive):
                 change.blob(archive.read(f"blobs/{sha}"))
-            for table in _TABLES[1:]:
-                progress(f"Restoring {table.name}")
-                done, total = 0, manifest["rows"].get(table.name, 0)
-                for some in _read_rows(archive, store, connection, table.name):
-                    progress.count(done := done + some, max(done, total))
+            with _indexed_after(connection):
+                for table in _TABLES[1:]:
+                    progress(f"Restoring {table.name}")
+                    done, total = 0, manifest["rows"].get(table.name, 0)
+                    for some in _read_rows(archive, store, connection, table.name):
+                        progress.count(done := done + some, max(done, total))
+                progress("Making the indexes")
             if faults := check_trail(connection, progress).faults:
                 raise FileError(path, f"{len(faults)} faults, first: {faults[0]}; {_DAMAGED}")
             migrate.upgrade(connection)
@@ -189,6 +191,19 @@ def _write_rows(
             out.write(data)
             progress.count(count := count + len(lines), max(count, total))
     return digest.hexdigest(), count
+
+
+@contextmanager
+def _indexed_after(connection: sa.Connection) -> Iterator[None]:
+    """Make the indexes after the rows, sorted once; constraints hold all the time."""
+    reflected = sa.MetaData()
+    reflected.reflect(connection)
+    indexes = [index for table in reflected.tables.values() for index in table.indexes if not index.unique]
+    for index in indexes:
+        index.drop(connection)
+    yield
+    for index in indexes:
+        index.create(connection)
 
 
 def _read_rows(archive: zipfile.ZipFile, store: Store, connection: sa.Connection, name: str) -> Iterator[int]:
