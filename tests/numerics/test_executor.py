@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -40,6 +42,14 @@ def killed_once(inputs, task):
     if number == 5 and len(list(Path(folder).glob("5-*"))) == 1:
         os.kill(os.getpid(), signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
     return number**2
+
+
+def compiled(inputs, task):
+    import numba
+
+    numba.njit(parallel=True)(lambda: None)
+    time.sleep(0.01)
+    return task.values[0]
 
 
 def killed_always(inputs, task):
@@ -131,3 +141,22 @@ def test_results_come_in_order_and_a_slow_task_does_not_pile_up_others(tmp_path,
         assert len(taken) == (1 if workers == 1 else 8)
         found = [first, *results]
     assert found == [(f"part {k}", (k if workers == 2 else k + 1) ** 2) for k in range(40)]
+
+
+def test_nothing_is_said_of_processes_that_are_ended(tmp_path):
+    (tmp_path / "main.py").write_text(
+        "from tests.numerics.test_executor import compiled\n"
+        "from truepose.numerics import processes\n"
+        "from truepose.numerics.executor import Task\n"
+        "if __name__ == '__main__':\n"
+        "    processes.cores = lambda: 2\n"
+        "    with processes.Processes(2) as executor:\n"
+        "        results = executor.run(compiled, (Task((), (k,)) for k in range(99)))\n"
+        "        next(results)\n"
+        "        raise SystemExit(130)\n"
+    )
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, tmp_path / "main.py"], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (130, "")
