@@ -12,6 +12,7 @@ from truepose.cli.output import emit_json, overwrite, say, table, working
 from truepose.cli.summaries import show_calibration
 
 if TYPE_CHECKING:
+    from truepose.compensation import Gap
     from truepose.report.knowledge import Knowledge
 
 _COLUMNS = ["", "estimate", "95 % from", "to", "unit"]
@@ -66,6 +67,9 @@ def _show(found: Knowledge) -> None:
         say(table("Backlash (half of the lost motion) and expansion", _COLUMNS, map(_effect, found.effects)))
     if found.shares_mm:
         say(table("Contributions to the errors at the samples", ["", "RMS [mm]"], list(found.shares_mm.items())))
+    if found.gaps:
+        columns = ["joint", "from [deg]", "to [deg]", "measure near [deg]"]
+        say(table("Angles that no sample covers: targets there are refused", columns, map(_gap, found.gaps)))
     if found.next_poses:
         columns = list(found.next_poses[0])
         rows = [[f"{row[c]:.3f}" if c == "std_mm" else f"{row[c]:.2f}" for c in columns] for row in found.next_poses]
@@ -90,6 +94,11 @@ def _curve(curve: Any) -> tuple[Any, ...]:
     rms = float((curve.error**2).mean() ** 0.5)
     ends = float(curve.angle[0] * _DEGREES), float(curve.angle[-1] * _DEGREES)
     return (curve.joint + 1, *ends, 1e3 * rms, 1e3 * float(curve.std.mean()))
+
+
+def _gap(gap: Gap) -> tuple[Any, ...]:
+    angles = gap.uncovered_low, gap.uncovered_high, gap.measure
+    return gap.joint + 1, *(f"{angle * _DEGREES:.1f}" for angle in angles)
 
 
 def _effect(row: dict[str, Any]) -> tuple[str, ...]:

@@ -2,13 +2,16 @@
 
 from truepose.compensation.guards import BELOW, Corrections, Guards, Limits, Policy, Region, Verdicts, apply_policy
 from truepose.compensation.in_force import LimitsInForce
+from truepose.compensation.joint_coverage import Gap, JointCoverage
 from truepose.compensation.orientations import supported_angle
 from truepose.compensation.solve import Solution, solve
 
 __all__ = [
     "BELOW",
     "Corrections",
+    "Gap",
     "Guards",
+    "JointCoverage",
     "Limits",
     "LimitsInForce",
     "Policy",

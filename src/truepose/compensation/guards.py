@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, html_table
 from truepose._typing import BoolArray, FloatArray, IntArray
+from truepose.compensation.joint_coverage import JointCoverage
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -133,6 +134,8 @@ class Guards:
         The orientations of the samples' tool, base frame.
     status : array of int, optional
         The arm branches of the samples (KUKA Status, bits 0 to 2).
+    coverage : JointCoverage, optional
+        The angles of each joint that samples cover, for predictors that know the error of each joint.
     """
 
     def __init__(
@@ -142,8 +145,10 @@ class Guards:
         p_flange_tool: FloatArray,
         rotation: Rotation | None = None,
         status: IntArray | None = None,
+        coverage: JointCoverage | None = None,
     ) -> None:
         self.limits = limits
+        self._coverage = coverage
         self.region = Region(x, limits.max_distance)
         self._p_flange_tool = p_flange_tool
         self._orientations = None
@@ -191,6 +196,9 @@ class Guards:
             for i in np.flatnonzero(where).tolist():
                 reasons[i] = reasons[i] or reason(i)
 
+        if self._coverage is not None:
+            uncovered = self._coverage.reasons(x)
+            flag(np.array([bool(reason) for reason in uncovered], bool), lambda i: uncovered[i])
         size, turned, limits = np.linalg.norm(std[:, :3], axis=1), np.linalg.norm(std[:, 3:], axis=1), self.limits
         flag(
             ~(size <= limits.max_std),

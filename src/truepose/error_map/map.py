@@ -20,7 +20,7 @@ from truepose._io.archive import LARGEST_MAP
 from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell, Conditions
-from truepose.compensation import Corrections, Guards, Limits, LimitsInForce, Policy, supported_angle
+from truepose.compensation import Corrections, Guards, JointCoverage, Limits, LimitsInForce, Policy, supported_angle
 from truepose.error_map.conditions import check_work, work_of
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
@@ -29,7 +29,7 @@ from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.validation import Validation, validate
 from truepose.errors import DataError, RefusedError
-from truepose.predictors.abilities import Conditional
+from truepose.predictors.abilities import Conditional, JointwisePredicting
 from truepose.samples import Poses, Samples
 
 
@@ -280,11 +280,20 @@ class ErrorMap(PredictingMap):
             raise DataError(f"{self.samples.source}: the samples' orientations are unknown")
         return supported_angle(self.predictor.leave_blocks_out, self.rotation)
 
+    @cached_property
+    def joint_coverage(self) -> JointCoverage | None:
+        """The angles of each joint that samples cover; None for predictors that know no error of single joints."""
+        predictor, q = self.predictor, self.samples.q
+        if q is None or not isinstance(predictor, JointwisePredicting) or not len(predictor.joints_):
+            return None
+        return JointCoverage(q, predictor.joints_, predictor.joint_length_)
+
     def guards_of(self, limits: Limits) -> Guards:
         """Return the guards of corrections under some limits."""
         if limits not in self._guards:
             status, point = arm_branches(self.robot, self.samples), self.tf_flange_sampled[:3, 3]
-            self._guards[limits] = Guards(self.coordinates(self.samples), limits, point, self.rotation, status)
+            x = self.coordinates(self.samples)
+            self._guards[limits] = Guards(x, limits, point, self.rotation, status, self.joint_coverage)
         return self._guards[limits]
 
     @cached_property

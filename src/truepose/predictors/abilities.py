@@ -81,6 +81,17 @@ class ParameterEstimating(Protocol):
 
 
 @runtime_checkable
+class JointwisePredicting(Protocol):
+    """A fitted predictor that knows an error of each joint as a function of its own angle."""
+
+    joints_: IntArray
+
+    @property
+    def joint_length_(self) -> FloatArray:
+        """The length of the error of each of `joints_`, (k,) [rad]: angles farther apart err nearly independently."""
+
+
+@runtime_checkable
 class OutlierWeighing(Protocol):
     """A fitted predictor that weighs outliers down itself."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.compensation import Gap
 from truepose.error_map import ErrorMap
 from truepose.predictors import KinematicKriging
 from truepose.predictors.abilities import JointlyPredicting, ParameterEstimating
@@ -42,6 +43,9 @@ class Knowledge:
     std_unknown_approach_mm : float, optional
         The mean length of the standard deviation where the direction of approach is not known; None for maps that do
         not know the backlash of joints.
+    gaps : list of Gap
+        The angles of joints that no sample covers, where corrections are refused; without the angles beyond all samples
+        of a joint.
     next_poses : list of dict
         The poses to measure next, the most useful first: joints or position, and the std of a corrected
         position there.
@@ -56,6 +60,7 @@ class Knowledge:
     shares_mm: dict[str, float]
     hyperparameters: dict[str, Any]
     std_unknown_approach_mm: float | None
+    gaps: list[Gap]
     next_poses: list[dict[str, Any]]
 
     @property
@@ -76,6 +81,7 @@ class Knowledge:
             "parameters": self.parameters,
             "joints": [_curve_data(curve) for curve in self.curves],
             "hyperparameters": self.hyperparameters,
+            "joint_gaps": [gap.to_dict() for gap in self.gaps],
             "measure_next": self.next_poses,
         }
 
@@ -116,6 +122,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         shares_mm=shares,
         hyperparameters=values,
         std_unknown_approach_mm=unknown,
+        gaps=[] if error_map.joint_coverage is None else error_map.joint_coverage.gaps(),
         next_poses=_measure_next(error_map, candidates, suggestions),
     )
 

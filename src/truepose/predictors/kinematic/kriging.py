@@ -206,6 +206,11 @@ class KinematicKriging(PosePredictor):
         other.work, other._terms = dict(work), self._terms.at_work(work)
         return other
 
+    @property
+    def joint_length_(self) -> FloatArray:
+        """The lengths of the errors of `joints_`, (k,) [rad]."""
+        return self.hyper_.joint_length
+
     def optimum(self) -> tuple[IntArray, Start]:
         """Return the joints and the hyperparameters of this fit, for `start_from`."""
         self._check_fitted()
