@@ -56,9 +56,12 @@ def state_of(client: TestClient, cell: str, sha: str) -> dict[str, Any]:
 
 
 def test_a_map_is_released_by_somebody_else_with_the_password(
-    opened: Callable[..., TestClient], cell: str, taken_in: str
+    opened: Callable[..., TestClient], cell: str, taken_in: str, workspace: Workspace
 ) -> None:
     both, quality = opened("both"), opened("quality")
+    states = quality.get(f"{cell}/states").json()
+    assert states["maps"] == {taken_in: "draft"}
+    assert set(states["files"].values()) == {"draft"}
     assert state_of(quality, cell, taken_in)["state"] == "draft"
     own = signed(both, taken_in)
     assert own.status_code == 409
@@ -70,6 +73,14 @@ def test_a_map_is_released_by_somebody_else_with_the_password(
     assert signed(quality, taken_in, reason="checked").status_code == 204
     found = state_of(opened("reader"), cell, taken_in)
     assert found["state"] == "released"
+    states = quality.get(f"{cell}/states").json()
+    assert states["maps"] == {taken_in: "released"}
+    (record,) = workspace.cells()[0].files("record")
+    head = record.path.read_text("utf-8").replace('"on_guard"', '"map_state": "draft",\n"on_guard"', 1)
+    record.path.write_text(head, "utf-8")
+    files = quality.get(f"{cell}/states").json()["files"]
+    assert files.pop(record.id) == "draft"  # the correction stays what it was
+    assert set(files.values()) == {"released"}
     assert [(one["user"], one["reason"]) for one in found["signatures"]] == [("quality", "checked")]
 
 

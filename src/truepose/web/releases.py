@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from truepose._io.delimited import escaped
 from truepose.errors import one_line
 from truepose.web.team.visits import InTeam, InVisit
-from truepose.web.workspace import InCell
+from truepose.web.workspace import InCell, InWorkspace
 
 if TYPE_CHECKING:
     from truepose.store.releases import Recall
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 router = APIRouter(tags=["releases"])
 _COLUMNS = ("map", "map_sha256", "robot", "program", "program_sha256", "output_sha256", "draft", "corrected_by", "time")
 MapState = Literal["draft", "released", "superseded", "withdrawn"]
+FileState = Literal["draft", "released", "superseded", "withdrawn", "unknown"]
 AuditedKind = Literal["cell", "campaign", "reading_set", "map", "correction", "verification", "release"]
 
 
@@ -55,6 +56,13 @@ class StoredMaps(BaseModel):
     maps: list[StoredMap]
     sequence: int
     head: str
+
+
+class States(BaseModel):
+    """The states of the maps that files of a cell are, or were corrected with."""
+
+    maps: dict[str, FileState] = Field(description="by the SHA-256 of the map")
+    files: dict[str, FileState] = Field(description="of maps and records of corrections, by the id of the file")
 
 
 class Signed(BaseModel):
@@ -117,6 +125,14 @@ def stored_maps(cell: InCell, team: InTeam, visit: InVisit) -> StoredMaps:
     from truepose.web.team import records
 
     return StoredMaps.model_validate(records.maps(team.store, visit.identity, cell.file))
+
+
+@router.get("/cells/{cell}/states")
+def map_states(cell: InCell, workspace: InWorkspace, team: InTeam, visit: InVisit) -> States:
+    """Return which maps and corrections of the cell are drafts, superseded, withdrawn or not in the store."""
+    from truepose.web.team import records
+
+    return States.model_validate(records.states(team.store, visit.identity, cell, workspace))
 
 
 @router.post("/releases/{sha}", status_code=204)

@@ -21,7 +21,7 @@ _VIEW: Final = (
     *("correction_record", "correction_coverage"),
     *("verifiable", "verifications", "verification", "reports", "write", "download", "preview"),
     *("history", "history_table", "list_jobs", "get_job", "job_result", "job_events"),
-    *("stored_maps", "recalled", "recall_table", "audit_trail", "drift"),
+    *("stored_maps", "map_states", "recalled", "recall_table", "audit_trail", "drift"),
     *("cancel_job", "run_job_again"),  # these check the command of the job, too
 )
 NEEDED: Final[dict[str, Action]] = {

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import sqlalchemy as sa
 
+from truepose.errors import FileError
+from truepose.programs.record import DRAFT, head_of
 from truepose.store import schema
 from truepose.store.access import Identity, viewing
 from truepose.store.audit import head
@@ -18,6 +21,12 @@ from truepose.store.recording import cell_name
 from truepose.store.releases import signatures
 from truepose.store.rows import decoded
 from truepose.store.store import Store
+
+if TYPE_CHECKING:
+    from truepose.web.workspace import CellFolder, Workspace
+
+MapState = Literal["draft", "released", "superseded", "withdrawn", "unknown"]
+"""The state of a map; unknown if the store does not have it."""
 
 _OF_MAPS: Final = {
     "verification": (schema.verification, schema.verification.c.map_id),
@@ -147,6 +156,36 @@ def drift(store: Store, by: Identity, cell_file: Path) -> list[dict[str, Any]]:
                     {"time": row["created"], "kind": "verification", "name": name, "of": "measured", **numbers}
                 )
     return sorted(found, key=lambda one: one["time"])
+
+
+def states(store: Store, by: Identity, cell: CellFolder, workspace: Workspace) -> dict[str, dict[str, MapState]]:
+    """Return the states of maps by their SHA-256, and those of the cell's files: of maps, and of what maps corrected.
+
+    A correction made with a draft stays one when the map is released later.
+    """
+    table = schema.map
+    hashes = {file.id: workspace.hash_of(file) for file in cell.files("map")}
+    heads = {file.id: _map_of_record(file.path, file.modified, file.size) for file in cell.files("record")}
+    wanted = {*hashes.values(), *(sha for sha, _ in heads.values() if sha)}
+    with viewing(store, by) as connection:
+        query = sa.select(table.c.sha256, table.c.state).where(table.c.sha256.in_(wanted))
+        known: dict[str, MapState] = {row.sha256: row.state for row in connection.execute(query)}
+    by_hash: dict[str, MapState] = {sha: known.get(sha, "unknown") for sha in wanted}
+    files: dict[str, MapState] = {id_: by_hash[sha] for id_, sha in hashes.items()}
+    for id_, (sha, then) in heads.items():
+        now: MapState = by_hash.get(sha or "", "unknown")
+        files[id_] = now if now == "withdrawn" else "draft" if then == DRAFT else now
+    return {"maps": by_hash, "files": files}
+
+
+@lru_cache(maxsize=4096)
+def _map_of_record(path: Path, _modified: float, _size: int) -> tuple[str | None, str | None]:
+    """Return the SHA-256 of the map of a record, and its state at that time; those of unchanged files are kept."""
+    try:
+        head = head_of(path)
+    except FileError:
+        return None, None
+    return head.get("map_sha256"), head.get("map_state")
 
 
 def _cells(cell_file: Path) -> sa.Select[Any]:
