@@ -6,20 +6,12 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
-from tests.browser.opening import Browser, Opened, Server
+from tests.browser.opening import Browser, Server, give
 
 from truepose.error_map import load_map
 from truepose.samples import read_poses, read_samples
 from truepose.simulation import VirtualCell
 from truepose.trackers import write_readings
-
-
-def give(app: Opened, label: str, *files: Path) -> None:
-    """Choose files in the drop zone with a label, as its button does."""
-    zone = app.page.get_by_role("group", name=label)
-    with app.page.expect_file_chooser() as chooser:
-        zone.get_by_role("button").first.click()
-    chooser.value.set_files([str(file) for file in files])
 
 
 def test_a_metrologist_makes_a_cell_plans_imports_and_fits(
