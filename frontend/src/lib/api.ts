@@ -105,6 +105,18 @@ export async function logIn(name: string, password: string): Promise<void> {
   await send('POST', '/api/v1/login', { headers, body: JSON.stringify({ name, password }) })
 }
 
+/** The host of the OpenID Connect provider by which users may log in; null without one. */
+export async function loginProvider(): Promise<string | null> {
+  const answer = await send('GET', '/api/v1/login', { headers: { 'X-Truepose-CSRF': 'log-in' } })
+  return ((await answer.json()) as Schemas['LogIns']).provider
+}
+
+/** Go to the page of the provider, which comes back to this one. */
+export async function logInByProvider(): Promise<void> {
+  const answer = await send('POST', '/api/v1/login/oidc', { headers: { 'X-Truepose-CSRF': 'log-in' } })
+  location.assign(((await answer.json()) as Schemas['Destination']).url)
+}
+
 /** Call an operation and return its data, status and ETag. */
 export async function call<V extends Verb, P extends PathWith<V>>(
   verb: V,

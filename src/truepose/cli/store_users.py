@@ -25,7 +25,7 @@ def add(
     role: Roles,
     store: StoreAddress,
     subject: Annotated[
-        str | None, typer.Option("--subject", help="OpenID Connect: issuer and subject by which the user logs in.")
+        str | None, typer.Option("--subject", help="OpenID Connect: the subject by which the user logs in.")
     ] = None,
     without_password: Annotated[
         bool, typer.Option("--without-password", help="Log in by OpenID Connect only; such a user cannot sign.")

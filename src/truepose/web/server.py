@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import warnings
@@ -21,6 +22,7 @@ from truepose.web.app import create_app
 from truepose.web.security import Gate, Guard
 from truepose.web.team.address import Address
 from truepose.web.team.guard import TeamGuard
+from truepose.web.team.oidc import OIDC_CALLBACK, Provider, Settings
 from truepose.web.team.team import Team
 from truepose.web.workspace import Workspace
 
@@ -104,6 +106,8 @@ def _serve(
         team = None if users is None else _team(users, closing)
         listening = closing.enter_context(_listen(port, HOST if users is None else users.host))
         guard = _guard(listening.getsockname()[1], users, team)
+        if team is not None and isinstance(guard, TeamGuard) and (settings := Settings.of(os.environ)) is not None:
+            team.provider = Provider(settings, guard.address.url.rstrip("/") + OIDC_CALLBACK)
         app = create_app(Workspace(root), guard, workers=workers, ready=True, team=team)
         how = uvicorn.Config(
             app,

@@ -17,10 +17,11 @@ from truepose.jobs.job import acting_user
 from truepose.web.problems import problem_of, problem_response
 from truepose.web.security import CSRF_HEADER, SAFE, Guarded
 from truepose.web.team.address import Address
+from truepose.web.team.oidc import OIDC_CALLBACK
 from truepose.web.team.permissions import OPEN, check
 from truepose.web.team.team import Team, Visitor
 
-_OPEN_PATHS: Final = frozenset({"/api/v1/login"})
+_OPEN_PATHS: Final = frozenset({"/api/v1/login", "/api/v1/login/oidc"})
 _HEALTH: Final = "/healthz"
 
 
@@ -70,6 +71,8 @@ class TeamGuard:
         safe = scope["method"] in SAFE
         if not safe and (origin := headers.get("origin")) is not None and origin not in self.address.origins:
             return problem_response(403, "Foreign origin", f"pages of {origin} cannot change anything here")
+        if path == OIDC_CALLBACK and safe:
+            return None  # the browser comes from the provider; the endpoint checks the state and its cookie
         if path in _OPEN_PATHS:
             return None if CSRF_HEADER in headers else _no_header()
         id_ = cookie_parser(headers.get("cookie", "")).get(self.cookie)

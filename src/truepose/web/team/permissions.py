@@ -47,7 +47,7 @@ NEEDED: Final[dict[str, Action]] = {
     "withdraw": "release",
 }
 """The action that a user must be permitted, by the name of the endpoint."""
-OPEN: Final = frozenset({"log_in"})
+OPEN: Final = frozenset({"log_in", "log_ins", "begin_oidc", "finish_oidc"})
 """Endpoints that nobody has logged in for yet."""
 OF_COMMANDS: Final[dict[str, Action]] = {
     **dict.fromkeys(("demo", "warm-up", "plan", "import", "mask", "init", "check-point"), "measure"),

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from truepose.errors import DataError, RefusedError, StoreError
+from truepose.errors import DataError, RefusedError, StoreError, one_line
 from truepose.web.problems import WebError
 from truepose.web.team.sessions import Session, Sessions
 from truepose.web.throttle import WaitError, Waits, Window
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from truepose.store.access import Identity
     from truepose.store.roles import Role
     from truepose.store.store import Store
+    from truepose.web.team.oidc import Provider
 
 STORE_VARIABLE: Final = "TRUEPOSE_STORE"
 """The variable with the store's address in the environment of a job."""
@@ -28,6 +29,10 @@ _WRONG_TRIES, _WINDOW_S = 60, 60.0
 _AT_ONCE: Final = 2  # each check of a password takes 64 MB
 _REFUSED: Final = (
     "the user name or the password is wrong, or the user is disabled; after wrong tries, wait some minutes"
+)
+
+_NO_PASSWORD: Final = (
+    "you log in by OpenID Connect and have no password here, but a signature needs one; ask an administrator to set it"
 )
 
 
@@ -65,6 +70,8 @@ class Team:
         The sessions.
     clock : callable, optional
         A function that returns the time in seconds, for waits after wrong tries.
+    provider : Provider, optional
+        The provider of log-ins by OpenID Connect.
     """
 
     def __init__(
@@ -73,9 +80,10 @@ class Team:
         address: str,
         sessions: Sessions | None = None,
         clock: Callable[[], float] | None = None,
+        provider: Provider | None = None,
     ) -> None:
         given = {} if clock is None else {"clock": clock}
-        self.store, self.address = store, address
+        self.store, self.address, self.provider = store, address, provider
         self.sessions = sessions or Sessions()
         self._waits, self._window = Waits(**given), Window(_WRONG_TRIES, _WINDOW_S, **given)
         self._checks = threading.Semaphore(_AT_ONCE)
@@ -91,6 +99,24 @@ class Team:
         """
         identity = self.confirmed(name, password)
         return self.sessions.begin(identity, self._standing(identity)[1])
+
+    def log_in_by(self, subject: str) -> str:
+        """Open a session of the user with a subject that the provider has proven, and return its id.
+
+        Raises
+        ------
+        RefusedError
+            If no user has this subject, or the user is disabled.
+        """
+        from truepose.store.access import by_subject
+
+        identity = by_subject(self.store, subject)
+        return self.sessions.begin(identity, self._standing(identity)[1])[0]
+
+    def note_refused(self, reason: str) -> None:
+        """Note a log-in by OpenID Connect that was refused."""
+        with suppress(StoreError), self.store.transaction("truepose") as change:
+            change.note("login.refused", {"oidc": one_line(reason)[:500]})
 
     def confirmed(self, name: str, password: str) -> Identity:
         """Return the identity of a user who knows the password; see `log_in`."""
@@ -117,12 +143,18 @@ class Team:
         WebError
             If it is wrong (403), or there were too many wrong tries (429).
         """
+        if not self.has_password(identity):
+            raise WebError(403, "No password", _NO_PASSWORD)
         try:
             self.confirmed(identity.name, password)
         except WebError as error:
             if error.status != 401:
                 raise
             raise WebError(403, "Wrong password", "the password is wrong; nothing was changed or signed") from None
+
+    def has_password(self, identity: Identity) -> bool:
+        """Return whether a user has a password here; who logs in by OpenID Connect only cannot sign."""
+        return self._kept(identity)[0] is not None
 
     def visitor(self, id_: str) -> Visitor | None:
         """Return the user of a session; None if it has ended, or the user was disabled or got another password.
@@ -184,14 +216,22 @@ class Team:
                 revoke_token(self.store, identity, token.identity)
 
     def _standing(self, identity: Identity) -> tuple[tuple[Role, ...], str]:
-        """Return the roles in force, and a fingerprint of the stored password."""
-        import sqlalchemy as sa
-
-        from truepose.store import schema
+        """Return the roles in force, and a fingerprint of the stored password and subject."""
         from truepose.store.access import roles_of
 
         with self.store.reading() as connection:
             roles = roles_of(connection, identity)
-            kept = sa.select(schema.user.c.password).where(schema.user.c.id == identity.user_id)
-            password = connection.execute(kept).scalar()
-        return roles, hashlib.sha256((password or "").encode()).hexdigest()
+        password, subject = self._kept(identity)
+        return roles, hashlib.sha256(f"{password or ''}\0{subject or ''}".encode()).hexdigest()
+
+    def _kept(self, identity: Identity) -> tuple[str | None, str | None]:
+        """Return the hash of the password and the subject of a user; either may be missing."""
+        import sqlalchemy as sa
+
+        from truepose.store import schema
+
+        user = schema.user
+        with self.store.reading() as connection:
+            row = connection.execute(sa.select(user.c.password, user.c.subject).where(user.c.id == identity.user_id))
+            password, subject = row.one_or_none() or (None, None)
+        return password, subject
