@@ -186,7 +186,9 @@ def test_two_engineers_and_a_quality_manager(
         app.go("programs")
         program = [virtual_cell / "program" / name for name in ("panel.src", "panel.dat", "$config.dat")]
         give(app, "Drop programs", *program)
-        page.get_by_role("combobox", name="Error map", exact=True).select_option(hashlib.sha256(made.read_bytes()).hexdigest())
+        page.get_by_role("combobox", name="Error map", exact=True).select_option(
+            hashlib.sha256(made.read_bytes()).hexdigest()
+        )
         page.get_by_role("button", name="Correct", exact=True).click()
         page.get_by_text("of 24 targets corrected").wait_for()
         assert page.locator("main").get_by_text("DRAFT").count() == 0
