@@ -50,6 +50,9 @@ token missing (401)            web/test_guard.py::test_without_a_session_nothing
 token wrong (403, 429)         web/test_guard.py::test_wrong_tries_are_refused_and_then_stopped
 foreign Origin                 web/test_guard.py::test_a_foreign_origin_changes_nothing
 foreign Host                   web/test_guard.py::test_a_foreign_host_gets_no_answer
+wrong cookies (403, 429)       web/test_guard.py::test_wrong_cookies_count_and_the_lock_ends_after_its_time
+any JSON, any endpoint         web/test_any_request.py::test_any_request_has_an_answer
+rows that hold no number       web/test_measure.py::test_a_row_that_holds_no_number_is_shown_and_can_be_masked
 markup in names                web/test_corrections.py::test_names_with_markup_stay_text
 ..                             web/test_uploads.py::test_names_are_never_paths
 ..                             browser/test_programs.py::test_names_with_markup_are_text_and_fit_a_narrow_window

@@ -324,3 +324,16 @@ def test_a_map_of_another_cell_says_so(page: Page, tmp_path: Path) -> None:
         for path in folder.iterdir():
             path.unlink()
         folder.rmdir()
+
+
+@pytest.mark.parametrize("at", ["1e157", "-1e300", "1e13", "nan", "inf"])
+def test_a_plane_beyond_every_number_of_use_is_refused(page: Page, at: str) -> None:
+    path = f"/api/v1/maps/{page.sha('ordinary-kriging')}/slices.bin"
+    assert page.client.get(path, params={"at": at, "n": 3}).status_code == 422
+    assert page.client.get(path, params={"at": "1e12", "n": 3}).status_code == 200
+
+
+@pytest.mark.parametrize("name", ["nugget", "sill", "range"])
+def test_a_parameter_of_a_variogram_beyond_every_number_of_use_is_refused(page: Page, name: str) -> None:
+    path = f"/api/v1/maps/{page.sha('ordinary-kriging')}/variogram"
+    assert page.client.post(path, json={name: 1e200}, headers=page.headers).status_code == 422

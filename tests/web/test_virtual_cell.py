@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
+from truepose.studies.demo import EVERY_VIEW
 from truepose.web import Workspace, create_app
 from truepose.web.security import CSRF_HEADER, Guard
 
 API = "/api/v1"
+EVERY = ["--predictor", EVERY_VIEW]
 
 
 @pytest.fixture
@@ -31,13 +33,13 @@ def test_each_virtual_cell_gets_a_folder_of_its_own(client: TestClient, tmp_path
     for job in made:
         client.delete(f"{API}/jobs/{job['id']}")
     assert [answer.status_code for answer in answers] == [202] * 3
-    assert [job["command"] for job in made] == [["demo", f"virtual-cell-{n}"] for n in (2, 3, 4)]
+    assert [job["command"] for job in made] == [["demo", f"virtual-cell-{n}", *EVERY] for n in (2, 3, 4)]
     assert {job["folder"] for job in made} <= {"", "."}
 
 
 def test_the_job_names_the_cell_that_it_makes(client: TestClient, tmp_path: Path) -> None:
     job = client.post(f"{API}/cells/virtual").json()
     client.delete(f"{API}/jobs/{job['id']}")
-    assert job["command"] == ["demo", "virtual-cell"]
+    assert job["command"] == ["demo", "virtual-cell", *EVERY]
     (tmp_path / "virtual-cell" / "cell.toml").write_text("[robot]\nmodel = 'kuka-kr150-2'\n")
     assert [(cell["id"], cell["name"]) for cell in client.get(f"{API}/cells").json()] == [(job["cell"], "virtual-cell")]

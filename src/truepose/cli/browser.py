@@ -43,10 +43,10 @@ def app(
 
     if demo and not Workspace(workspace).cells():
         from truepose.cli.output import working
-        from truepose.studies.demo import run_demo
+        from truepose.studies.demo import EVERY_VIEW, run_demo
 
         with working("Making a virtual cell", quiet=False) as progress:
-            run_demo(workspace / "virtual-cell", progress=progress)
+            run_demo(workspace / "virtual-cell", predictor=EVERY_VIEW, progress=progress)
 
     def announce(url: str) -> None:
         say(f"Open {url}", "Stop with Ctrl-C.")

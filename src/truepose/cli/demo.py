@@ -18,6 +18,7 @@ def demo(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for all results.")] = Path("truepose-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the virtual robot, tracker and noise.", min=0)] = 0,
     preset: Preset = "paper",
+    predictor: Annotated[str | None, typer.Option(help="Predictor of the map; the preset's own by default.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -26,7 +27,7 @@ def demo(
 
     overwrite(force, directory / "cell.toml")
     with working(quiet=as_json) as progress:
-        result = run_demo(directory, preset=preset, seed=seed, progress=progress)
+        result = run_demo(directory, preset=preset, seed=seed, predictor=predictor, progress=progress)
     if as_json:
         emit_json(result)
         return

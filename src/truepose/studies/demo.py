@@ -34,6 +34,8 @@ from truepose.verification import accuracy
 
 N_SAMPLES: Final = 160
 N_HELD_OUT: Final = 100
+EVERY_VIEW: Final = "kinematic-kriging"
+"""A predictor whose map also tells the joints' own errors, so that every view of it has something to show."""
 _PREDICTOR: Final = {"paper": "ordinary-kriging"}  # the paper's own; varying orientations need the arm's model
 _TOOL, _BASE = 3, 1
 _PANEL_ROWS, _PANEL_COLUMNS = 4, 6
@@ -42,7 +44,12 @@ _TEMPERATURE_C: Final = 20.0
 
 
 def run_demo(
-    directory: Path, *, preset: str = "paper", seed: int = 0, progress: Callable[[str], Any]
+    directory: Path,
+    *,
+    preset: str = "paper",
+    seed: int = 0,
+    predictor: str | None = None,
+    progress: Callable[[str], Any],
 ) -> dict[str, Any]:
     """Run the demonstration and return its figures and paths.
 
@@ -54,6 +61,8 @@ def run_demo(
         The name of a preset in `truepose.simulation.PRESETS`.
     seed : int
         The seed of the virtual cell.
+    predictor : str, optional
+        The predictor of the map, by its name; by default the paper's for its preset, else kinematic Kriging.
     progress : callable
         A function of a line about the current step.
     """
@@ -66,7 +75,8 @@ def run_demo(
     held_out = _measure(virtual, directory, "held_out", N_HELD_OUT, seed + 1_000_003)
 
     progress("Fitting")
-    fit_cell(cell, samples, _PREDICTOR.get(preset, "kinematic-kriging")).save(directory / "map.truepose")
+    predictor = predictor or _PREDICTOR.get(preset, EVERY_VIEW)
+    fit_cell(cell, samples, predictor).save(directory / "map.truepose")
     error_map = load_map(directory / "map.truepose")  # so that the programs corrected with it are listed beside it
     progress("Looking for similarity")
     study = similarity_study(error_map)

@@ -148,7 +148,10 @@ def virtual_cell(workspace: InWorkspace, jobs: InJobs) -> Job:
     """Start to make a virtual cell, whose errors are known, with the whole workflow of ``truepose demo``."""
     cell = workspace.new_cell(_VIRTUAL)
     cell.folder.mkdir()  # the name is taken from now on
-    return jobs.submit(["demo", cell.name], folder=workspace.root, cell=cell.id, title="Virtual cell")
+    from truepose.studies.demo import EVERY_VIEW
+
+    command = ["demo", cell.name, "--predictor", EVERY_VIEW]
+    return jobs.submit(command, folder=workspace.root, cell=cell.id, title="Virtual cell")
 
 
 def _robot_file(cell: CellFolder, file: UploadFile) -> Path:

@@ -11,6 +11,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
+from truepose._io.strict import LARGEST
 from truepose.error_map import ErrorMap
 from truepose.errors import DataError
 from truepose.jobs import Job
@@ -171,7 +172,10 @@ def map_arrays(
 def map_slices(
     of: InMap,
     plane: arrays.PlaneName = "xy",
-    at: Annotated[float | None, Query(allow_inf_nan=False, description="mm, base frame; the middle by default")] = None,
+    at: Annotated[
+        float | None,
+        Query(ge=-LARGEST, le=LARGEST, allow_inf_nan=False, description="mm, base frame; the middle by default"),
+    ] = None,
     n: Annotated[int, Query(ge=2, le=201)] = 33,
 ) -> Response:
     """Return lengths of predicted error and std on a plane: float32, 2 × n × n, mm; NaN out of reach.

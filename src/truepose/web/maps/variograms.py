@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from truepose._io.plain import plain
+from truepose._io.strict import LARGEST
 from truepose.error_map import ErrorMap
 from truepose.report.findings import part_to_dict
 from truepose.report.locale import load_locale
@@ -16,8 +17,8 @@ from truepose.web.cache import ResultCache
 
 Space = Literal["cartesian", "joint"]
 Language = Literal["en", "de", "zh"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 _CURVE = 121  # points of a model's curve
 
 
