@@ -48,6 +48,8 @@ def of_file(path: Path) -> Iterator[str]:
                 yield from templates(node.args[0])
             elif name in TITLES and len(node.args) > TITLES[name]:
                 yield from templates(node.args[TITLES[name]])
+            elif name == "__init__" and len(node.args) > 1 and isinstance(getattr(node.args[0], "value", None), int):
+                yield from templates(node.args[1])  # of a class of WebError: its status and its title
             elif name == "submit":
                 yield from templates(next((word.value for word in node.keywords if word.arg == "title"), None))
             elif name == "emit":
