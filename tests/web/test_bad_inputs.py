@@ -31,10 +31,12 @@ corrected before               web/test_programs.py::test_a_program_that_was_cor
 names differing in case        web/test_uploads.py::test_names_that_are_one_file_on_some_systems_are_refused
 ..                             web/test_cells.py::test_names_that_differ_in_case_only_are_two_cells
 CRLF                           web/test_cells.py::test_line_ends_and_mark_of_a_file_from_windows_survive
+..                             web/test_programs.py::test_no_byte_outside_the_digits_changes
 ..                             web/test_corrections.py::test_lines_end_as_the_readers_say
 UTF-16                         web/test_measure.py::test_encodings_and_line_ends_make_no_difference
 ..                             web/test_programs.py::test_what_is_no_program_is_told_in_words
 Shift-JIS                      web/test_measure.py::test_a_name_in_the_bytes_of_shift_jis_is_taken
+..                             web/test_programs.py::test_no_byte_outside_the_digits_changes
 ..                             web/test_corrections.py::test_comments_are_shown_in_the_letters_of_their_controller
 two tabs and one cell          web/test_cells.py::test_two_tabs_lose_nothing
 disk full                      web/test_uploads.py::test_a_full_disk_leaves_nothing

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import io
 import json
 import os
+import re
 import shutil
 import zipfile
 from collections.abc import Iterator
@@ -200,6 +202,49 @@ def test_a_list_of_targets_is_only_read_from_the_own_folder(client: TestClient, 
     job = jobs.submit(command, folder=root / "cell", cell="", title="")
     assert client.get(f"/api/v1/previews/{job.id}").status_code == 404
     assert client.get("/api/v1/previews/00000001-00000000").status_code == 404
+
+
+def inform(virtual: VirtualCell, n: int) -> bytes:
+    """Return a job in the base of the robot, with comments in Japanese and lines that end as controllers write them."""
+    offsets = np.random.default_rng(4).uniform(-0.3, 0.3, (n, 3))
+    points = np.asarray(virtual.preset.centre_mm) + offsets * virtual.preset.size_mm
+    rx, ry, rz = Rotation.from_euler("ZYX", virtual.preset.abc_deg, degrees=True).as_euler("xyz", degrees=True)
+    lines = ["/JOB", "//NAME PANEL", "//POS", f"///NPOS {n},0,0,0,0,0", "///TOOL 1", "///POSTYPE ROBOT", "///RECTAN"]
+    lines += ["///RCONF 0,0,0,0,0,0,0,0", *(_inform_point(k, [*p, rx, ry, rz]) for k, p in enumerate(points))]
+    lines += ["//INST", "///DATE 2026/01/01 00:00", "///COMM 穴あけ作業", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
+    lines += ["'位置決め", *(f"MOVL C{k:05d} V=100.0" for k in range(n)), "END", ""]
+    return "\r\n".join(lines).encode("cp932")
+
+
+def _inform_point(k: int, values: list[float]) -> str:
+    return f"C{k:05d}=" + ",".join(f"{value:.3f}" if i < 3 else f"{value:.4f}" for i, value in enumerate(values))
+
+
+def in_other_bytes(name: str, virtual: VirtualCell) -> bytes:
+    if name.endswith(".jbi"):
+        return inform(virtual, 6)
+    text = krl(virtual, 6, comment="REMARK").decode("latin-1")
+    if name.startswith("sjis"):
+        return text.replace("REMARK", "穴あけ作業ソ").encode("cp932")
+    return text.replace("\r\n", "\n").replace("REMARK", "Prüfbohrung").encode("utf-8")
+
+
+@pytest.mark.parametrize("name", ["sjis.src", "lines.src", "panel.jbi"])
+def test_no_byte_outside_the_digits_changes(client: TestClient, virtual: VirtualCell, name: str) -> None:
+    given = in_other_bytes(name, virtual)
+    job = correct(client, sent(client, name, given), other_maker=True)
+    assert job["state"] == "done", job["problem"]
+    (found,) = client.get(f"{cell(client)}/corrections").json()
+    packed = client.get(f"/api/v1/corrections/{found['id']}/files.zip")
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        written = next(archive.read(one) for one in archive.namelist() if one.endswith(name))
+    assert written != given
+    digits = re.compile(rb"-?[0-9]+\.[0-9]+")
+    assert digits.sub(b"#", written) == digits.sub(b"#", given)
+    for before, after in zip(digits.findall(given), digits.findall(written), strict=True):
+        assert abs(float(after) - float(before)) < 3.0
+    page = client.get(f"/api/v1/corrections/{found['id']}/diff")
+    assert page.status_code == 200, page.text
 
 
 def test_a_program_that_was_corrected_before_is_refused_with_the_words_of_the_command_line(
