@@ -124,6 +124,10 @@ class Opened:
         """Return what is wider than the window, and the elements that cause it."""
         return self.page.evaluate(_OVERFLOW)  # type: ignore[no-any-return]
 
+    def cut_headers(self) -> list[str]:
+        """Return the headers of tables whose text does not fit."""
+        return self.page.evaluate(_CUT)  # type: ignore[no-any-return]
+
     def axe(self, source: str) -> list[str]:
         """Return the serious and critical findings of axe-core."""
         if not self.page.evaluate("() => 'axe' in window"):
@@ -138,6 +142,11 @@ class Opened:
             for node in one["nodes"]
         ]
 
+
+_CUT: Final = """() => [...document.querySelectorAll('main [role=columnheader], main th')]
+  .filter((head) => head.offsetParent)
+  .filter((head) => head.scrollWidth > head.clientWidth + 1 || head.scrollHeight > head.clientHeight + 1)
+  .map((head) => `${head.closest('[aria-label]')?.ariaLabel}: "${head.innerText}" is cut`)"""
 
 _OVERFLOW: Final = """() => {
   const wide = innerWidth + 1

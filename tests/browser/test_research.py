@@ -87,6 +87,27 @@ def test_dragged_parameters_are_held_and_the_others_fitted_again(
         assert shown_model(app, {}) == before
 
 
+def test_handles_of_the_variogram_move_by_keys(browser: Browser, server: Server) -> None:
+    moves = {"range": ("Range", "ArrowLeft"), "nugget": ("Nugget", "ArrowUp"), "sill": ("sill", "ArrowDown")}
+    with browser.opened(server) as app:
+        page = app.page
+        app.go("map")
+        page.get_by_role("tab", name="Variogram").focus()
+        page.keyboard.press("Enter")
+        for name, (label, key) in moves.items():
+            handle = page.get_by_role("slider", name=label)
+            handle.wait_for()
+            before = handle.get_attribute("aria-valuetext")
+            handle.focus()
+            page.keyboard.press(f"Shift+{key}")
+            page.locator("main code", has_text=f"--{name} ").wait_for()
+            assert handle.get_attribute("aria-valuetext") != before
+        again = page.get_by_role("button", name="Fit all again")
+        again.focus()
+        page.keyboard.press("Enter")
+        again.wait_for(state="detached")
+
+
 def test_candidates_are_ranked_and_the_chosen_one_is_validated(
     browser: Browser, own_server: Server, pictures: Path
 ) -> None:
@@ -106,6 +127,7 @@ def test_candidates_are_ranked_and_the_chosen_one_is_validated(
         rows = page.get_by_role("grid", name="Candidates").get_by_role("row")
         rows.nth(2).wait_for()
         assert error_map.predictor_name in rows.nth(1).inner_text()
+        assert not app.cut_headers()
         picture(app, pictures / "candidates")
 
         open_tab(app, "Held-out")

@@ -81,6 +81,14 @@ def entered(browser: Browser, server: Server, name: str, **how: Any) -> Iterator
         app.complaints[:] = [text for text in app.complaints if not REFUSED.match(text)]
 
 
+def test_nothing_is_asked_and_nothing_else_shown_before_a_log_in(browser: Browser, team_server: Server) -> None:
+    with browser.opened(team_server) as app:
+        app.page.get_by_role("heading", name="Log in").wait_for()
+        assert not app.page.locator("nav").count()
+        assert not app.page.get_by_role("button", name="Jobs").count()
+        assert not app.complaints
+
+
 def test_an_administrator_adds_and_disables_a_user(browser: Browser, team_server: Server) -> None:
     with entered(browser, team_server, "root") as app:
         page = app.page

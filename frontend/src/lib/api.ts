@@ -94,6 +94,11 @@ export function session(): Promise<Schemas['Session']> {
   return asked
 }
 
+/** Whether this browser has a session, and whether users log in; nothing else is asked for before. */
+export async function entry(): Promise<Schemas['Version']> {
+  return (await send('GET', '/version', {})).json() as Promise<Schemas['Version']>
+}
+
 /** The value of the header that shows that a request comes from this page. */
 export async function csrf(): Promise<string> {
   return (await session()).csrf

@@ -20,12 +20,17 @@ export const sessionLost = (): boolean => session.lost
 /** Whether users of this server log in by name and password. */
 export const loginNeeded = (): boolean => session.lost && session.users
 
+/** Say that this browser has no session, and whether users of this server log in. */
+export function askToEnter(users: boolean): void {
+  session.lost = true
+  session.users = users
+}
+
 /** Show what went wrong: title, detail, file and line, remedy. Aborted requests are no problem. */
 export function showProblem(error: unknown): void {
   if (error instanceof DOMException && error.name === 'AbortError') return
   if (error instanceof ApiError && error.status === 401) {
-    session.lost = true
-    session.users = Boolean(error.problem['users'])
+    askToEnter(Boolean(error.problem['users']))
   } else if (error instanceof ApiError) add({ kind: 'problem', title: error.problem.title, problem: error.problem })
   else add({ kind: 'problem', title: error instanceof Error ? error.message : String(error) })
 }

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import ClassVar, Final, Protocol
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -45,6 +45,12 @@ HEADERS: Final = {
 
 class Gate(Protocol):
     """What the application needs of its guard: `Guard`, or that of a server with users."""
+
+    has_users: ClassVar[bool]
+    """Whether users log in by name and password."""
+
+    def entered(self, request: Request) -> bool:
+        """Return whether a browser has a session."""
 
     @property
     def start_url(self) -> str:
@@ -122,6 +128,14 @@ class Guard:
     async def answer(self, scope: Scope) -> Response | None:
         """Return the answer to a request that is refused or starts a session; None if it may pass."""
         return self.refusal(scope) or self.start(scope)
+
+    has_users: ClassVar[bool] = False
+    """Whether users log in by name and password."""
+
+    def entered(self, request: Request) -> bool:
+        """Return whether a browser has the session of this server."""
+        value = request.cookies.get(self.cookie, "")
+        return hmac.compare_digest(value.encode(), self.session.encode())
 
     def permit(self, _request: Request) -> None:
         """Permit every endpoint: who has the session is the one user."""

@@ -31,9 +31,11 @@ class Session(BaseModel):
 
 
 class Version(BaseModel):
-    """The version of the product."""
+    """The version of the product, and what a page has to know before it asks for anything."""
 
     version: str
+    users: bool = Field(description="whether users log in by name and password")
+    entered: bool = Field(description="whether the browser has a session")
 
 
 @router.get("/session")
@@ -52,6 +54,7 @@ def healthz() -> dict[str, str]:
 
 
 @health.get("/version")
-def version() -> Version:
-    """Return the version of the product."""
-    return Version(version=__version__)
+def version(request: Request) -> Version:
+    """Return the version of the product, and whether the browser may ask for more."""
+    guard = request.app.state.guard
+    return Version(version=__version__, users=guard.has_users, entered=guard.entered(request))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from anyio import to_thread
 from starlette.datastructures import Headers
@@ -35,6 +35,9 @@ class TeamGuard:
     team : Team
         The users.
     """
+
+    has_users: ClassVar[bool] = True
+    """Whether users log in by name and password."""
 
     def __init__(self, address: Address, team: Team) -> None:
         self.address, self.team = address, team
@@ -87,6 +90,11 @@ class TeamGuard:
         scope.setdefault("state", {})["visitor"] = visitor
         acting_user.set(visitor.identity.name)
         return None
+
+    def entered(self, request: Request) -> bool:
+        """Return whether a browser has the session of a user."""
+        id_ = request.cookies.get(self.cookie)
+        return id_ is not None and self.team.visitor(id_) is not None
 
     def permit(self, request: Request) -> None:
         """Refuse an endpoint that the user's roles do not permit.
