@@ -42,6 +42,15 @@ export const SECTIONS: readonly Section[] = [
     ],
   },
   {
+    table: 'conditions',
+    title: 'cell.conditions',
+    keys: [
+      { key: 'approach', label: 'cell.approach_known', hint: 'cell.approach_known_hint' },
+      { key: 'temperature_C', label: 'cell.temperature_at_work', hint: 'cell.at_work_hint' },
+      { key: 'payload_kg', label: 'cell.payload_at_work', hint: 'cell.at_work_hint' },
+    ],
+  },
+  {
     table: 'measuring',
     title: 'cell.measuring',
     keys: [
