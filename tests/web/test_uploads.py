@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -323,3 +324,15 @@ def test_uploads_of_one_name_at_the_same_time_get_folders_of_their_own(
     assert answers == [201] * 6
     kept = {(root / "cell/programs" / name).read_bytes() for name in tree(root)}
     assert kept == {bytes([k]) for k in range(6)}
+
+
+def test_an_upload_that_ends_meanwhile_is_no_fault_of_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / ".upload-other").mkdir()
+    walk = os.walk
+
+    def gone(folder: Any) -> Any:
+        shutil.rmtree(folder)
+        return walk(folder)
+
+    monkeypatch.setattr(os, "walk", gone)
+    assert multipart._draft(tmp_path).is_dir()

@@ -8,6 +8,7 @@ server is removed by a later upload.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import secrets
 import shutil
@@ -161,7 +162,7 @@ def _draft(parent: Path) -> Path:
     """Return a new hidden folder, and remove those of servers that were killed long ago."""
     parent.mkdir(parents=True, exist_ok=True)
     for old in parent.glob(f"{DRAFT}*"):
-        if time.time() - max(_times(old), default=0.0) > _FORGOTTEN_S:
+        if time.time() - max(_times(old), default=math.inf) > _FORGOTTEN_S:  # one that is gone has no times
             shutil.rmtree(old, ignore_errors=True)
     folder = parent / f"{DRAFT}{secrets.token_hex(8)}"
     folder.mkdir()
@@ -169,9 +170,11 @@ def _draft(parent: Path) -> Path:
 
 
 def _times(folder: Path) -> Iterator[float]:
-    for path in (folder, *folder.rglob("*")):
-        with contextlib.suppress(OSError):
-            yield path.lstat().st_mtime
+    """Yield when a folder and what is in it changed; another upload may end and remove it meanwhile."""
+    for place, _, files in os.walk(folder):
+        for path in (place, *(os.path.join(place, file) for file in files)):
+            with contextlib.suppress(OSError):
+                yield os.lstat(path).st_mtime
 
 
 def _check(upload: Upload, least: int) -> None:
