@@ -172,9 +172,9 @@ def _draft(parent: Path) -> Path:
 def _times(folder: Path) -> Iterator[float]:
     """Yield when a folder and what is in it changed; another upload may end and remove it meanwhile."""
     for place, _, files in os.walk(folder):
-        for path in (place, *(os.path.join(place, file) for file in files)):
+        for path in (Path(place), *(Path(place, file) for file in files)):
             with contextlib.suppress(OSError):
-                yield os.lstat(path).st_mtime
+                yield path.lstat().st_mtime
 
 
 def _check(upload: Upload, least: int) -> None:
