@@ -2,12 +2,13 @@
 Backlash: the side from which a joint comes
 ===========================================
 
-A gear has play. A joint whose angle grew before it stopped stands behind its command, and one whose angle shrank stands before
-it. A map that does not know the side takes the difference for noise; one that knows it corrects for it.
+A gear has play. A joint whose angle grew before it stopped stands behind its command, and one whose angle shrank stands
+before it. A map that does not know the side takes the difference for noise; one that knows it corrects for it.
 """
 
 # %%
-# A virtual arm with 0.1 to 1 mrad of lost motion is measured straight from pose to pose, so every joint comes from both sides.
+# A virtual arm with 0.1 to 1 mrad of lost motion is measured straight from pose to pose, so every joint comes from both
+# sides.
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -22,8 +23,8 @@ maps = {
 }
 
 # %%
-# The map knows the backlash of each joint with its uncertainty. The last joint turns about an axis near the tool point: it
-# hardly moves the point, so its backlash is uncertain and does not matter.
+# The map knows the backlash of each joint with its uncertainty. The last joint turns about an axis near the tool point:
+# it hardly moves the point, so its backlash is uncertain and does not matter.
 rows = [row for row in maps["side known"].predictor.parameters_ if row["group"] == "backlash"]
 for row, true in zip(rows, -0.5e6 * virtual.truth.backlash, strict=True):
     print(f"{row['name']}: {1e6 * row['estimate']:6.0f} ± {1e6 * row['std']:3.0f} µrad, true {true:6.0f}")

@@ -40,7 +40,7 @@ def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
     return {name: values for name, values in given.items() if values is not None}
 
 
-def conditions_told(samples: Samples, cell: Cell, *, drifting: bool = False) -> dict[str, FloatArray]:
+def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False) -> dict[str, FloatArray]:
     """Return the conditions that a model of the samples has to know.
 
     Approaches of at least one joint from both sides; temperatures and payloads that differ among the samples, or from

@@ -12,7 +12,7 @@ import numpy as np
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import CampaignCheck, check_campaign
-from truepose.error_map.conditions import conditions_told
+from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
@@ -91,9 +91,9 @@ def fit_cell(
     registration, tf_flange_tool = measured.register()
     progress("Testing for a moved tracker, a scale error and a drift")
 
-    told = () if samples.q is None else conditions_told(samples, cell, drifting=True)
+    stated = () if samples.q is None else modelled_conditions(samples, cell, drifting=True)
     wanted = CONDITIONS if predictor == "auto" else conditions_wanted(predictor)
-    known = {name for name in told if name in wanted}
+    known = {name for name in stated if name in wanted}
     campaign = check_campaign(
         cell, measured.robot, samples, registration, tf_flange_tool, expansion="temperature" in known
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.conditions import conditions_told, work_of
+from truepose.error_map.conditions import modelled_conditions, work_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
@@ -85,7 +85,7 @@ class CellSamples:
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
             arm_of(self.cell, self.robot, tf_flange_tool),
-            {} if samples.q is None else conditions_told(samples, self.cell, drifting=self.drifting),
+            {} if samples.q is None else modelled_conditions(samples, self.cell, drifting=self.drifting),
         )
 
 

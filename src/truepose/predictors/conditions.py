@@ -61,8 +61,8 @@ def separated(X: FloatArray, names: Sequence[str], dof: int) -> tuple[FloatArray
         X = joined(X, names, {})
     edges = np.cumsum([dof, *(width(name, dof) for name in names)])
     if X.shape[1] != edges[-1]:
-        told = "".join(f" and {width(name, dof)} of {name}" for name in names)
-        raise DataError(f"X has {X.shape[1]} columns; expected {dof} joints [rad]{told}")
+        more = "".join(f" and {width(name, dof)} of {name}" for name in names)
+        raise DataError(f"X has {X.shape[1]} columns; expected {dof} joints [rad]{more}")
     found = dict(zip(names, np.split(X, edges[:-1], axis=1)[1:], strict=True))
     if "approach" in found:
         signs = found["approach"]

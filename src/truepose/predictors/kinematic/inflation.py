@@ -6,12 +6,14 @@ hyperparameters does not show this. Therefore they are estimated again without e
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.folds import random_folds
+from truepose.predictors.kinematic.checks import FEWEST
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import Start, search_near
 from truepose.predictors.kinematic.terms import Design, Terms, take
@@ -19,31 +21,76 @@ from truepose.predictors.kinematic.terms import Design, Terms, take
 FOLDS: Final = 5
 MOST: Final = 250
 """The largest number of samples used."""
+SEARCHED: Final = 350
+"""The largest number of samples in the search for hyperparameters."""
 _SETTLED: Final = 0.02  # of the log likelihood; hyperparameters that far from the optimum predict alike
 
 
-def fold_residuals(
-    terms: Terms,
-    design: Design,
-    joints: IntArray,
-    start: Start,
-    e: FloatArray,
-    reading: FloatArray,
-    weight: FloatArray,
-    random_state: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the residual of each sample from a fit without its fold, and its predicted variance.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Samples of a fit.
 
-    Parameters
+    Attributes
     ----------
     terms, design, joints
         The terms, columns and joints of the model at n samples.
-    start : Start
-        The start of each search: the optimum of all samples.
     e, reading : (n, 3) arrays [mm]
         The errors, and the known standard deviations of their readings.
     weight : (n,) array
         The weights of the samples.
+    """
+
+    terms: Terms
+    design: Design
+    joints: IntArray
+    e: FloatArray
+    reading: FloatArray
+    weight: FloatArray
+
+    def take(self, rows: IntArray) -> Part:
+        """Return some of the samples."""
+        design = take(self.design, rows)
+        return Part(self.terms, design, self.joints, self.e[rows], self.reading[rows], self.weight[rows])
+
+
+def inflation(samples: Part, residual: FloatArray, covariance: FloatArray, start: Start, random_state: int) -> float:
+    """Return the factor of predicted variances that makes unseen readings standard.
+
+    It is the larger of two estimates: from fits without a fifth of the samples each, with their own hyperparameters;
+    and the mean squared standardised leave-one-out residual, at least 1, times 3n/(3n − k) for k hyperparameters. The
+    standard error of a mean of 3n squares is added, because too small a standard deviation does more harm than too
+    large a one.
+
+    Parameters
+    ----------
+    samples : Part
+        The n samples, without gross ones.
+    residual, covariance : (n, 3) array [mm], (n, 3, 3) array [mm²]
+        Their leave-one-out residuals with the covariances of these.
+    start : Start
+        The optimum of all samples.
+    random_state : int
+        The seed of the folds.
+    """
+    variance = np.einsum("naa->na", covariance)
+    n, k = min(len(residual), SEARCHED), len(start.hyper.to_vector())
+    alone = max(1.0, float(np.mean(residual**2 / variance))) * 3 * n / max(3 * n - k, n)
+    if len(residual) < FEWEST:
+        return alone
+    some = samples.take(np.sort(np.random.default_rng(random_state).permutation(len(residual))[:MOST]))
+    seen = fold_residuals(some, start, random_state)
+    return max(factor(*seen, some.reading), alone) * (1.0 + float(np.sqrt(2.0 / some.reading.size)))
+
+
+def fold_residuals(samples: Part, start: Start, random_state: int) -> tuple[FloatArray, FloatArray]:
+    """Return the residual of each sample from a fit without its fold, and its predicted variance.
+
+    Parameters
+    ----------
+    samples : Part
+        The n samples.
+    start : Start
+        The start of each search: the optimum of all samples.
     random_state : int
         The seed of the folds.
 
@@ -54,16 +101,17 @@ def fold_residuals(
     variance : (n, 3) array [mm²]
         The variances of field and nugget, without the known noise of the readings.
     """
+    e = samples.e
     fold = random_folds(len(e), FOLDS, rng=random_state)
     residual, variance = np.empty_like(e), np.empty_like(e)
     for k in range(FOLDS):
         rows, out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        kept = take(design, rows)
-        likelihood = Likelihood(terms, kept, joints, e[rows], reading[rows], weight[rows])
+        kept = samples.take(rows)
+        likelihood = Likelihood(kept.terms, kept.design, kept.joints, kept.e, kept.reading, kept.weight)
         found = search_near(likelihood, start, settled=_SETTLED)[0].hyper
-        noise = (found.noise**2 + reading[rows] ** 2) / weight[rows, None]
-        form = CovarianceForm.of(terms, kept, joints, found, e[rows], noise)
-        mean, covariance = form.posterior(take(design, out))
+        noise = (found.noise**2 + kept.reading**2) / kept.weight[:, None]
+        form = CovarianceForm.of(kept.terms, kept.design, kept.joints, found, kept.e, noise)
+        mean, covariance = form.posterior(take(samples.design, out))
         residual[out] = e[out] - mean
         variance[out] = np.maximum(np.einsum("maa->ma", covariance), 0.0) + found.noise**2
     return residual, variance

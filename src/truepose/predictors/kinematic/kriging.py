@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truepose._typing import FloatArray, IntArray
-from truepose.errors import DataError, KrigingError
+from truepose.errors import DataError
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.base import LeaveOneOut, checked_noise
-from truepose.predictors.conditions import CONDITIONS, Usual
+from truepose.predictors.conditions import Usual
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
+from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts, without_effects
 from truepose.predictors.kinematic.frozen import constants_of
 from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.inflation import MOST, factor, fold_residuals
+from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
 from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
 from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
@@ -34,11 +35,8 @@ EXACT_UP_TO: Final = 500
 """The largest number of samples for which ``solver="auto"`` uses the covariance form."""
 
 _FIRST: Final = 150  # samples for the comparison of starting points
-_SUBSET: Final = 350  # samples for the search for hyperparameters
 _ANCHORS: Final = 250  # samples that represent Z in a basis
-_FEWEST: Final = 6
-_ROUNDS: Final = 4
-_SETTLED: Final = 0.1
+_ROUNDS, _SETTLED = 4, 0.1  # of robust weights: the most, and the change of their roots that ends them
 
 
 class KinematicKriging(PosePredictor):
@@ -160,7 +158,7 @@ class KinematicKriging(PosePredictor):
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
-        self._check(X, e)
+        check(self, e)
         assert self.robot is not None
         self._take(X, e, noise_std)
         design = self._terms.at(X)
@@ -276,27 +274,6 @@ class KinematicKriging(PosePredictor):
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
         return self
 
-    def _check(self, X: FloatArray, e: FloatArray) -> None:
-        if self.robot is None:
-            raise KrigingError("kinematic Kriging needs the nominal robot; pass KinematicKriging(robot, …)")
-        if self.solver not in ("auto", "covariance", "basis"):
-            raise DataError(f'solver is {self.solver!r}; expected "auto", "covariance" or "basis"')
-        if self.residual not in ("joint", "cartesian", "both", "none"):
-            raise DataError(f'residual is {self.residual!r}; expected "joint", "cartesian", "both" or "none"')
-        if self.random_state < 0:
-            raise DataError(f"random_state must be at least 0, got {self.random_state}")
-        if e.shape[1] != 3:
-            raise DataError(f"kinematic Kriging predicts the 3 components of positional errors, but y has {e.shape[1]}")
-        if len(e) < _FEWEST:
-            raise KrigingError(
-                f"{len(e)} samples are too few for kinematic Kriging; measure {_FEWEST} or more, better 60"
-            )
-        for name in self.conditions:
-            if name not in CONDITIONS:
-                raise DataError(f"condition {name!r} is unknown; expected one of: {', '.join(CONDITIONS)}")
-        if self.weight is not None and len(self.weight) != len(e):
-            raise DataError(f"expected {len(e)} weights, one for each sample, got {len(self.weight)}")
-
     def _estimate(self, design: Design) -> FloatArray:
         """Search hyperparameters and robust weights alternately until the weights settle; return the curvature."""
         n = len(self._e)
@@ -305,7 +282,7 @@ class KinematicKriging(PosePredictor):
         start = self._first_start(design, np.sort(order[:_FIRST]))
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
-                found, start = search_near(self._likelihood(design, np.sort(order[:_SUBSET])), start)
+                found, start = search_near(self._likelihood(design, np.sort(order[:SEARCHED])), start)
                 self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
                 self.bounds_hit_ = found.bounds_hit
             self._form = self._solved(design, refining=turn == 0)
@@ -316,7 +293,7 @@ class KinematicKriging(PosePredictor):
             self.weight_ = weight
             if change.max() < _SETTLED:
                 break
-        self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:_SUBSET])), self.hyper_)
+        self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:SEARCHED])), self.hyper_)
         return start.curvature
 
     def _first_start(self, design: Design, rows: IntArray) -> Start:
@@ -361,8 +338,7 @@ class KinematicKriging(PosePredictor):
         """Solve, and solve again at the estimated registration and geometry (Gauss–Newton)."""
         design = self._terms.at(X)
         self._form = self._solved(design)
-        estimate, _ = self._form.drift_estimate()
-        self._terms = self._terms.shifted(estimate * self._terms.prior_std)
+        self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
         self._form = self._solved(self._terms.at(X))
 
     def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
@@ -370,7 +346,6 @@ class KinematicKriging(PosePredictor):
         return self._e[rows] - self._terms.curvature(design)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        assert self.robot is not None
         design = self._terms.at(X)
         if not return_std:
             return self._form.mean(design) + self._terms.curvature(design), None
@@ -380,9 +355,7 @@ class KinematicKriging(PosePredictor):
 
     def _unknown(self, design: Design) -> FloatArray:
         """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
-        if not design.unknown.shape[2]:
-            return design.unknown
-        return np.asarray(design.unknown * self._effect_size)
+        return np.asarray(design.unknown * self._effect_size if design.unknown.shape[2] else design.unknown)
 
     @property
     def _effect_size(self) -> FloatArray:
@@ -409,7 +382,6 @@ class KinematicKriging(PosePredictor):
         The standard deviation due to Z is that of `rotation_per_mm`. Joints whose error is not visible in positions are
         assumed to have the same error as the others.
         """
-        assert self.robot is not None
         design = self._terms.at(X, "pose")
         curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
         unknown, effects = (at_offset(one, offset) for one in (self._unknown_turns(design), self._unknown(design)))
@@ -421,7 +393,6 @@ class KinematicKriging(PosePredictor):
         return error + curvature, np.sqrt(variance + np.sum(effects**2, axis=2))
 
     def _lever(self, X: FloatArray) -> FloatArray:
-        assert self.robot is not None
         return self._terms.at(X).lever
 
     def _unknown_turns(self, design: Design) -> FloatArray:
@@ -510,27 +481,12 @@ class KinematicKriging(PosePredictor):
         return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
 
     def _inflation(self, start: Start) -> float:
-        """Return the factor of predicted variances that makes unseen readings standard.
-
-        It is the larger of two estimates: from fits without a fifth of the samples each, with their own
-        hyperparameters; and the mean squared standardised leave-one-out residual, at least 1, times 3n/(3n − k) for k
-        hyperparameters. The standard error of a mean of 3n squares is added, because too small a standard deviation
-        does more harm than too large a one. Gross readings do not count.
-        """
-        residual, covariance = self._left_out_alone()
+        """Return the factor of predicted variances that makes unseen readings standard; gross ones do not count."""
+        design = self._terms.at(self._x)
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
-        variance = np.einsum("naa->na", covariance)
-        n, k = min(len(kept), _SUBSET), len(self.hyper_.to_vector())
-        alone = max(1.0, float(np.mean(residual[kept] ** 2 / variance[kept]))) * 3 * n / max(3 * n - k, n)
-        if len(kept) < _FEWEST:
-            return alone
-        rows = np.sort(np.random.default_rng(self.random_state).permutation(kept)[:MOST])
-        design = take(self._terms.at(self._x), rows)
-        target, reading, weight = self._target(design, rows), self._reading[rows], self.weight_[rows]
-        seen = fold_residuals(
-            self._terms, design, self.joints_, start, target, reading, weight, random_state=self.random_state
-        )
-        return max(factor(*seen, reading), alone) * (1.0 + float(np.sqrt(2.0 / reading.size)))
+        samples = Part(self._terms, design, self.joints_, self._target(design), self._reading, self.weight_)
+        residual, covariance = self._left_out_alone()
+        return inflation(samples.take(kept), residual[kept], covariance[kept], start, self.random_state)
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self._left(*self._form.alone)
