@@ -8,7 +8,6 @@ import zipfile
 from pathlib import Path
 
 from tests.browser.opening import Browser, Opened, Server
-from tests.browser.test_pages import AXE
 
 MARKUP = "<img src=x onerror=alert(1)>.src"
 MORE = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}\nLIN_REL {X 5}\n"
@@ -38,7 +37,7 @@ def correct(app: Opened) -> None:
 
 
 def test_files_become_corrected_files_and_these_are_refused(
-    browser: Browser, own_server: Server, pictures: Path
+    browser: Browser, own_server: Server, pictures: Path, axe: str
 ) -> None:
     with browser.opened(own_server) as app:
         page = app.page
@@ -57,7 +56,7 @@ def test_files_become_corrected_files_and_these_are_refused(
         page.get_by_role("button", name="Preview", exact=True).click()
         grid.get_by_text("corrected", exact=True).first.wait_for(timeout=120_000)
         assert not (own_server.workspace / "virtual-cell" / "corrected" / "panel").exists()
-        assert not app.axe(AXE.read_text("utf-8"))
+        assert not app.axe(axe)
         correct(app)
         command = "truepose correct map.truepose programs/panel --out=corrected/panel"
         page.get_by_role("tab", name="Limits").click()
@@ -74,7 +73,7 @@ def test_files_become_corrected_files_and_these_are_refused(
         page.screenshot(path=pictures / "programs-correction.png")
         page.get_by_role("button", name=re.compile(r"panel\.dat:\d+")).click()
         page.locator("mark").first.wait_for()
-        assert not app.axe(AXE.read_text("utf-8"))
+        assert not app.axe(axe)
         page.screenshot(path=pictures / "programs-difference.png")
         with page.expect_download() as waiting:
             page.get_by_role("link", name="Download the corrected files").click()

@@ -80,9 +80,10 @@ class JointCoverage:
 
     Examples
     --------
-    >>> coverage = JointCoverage(np.deg2rad([[-10.0], [-5.0], [0.0], [5.0], [40.0]]), np.array([0]), np.array([0.1]))
-    >>> [round(float(gap)) for gap in np.rad2deg([coverage.gaps()[0].low, coverage.gaps()[0].high])]
-    [5, 40]
+    >>> q = np.deg2rad([*range(-100, 1, 2), 60.0])[:, None]
+    >>> (gap,) = JointCoverage(q, np.array([0]), np.array([0.1])).gaps()
+    >>> [round(float(angle)) for angle in np.rad2deg([gap.low, gap.high])]
+    [0, 60]
     """
 
     def __init__(self, q: FloatArray, joints: IntArray, length: FloatArray) -> None:
