@@ -2,7 +2,7 @@
 
 from truepose.cell.cell import Cell, load_cell
 from truepose.cell.poses import ANGLE_KEYS, Pose
-from truepose.cell.sections import Conditions, Correction, Tracker, conditions_at_work
+from truepose.cell.sections import ConditionsSection, Correction, Tracker, conditions_at_work
 from truepose.cell.template import template, write_template
 from truepose.cell.text import CellProblem
 
@@ -10,7 +10,7 @@ __all__ = [
     "ANGLE_KEYS",
     "Cell",
     "CellProblem",
-    "Conditions",
+    "ConditionsSection",
     "Correction",
     "Pose",
     "Tracker",

@@ -19,7 +19,7 @@ from truepose.cell.report import ReportSection
 from truepose.cell.sections import (
     Base,
     Box,
-    Conditions,
+    ConditionsSection,
     Correction,
     FramesSection,
     Measuring,
@@ -67,7 +67,7 @@ class Cell(CellSection):
     base: Base = Field(default_factory=Base)
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
-    conditions: Conditions = Field(default_factory=Conditions)
+    conditions: ConditionsSection = Field(default_factory=ConditionsSection)
     frames: FramesSection = Field(default_factory=FramesSection)
     region: RegionSection | None = None
     obstacles: dict[str, Box] = Field(default_factory=dict)

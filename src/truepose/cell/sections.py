@@ -95,7 +95,7 @@ class Payload(CellSection):
     z_mm: Number = 0.0
 
 
-class Conditions(CellSection):
+class ConditionsSection(CellSection):
     """``[conditions]``: the direction of approach of samples, and temperature and payload at work.
 
     ``approach`` is "stated" (by the columns approach1 …), "from-order" (each sample was reached straight from the row
@@ -114,7 +114,7 @@ class Conditions(CellSection):
         return {"temperature_C": self.temperature_C, "payload_kg": self.payload_kg}
 
 
-def conditions_at_work(temperature: float | None, payload: float | None) -> Conditions:
+def conditions_at_work(temperature: float | None, payload: float | None) -> ConditionsSection:
     """Return the conditions at work of a command's options, in °C and kg.
 
     Raises
@@ -128,7 +128,7 @@ def conditions_at_work(temperature: float | None, payload: float | None) -> Cond
     {'temperature_C': 25.0, 'payload_kg': None}
     """
     try:
-        return Conditions(temperature_C=temperature, payload_kg=payload)
+        return ConditionsSection(temperature_C=temperature, payload_kg=payload)
     except ValidationError:
         raise DataError(
             f"temperature {temperature} °C, payload {payload} kg: expected -50 to 80 °C, and 0 kg or more"

@@ -19,7 +19,7 @@ from truepose._io import files
 from truepose._io.archive import LARGEST_MAP
 from truepose._io.tables import facts_table
 from truepose._typing import FloatArray, IntArray
-from truepose.cell import Cell, Conditions
+from truepose.cell import Cell, ConditionsSection
 from truepose.compensation import Corrections, Guards, JointCoverage, Limits, LimitsInForce, Policy, supported_angle
 from truepose.error_map.conditions import check_work, work_of
 from truepose.error_map.correction import Targets, correct
@@ -88,12 +88,12 @@ class ErrorMap(PredictingMap):
         """Write the map to a file (zip of JSON and .npy), whole or not at all."""
         files.write_atomic(path, self._bytes)
 
-    def at_work(self, conditions: Conditions) -> Self:
+    def at_work(self, conditions: ConditionsSection) -> Self:
         """Return the map for another temperature or payload at work.
 
         Parameters
         ----------
-        conditions : Conditions
+        conditions : ConditionsSection
             The ``[conditions]`` of a cell; what they do not state stays as it is.
 
         Raises

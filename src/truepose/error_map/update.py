@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.error_map.conditions import knows
+from truepose.error_map.conditions import knows, with_conditions
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.selection import points_named
 from truepose.errors import DataError
@@ -188,6 +188,8 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
             "the map's tool was changed: its samples are of another point; fit a new map with the new samples"
         )
     e, registration = error_map.errors(samples), error_map.registration
+    if knows(error_map.predictor, "time"):
+        samples = _later(error_map.samples, samples)
     joined = error_map.changed(
         known_worth=None,
         samples=_concatenated(error_map.samples, samples),
@@ -200,19 +202,22 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
         ),
     )
     new = error_map.reading_noise(samples)
-    if knows(joined.predictor, "time"):
-        raise DataError(
-            f"{samples.source}: the station drifted while the map's samples were measured, and new samples are on "
-            "another clock; fit the map again with all samples"
-        )
     if isinstance(joined.predictor, Updatable):
-        joined.predictor.update(error_map.inputs(samples), e, new)
+        x = with_conditions(error_map.coordinates(samples), joined.predictor, samples, joined.cell, time=samples.time)
+        joined.predictor.update(x, e, new)
         return joined
     old = joined.predictor.noise_std_
     noise = None if old is None or new is None else np.concatenate([old, new])
     x = joined.inputs(joined.samples)
     with points_named(joined.samples):
         return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
+
+
+def _later(old: Samples, new: Samples) -> Samples:
+    """Return new samples with times after the old ones: their clock may be another, and the station goes on from there."""
+    assert old.time is not None
+    passed = np.arange(len(new), dtype=np.float64) if new.time is None else new.time - new.time.min()
+    return replace(new, time=old.time.max() + 1.0 + passed)
 
 
 def _moved(error_map: ErrorMap, station: Registration) -> ErrorMap:

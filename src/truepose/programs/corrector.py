@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._typing import FloatArray, IntArray
-from truepose.cell import Cell, Conditions
+from truepose.cell import Cell, ConditionsSection
 from truepose.compensation import LimitsInForce, Policy
 from truepose.programs.core.program import IDENTITY
 from truepose.robots import Robot
@@ -128,7 +128,7 @@ class KnowsApproach(Protocol):
 class KnowsWork(Protocol):
     """A corrector that can be asked for another temperature or payload at work, see `ErrorMap.at_work`."""
 
-    def at_work(self, conditions: Conditions) -> Corrector:
+    def at_work(self, conditions: ConditionsSection) -> Corrector:
         """Return the corrector for the ``[conditions]`` of a cell."""
 
 
