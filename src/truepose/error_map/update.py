@@ -214,7 +214,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
 
 
 def _later(old: Samples, new: Samples) -> Samples:
-    """Return new samples with times after the old ones: their clock may be another, and the station goes on from there."""
+    """Return new samples with times after the old ones, whose clock may be another; the station goes on from there."""
     assert old.time is not None
     passed = np.arange(len(new), dtype=np.float64) if new.time is None else new.time - new.time.min()
     return replace(new, time=old.time.max() + 1.0 + passed)
