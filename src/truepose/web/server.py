@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import socket
@@ -119,6 +120,8 @@ def _serve(
             timeout_graceful_shutdown=1,  # pages hold a connection open for the progress of jobs
         )
         closing.enter_context(app.state.jobs)
+        gc.collect()
+        gc.freeze()  # what was imported stays: looking through it again stops answers for a tenth of a second
         announce(guard.start_url)
         if browser:
             threading.Timer(0.3, webbrowser.open, [guard.start_url]).start()
