@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from truepose import VirtualCell, correct_program, fit_cell, load_map, update_map
+from truepose.error_map.approaching import approach_on_lines
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.robots import nearest_branch
@@ -94,8 +96,6 @@ def test_approaches_from_one_side_are_no_condition():
 
 def program_of(virtual, q, length):
     """A KRL program that comes to each target straight along its tool axis, from `length` mm away, and both poses."""
-    from scipy.spatial.transform import Rotation
-
     poses = virtual.robot.forward(q, tool=virtual.tf_flange_tool)
     starts = poses.copy()
     starts[:, :3, 3] -= length * poses[:, :3, 2]
@@ -255,3 +255,36 @@ def test_a_missing_row_leaves_the_next_approach_unknown():
     signs = approach_from_order(samples[np.delete(np.arange(30), 10)])
     assert (signs[10] == 0).all()
     np.testing.assert_array_equal(signs[11:], approach_from_order(samples)[12:])
+
+
+def test_only_an_effect_in_the_model_takes_a_drift_out_of_the_deviation():
+    virtual = VirtualCell("creep", seed=2)
+    error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(100, seed=2), seed=2), KRIGING)
+    predictor = error_map.predictor
+    assert predictor.models("time")
+    assert not predictor.models("approach")
+    moved = {**error_map.campaign, "faults": [{**fault, "kind": "moved"} for fault in error_map.campaign["faults"]]}
+    assert (error_map.changed(campaign=moved).unexplained > error_map.unexplained + 1e-3).all()
+    tolerance = predictor.hyper_.tolerance.copy()
+    tolerance[2:] = predictor.hyper_.least_tolerance[2:]
+    without = predictor.with_fitted_parameters().set_params(
+        hyper={**predictor.hyper_.to_dict(), "tolerance": tolerance.tolist()}
+    )
+    without.fit(error_map.fitted_inputs, error_map.e, predictor.noise_std_)
+    assert not without.models("time")
+    assert (error_map.changed(predictor=without).unexplained > error_map.unexplained + 1e-3).all()
+
+
+def test_a_long_turn_on_a_line_counts_by_its_end():
+    robot = VirtualCell("paper", seed=0).robot
+    q = np.deg2rad([[0.0, -75.0, 95.0, 20.0, 50.0, 30.0]])
+    poses = robot.forward(q)
+    before = poses.copy()
+    turn = Rotation.from_euler("xyz", [50.0, -70.0, 60.0], degrees=True)
+    before[0, :3, :3] = turn.as_matrix() @ poses[0, :3, :3]
+    near = poses.copy()
+    near[0, :3, :3] = Rotation.from_rotvec(0.01 * turn.as_rotvec()).as_matrix() @ poses[0, :3, :3]
+    end = nearest_branch(robot.inverse(near), q)
+    signs = approach_on_lines(robot, q, poses, before)
+    moved = np.abs(q - end) > 1e-4
+    np.testing.assert_array_equal(signs[moved], np.sign(q - end)[moved])

@@ -109,9 +109,9 @@ class ConditionsSection(CellSection):
     payload_kg: NotNegative | None = None
 
     @property
-    def at_work(self) -> dict[str, float | None]:
-        """Temperature and payload, by key."""
-        return {"temperature_C": self.temperature_C, "payload_kg": self.payload_kg}
+    def at_work(self) -> dict[str, float]:
+        """Temperature and payload by key, where they are stated."""
+        return self.model_dump(include={"temperature_C", "payload_kg"}, exclude_none=True)
 
 
 def conditions_at_work(temperature: float | None, payload: float | None) -> ConditionsSection:
@@ -125,7 +125,7 @@ def conditions_at_work(temperature: float | None, payload: float | None) -> Cond
     Examples
     --------
     >>> conditions_at_work(25.0, None).at_work
-    {'temperature_C': 25.0, 'payload_kg': None}
+    {'temperature_C': 25.0}
     """
     try:
         return ConditionsSection(temperature_C=temperature, payload_kg=payload)

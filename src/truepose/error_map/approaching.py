@@ -11,7 +11,7 @@ from truepose._typing import FloatArray
 from truepose.robots import Robot
 from truepose.robots.jacobian import columns, joint_twists
 
-_LAST: Final = 20.0  # mm of the line, its last part
+_LAST: Final = 20.0, 0.1  # mm and rad of the line: its last part, short enough to be linear in the joints
 _LEAST: Final = 1e-3  # rad; a joint that turns less there may not have taken up its lost motion
 
 
@@ -39,7 +39,8 @@ def approach_on_lines(robot: Robot, q: FloatArray, poses: FloatArray, before: Fl
     start, end = before[known], poses[known]
     shift = end[:, :3, 3] - start[:, :3, 3]
     turn = Rotation.from_matrix(end[:, :3, :3] @ np.swapaxes(start[:, :3, :3], 1, 2)).as_rotvec()
-    share = np.minimum(1.0, _LAST / np.maximum(np.linalg.norm(shift, axis=1), 1e-9))[:, None]
+    size = np.stack([np.linalg.norm(shift, axis=1), np.linalg.norm(turn, axis=1)], axis=1)
+    share = np.minimum(1.0, np.min(_LAST / np.maximum(size, 1e-9), axis=1))[:, None]
     flange = robot.forward(q[known])
     r = end[:, :3, 3] - flange[:, :3, 3]
     wanted = share * np.concatenate([shift - np.cross(turn, r), turn], axis=1)  # of the flange

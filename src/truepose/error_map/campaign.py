@@ -9,6 +9,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
+from truepose.error_map.conditions import STEEL
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -22,7 +23,6 @@ from truepose.verification.faults import Change, reference_change
 
 ACCEPT: Final = "accept it with --accept-campaign (accept_campaign=True in Python)"
 _TERMS: Final = ("sin1", "cos1", "sin2", "cos2", "compliance")
-_EXPANSION: Final = 1.2e-5  # 1/K, of steel
 _STRAIN: Final = 1e-3  # tolerance of an arm's errors per length, where its joints are unknown
 _LOADED: Final = 5.0  # mm and mrad: largest displacement by another load
 _SAME: Final = 1e-6  # rad, mm
@@ -193,7 +193,7 @@ def _campaign(
         if expansion and samples.temperature is not None:
             kelvin = samples.temperature - samples.temperature.mean()
             _, growth = thermal_columns(error_model(robot, tool=tf_flange_tool), samples.q, kelvin)
-            columns = np.concatenate([columns, _EXPANSION * growth], axis=2)
+            columns = np.concatenate([columns, STEEL * growth], axis=2)
     campaign = Campaign(registration.apply(samples.p_meas) - p, p, coordinates, columns, when)
     if samples.load is None or np.ptp(samples.load) == 0:
         return campaign

@@ -18,7 +18,8 @@ _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
-_EXPANSION: Final = 1.2e-5  # 1/K, of steel
+STEEL: Final = 1.2e-5
+"""Thermal expansion of steel [1/K]."""
 _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
 _GRAVITY: Final = 9.81
 
@@ -102,6 +103,11 @@ def knows(predictor: Predictor, condition: str) -> bool:
     return isinstance(predictor, Conditional) and condition in predictor.conditions
 
 
+def models(predictor: Predictor, condition: str) -> bool:
+    """Return whether the effect of a condition is in a fitted model: it raised the likelihood."""
+    return isinstance(predictor, Conditional) and predictor.models(condition)
+
+
 def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray) -> float:
     """Return the variance in each direction due to conditions at work that a predictor does not know [mm²].
 
@@ -124,5 +130,5 @@ def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: Floa
             continue
         difference = value - float(known[name].mean())
         weight = _COMPLIANCE * _GRAVITY * reach * 1e-3
-        variance += (reach * difference * (_EXPANSION if name == "temperature" else weight)) ** 2 / 3.0
+        variance += (reach * difference * (STEEL if name == "temperature" else weight)) ** 2 / 3.0
     return variance

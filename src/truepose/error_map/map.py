@@ -101,7 +101,7 @@ class ErrorMap(PredictingMap):
         DataError
             If the samples do not state a condition that is stated for work.
         """
-        stated = {name: value for name, value in conditions.at_work.items() if value is not None}
+        stated = conditions.at_work
         if stated.items() <= self.cell.conditions.at_work.items():
             return self
         cell = self.cell.model_copy(update={"conditions": self.cell.conditions.model_copy(update=stated)})

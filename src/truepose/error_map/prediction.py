@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
-from truepose.error_map.conditions import knows, not_modelled, with_conditions
+from truepose.error_map.conditions import knows, models, not_modelled, with_conditions
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -96,13 +96,15 @@ class PredictingMap(MapData):
         where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
         by its standard error: near the repeatability, the difference is mostly that error. A drift that the tests of
         the campaign found or suspect is added, also below their limit, and twice: it goes on after the campaign, as it
-        does for an arm that warmed up during the measurement; not so where the predictor knows the times. The effect of
-        conditions at work that the predictor does not know is added, too.
+        does for an arm that warmed up during the measurement. It is not where the effect of time is in the model. The
+        effect of conditions at work that the predictor does not know is added, too.
         """
         faults = self.campaign.get("faults", [])
-        sizes = [fault["size"] for fault in faults if fault["kind"] in ("drift", "moved")]
-        sizes.append(self.campaign.get("suspected_drift_mm", 0.0))
-        drift = 0.0 if knows(self.predictor, "time") else sum((2.0 * size) ** 2 for size in sizes) / 3.0
+        left = ("moved",) if models(self.predictor, "time") else ("drift", "moved")
+        sizes = [fault["size"] for fault in faults if fault["kind"] in left]
+        if "drift" in left:
+            sizes.append(self.campaign.get("suspected_drift_mm", 0.0))
+        drift = sum((2.0 * size) ** 2 for size in sizes) / 3.0
         nugget, known = self._nugget_and_known
         return np.asarray(nugget - known + drift + not_modelled(self.predictor, self.samples, self.cell, self.p_cmd))
 

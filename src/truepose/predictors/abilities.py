@@ -37,6 +37,9 @@ class Conditional(Protocol):
 
     conditions: Sequence[str]
 
+    def models(self, condition: str) -> bool:
+        """Return whether the effect of a condition is in the fitted model, not negligible."""
+
     def at_work(self, work: Mapping[str, float]) -> Self:
         """Return the fitted model for another ``temperature`` [°C] or ``payload`` [kg] at work."""
 

@@ -183,6 +183,9 @@ def correct_program(
     asked_map = error_map
     if cell is not None and isinstance(error_map, KnowsWork):
         asked_map = error_map.at_work(cell.conditions)
+        if asked_map is not error_map:
+            at_work = ", ".join(f"{name} {value:g}" for name, value in cell.conditions.at_work.items())
+            warnings.append(f"corrected for the conditions at work that the cell states: {at_work}")
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:

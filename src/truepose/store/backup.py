@@ -132,7 +132,7 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
     address : str or Path
         The place of the new store; see `Store.open`.
     progress : Progress
-        What is told each step, and how far it is.
+        A function that is called with each step, and how far it is.
 
     Raises
     ------

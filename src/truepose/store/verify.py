@@ -58,7 +58,7 @@ def verify(
     contents : bool
         Whether blobs are read and their hashes compared; otherwise only their presence and size are checked.
     progress : Progress
-        What is told each step, and how far it is.
+        A function that is called with each step, and how far it is.
     """
     with store.reading() as connection:
         found = Verification(audit.head(connection))

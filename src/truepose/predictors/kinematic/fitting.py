@@ -165,7 +165,7 @@ def spread_starts(start: Hyperparameters) -> list[Hyperparameters]:
 
 def without_effects(likelihood: Likelihood, hyper: Hyperparameters) -> Hyperparameters:
     """Return hyperparameters in which the effect of each condition that does not raise the likelihood is negligible."""
-    low = np.exp(np.array(hyper.bounds())[:, 0])[2 * len(hyper.joint_std) :]
+    low = hyper.least_tolerance
     for i in range(2, len(hyper.tolerance)):
         tolerance = hyper.tolerance.copy()
         tolerance[i] = low[i]

@@ -95,6 +95,12 @@ class Hyperparameters:
         low[k : 2 * k] = np.maximum(low[k : 2 * k], np.log(_SHORTEST))
         return list(zip(low.tolist(), high.tolist(), strict=True))
 
+    @property
+    def least_tolerance(self) -> FloatArray:
+        """The lower bounds of `tolerance`, (2 + c,); at it, the effect of a condition is negligible."""
+        first = 2 * len(self.joint_std)
+        return np.asarray(np.exp(np.array(self.bounds())[first : first + len(self.tolerance), 0]))
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for a file."""
         return {name: np.asarray(value).tolist() for name, value in vars(self).items()}

@@ -59,8 +59,7 @@ class KinematicKriging(PosePredictor):
     residual : {"joint", "cartesian", "both", "none"}
         The coordinates of Z.
     conditions : sequence of str
-        The conditions that X has columns of after the joints, see `truepose.predictors.conditions`. The
-        effect of each is in the model if it raises the likelihood.
+        The conditions after the joints in X (`truepose.predictors.conditions`), each modelled if the likelihood gains.
     work : mapping of str to float, optional
         The ``temperature`` [°C] and the ``payload`` [kg] at work, for predictions that state none; default: those of
         the samples.
@@ -196,6 +195,10 @@ class KinematicKriging(PosePredictor):
         self._x, self._e = X, e
         self._reading = np.zeros_like(e) if noise_std is None else noise_std
         self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
+
+    def models(self, condition: str) -> bool:
+        """Return whether the effect of a condition is in the fitted model, not negligible."""
+        return self._terms.models(condition, self.hyper_.tolerance / self.hyper_.least_tolerance)
 
     def at_work(self, work: Mapping[str, float]) -> Self:
         """Return the fitted model for another ``temperature`` [°C] or ``payload`` [kg] at work."""
@@ -355,12 +358,9 @@ class KinematicKriging(PosePredictor):
 
     def _unknown(self, design: Design) -> FloatArray:
         """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
-        return np.asarray(design.unknown * self._effect_size if design.unknown.shape[2] else design.unknown)
-
-    @property
-    def _effect_size(self) -> FloatArray:
-        """Root mean square of the coefficients of conditions, (c,), per prior standard deviation."""
-        return self._terms.effect_size(*self._form.drift_estimate())
+        if not design.unknown.shape[2]:
+            return design.unknown
+        return np.asarray(design.unknown * self._terms.effect_size(*self._form.drift_estimate()))
 
     def _nugget_variance(self) -> FloatArray:
         return np.full(3, self.inflation_ * self.hyper_.noise**2)
@@ -431,7 +431,7 @@ class KinematicKriging(PosePredictor):
             poses,
             self.inflation_,
             added,
-            self._effect_size,
+            self._terms.effect_size(*self._form.drift_estimate()),
         )
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:

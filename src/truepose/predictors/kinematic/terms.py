@@ -26,6 +26,9 @@ REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING = rang
 GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion", "warming")
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
+_EFFECTS: Final = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperature", WARMING: "time"}
+_COUNTS: Final = 1.5  # times the least scale
+
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
 _REGISTRATION: Final = {"base": {"mm": 30.0, "rad": 0.03}, "tool": {"mm": 30.0}}  # no rotation of the tool
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
@@ -309,8 +312,14 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        effects = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperature", WARMING: "time"}
-        return [GEOMETRY, COMPLIANCE, *(group for group, name in effects.items() if name in self.conditions)]
+        return [GEOMETRY, COMPLIANCE, *(group for group, name in _EFFECTS.items() if name in self.conditions)]
+
+    def models(self, condition: str, above_least: FloatArray) -> bool:
+        """Return whether the effect of a condition counts, from the scales of `scaled_groups` over their least (g,)."""
+        if condition == "payload":  # in proportion to compliance, which has no term of its own to leave out
+            return condition in self.conditions
+        scales = zip(self.scaled_groups, above_least, strict=True)
+        return any(_EFFECTS.get(group) == condition and scale > _COUNTS for group, scale in scales)
 
     @property
     def conditional(self) -> slice:
