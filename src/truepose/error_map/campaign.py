@@ -9,13 +9,13 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.conditions import STEEL
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot, error_model, thermal_columns
+from truepose.robots.nongeometric import STEEL
 from truepose.samples import Samples, name_one
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift

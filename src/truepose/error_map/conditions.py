@@ -12,16 +12,14 @@ from truepose.errors import DataError
 from truepose.predictors import Predictor
 from truepose.predictors.abilities import Conditional
 from truepose.predictors.conditions import joined
+from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
 _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
-STEEL: Final = 1.2e-5
-"""Thermal expansion of steel [1/K]."""
 _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
-_GRAVITY: Final = 9.81
 
 
 def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
@@ -129,6 +127,6 @@ def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: Floa
         if name in used or name not in known:
             continue
         difference = value - float(known[name].mean())
-        weight = _COMPLIANCE * _GRAVITY * reach * 1e-3
+        weight = _COMPLIANCE * GRAVITY * reach * 1e-3
         variance += (reach * difference * (STEEL if name == "temperature" else weight)) ** 2 / 3.0
     return variance

@@ -30,6 +30,7 @@ from truepose.robots.jacobian import Outputs
 from truepose.robots.motions import Parameter
 
 GRAVITY: Final = 9.80665  # m/s²
+STEEL: Final = 1.2e-5  # 1/K, thermal expansion
 UNITS: Final = {
     "compliance": "rad/Nm",
     "sin": "rad",
