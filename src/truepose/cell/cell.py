@@ -15,6 +15,7 @@ from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import parse_toml
 from truepose._typing import FloatArray
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, CellSection, Pose
+from truepose.cell.reflectors import check_reflectors
 from truepose.cell.report import ReportSection
 from truepose.cell.sections import (
     Base,
@@ -24,6 +25,7 @@ from truepose.cell.sections import (
     FramesSection,
     Measuring,
     Payload,
+    Reflector,
     RegionSection,
     RobotSection,
     Tool,
@@ -48,6 +50,8 @@ class Cell(CellSection):
         The tables of the file; ``region`` is None if not stated.
     obstacles : dict of str to Box
         The obstacles by name.
+    reflectors : dict of str to Reflector
+        The reflectors on the tool by name, for samples with a column ``reflector``.
     tf_flange_tool : (4, 4) array [mm]
         The pose of the measured point in the flange frame.
     tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
@@ -64,6 +68,7 @@ class Cell(CellSection):
 
     robot: RobotSection
     tool: Tool = Field(default_factory=Tool)
+    reflectors: dict[str, Reflector] = Field(default_factory=dict)
     base: Base = Field(default_factory=Base)
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
@@ -149,6 +154,7 @@ class Cell(CellSection):
                 pose.matrix(self._controller)
             except CellError as error:
                 raise CellError((*loc, *error.loc), str(error)) from None
+        check_reflectors({name: one.p_flange for name, one in self.reflectors.items()})
         if self._robot is None:  # a map has the robot, and the frames, with which it was fitted
             check_world_height(robot, self.robot.world_height_mm, self.bases, self._relative_to_base())
         tolerances = (self.report.tolerance_mm, self.correction.tolerance_mm)

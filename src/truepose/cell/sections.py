@@ -33,6 +33,24 @@ class Tool(Pose):
     fit: Fit = "none"
 
 
+class Reflector(CellSection):
+    """``[reflectors.NAME]``: the position of a reflector in the flange frame, and its standard deviation per axis.
+
+    With ``[tool] fit`` all reflectors are moved together with the tool, as one rigid body. ``std_mm`` is what each of
+    them may deviate from its stated place on that body.
+    """
+
+    x_mm: Number
+    y_mm: Number
+    z_mm: Number
+    std_mm: Positive = 0.02
+
+    @property
+    def p_flange(self) -> FloatArray:
+        """The position in the flange frame, (3,) [mm]."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm])
+
+
 class Base(Pose):
     """``[base]``: the robot's base in the measuring (world) frame. With ``fit`` the values are starting values."""
 

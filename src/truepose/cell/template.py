@@ -27,6 +27,12 @@ z_mm = 0.0
 {zero_angles}
 fit = "position"         # "none": the values are exact; "position" or "pose": fitted, starting from these values
 
+# [reflectors.A]         # several reflectors on the tool, in the flange frame; samples then have a column reflector
+# x_mm = 120.0
+# y_mm = 0.0
+# z_mm = 80.0
+# std_mm = 0.02          # what it may deviate from its place on the tool, per axis
+
 [tracker]
 fit = "pose"             # "pose": the station is found by registration; "none": it is stated as x_mm … and angles
 robust = true            # outliers are found and left out of the registration

@@ -31,7 +31,8 @@ class Measurement:
     reflectors: Annotated[
         str | None,
         typer.Option(
-            "--reflectors", help="Reflectors read per pose: their number, or a file with their positions in mm."
+            "--reflectors",
+            help="Reflectors read per pose: their number, a file with their positions in mm, or each: keep all.",
         ),
     ] = None
     keep: Annotated[int | None, typer.Option("--keep", help="Number of the one reflector to keep, from 1.")] = None
@@ -65,10 +66,13 @@ class Measurement:
         return columns
 
     def _reflectors(self) -> Any:
-        """Return the number of reflectors, or their positions on the tool (m, 3) [mm] from a file."""
+        """Return the number of reflectors, their positions on the tool (m, 3) [mm] from a file, or "each"."""
         from truepose._io.strict import is_whole
         from truepose.trackers import read_readings
+        from truepose.trackers.each_reflector import EACH
 
+        if self.reflectors == EACH:
+            return EACH
         if self.reflectors is None or is_whole(self.reflectors):
             return self.reflectors and int(self.reflectors)
         return read_readings(self.reflectors).p

@@ -9,6 +9,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
+from truepose.error_map.points import commanded_points
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -16,7 +17,7 @@ from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.robots.nongeometric import STEEL
-from truepose.samples import Samples, name_one
+from truepose.samples import Samples, name_one, visits
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
 from truepose.verification.faults import Change, reference_change
@@ -140,6 +141,9 @@ def check_campaign(
     The limit is ``max_std_mm`` of the cell's ``[correction]`` where it is stated, else twice the robot's repeatability,
     at least 0.1 mm: the uncertainty that is accepted of a correction.
     """
+    if samples.reflector is not None:
+        rows = np.flatnonzero(np.diff(visits(samples), prepend=-1) > 0)
+        samples, registration = samples[rows], replace(registration, residuals=registration.residuals[rows])
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
     with blas_threads(LARGEST):
@@ -188,7 +192,7 @@ def _campaign(
             turned = (samples.rotation_cmd * samples.rotation_cmd[0].inv()).as_rotvec()
             coordinates = np.column_stack([p, 1e3 * turned])
     else:
-        p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
+        p, coordinates = commanded_points(robot, cell, samples, tf_flange_tool), samples.q
         columns = _of_arm(cell, robot, samples, tf_flange_tool)
         if expansion and samples.temperature is not None:
             kelvin = samples.temperature - samples.temperature.mean()

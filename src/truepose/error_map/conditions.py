@@ -8,10 +8,12 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.cell import Cell
+from truepose.error_map.points import reflector_columns
 from truepose.errors import DataError
 from truepose.predictors import Predictor
 from truepose.predictors.abilities import Conditional
 from truepose.predictors.conditions import joined
+from truepose.predictors.reflectors import REFLECTOR
 from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
@@ -25,8 +27,9 @@ _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
 def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
     """Return the conditions that poses state: ``approach`` (n, dof), ``temperature`` [°C], ``payload`` [kg] (n,).
 
-    Samples without a payload were measured with that of the cell, where it states one. Their directions of approach
-    are found from the order of rows, or left out, where the cell asks for it.
+    With readings of several reflectors also ``reflector`` (n, 2), see `truepose.predictors.reflectors`. Samples without
+    a payload were measured with that of the cell, where it states one. Their directions of approach are found from the
+    order of rows, or left out, where the cell asks for it.
     """
     approach = poses.approach
     if isinstance(poses, Samples):
@@ -34,6 +37,7 @@ def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
         approach = approach_from_order(poses) if how == "from-order" and approach is None else approach
         approach = None if how == "none" else approach
     given = {"approach": approach, "temperature": poses.temperature, "payload": poses.load}
+    given[REFLECTOR] = reflector_columns(poses, cell)
     if poses.load is None and isinstance(poses, Samples) and cell.payload.mass_kg:
         given["payload"] = np.full(len(poses), cell.payload.mass_kg)
     return {name: values for name, values in given.items() if values is not None}

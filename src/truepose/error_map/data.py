@@ -17,12 +17,14 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.error_map.conditions import knows, with_conditions
+from truepose.error_map.points import commanded_points, reflector_columns
 from truepose.error_map.registration import check_limits, reading_noise
 from truepose.error_map.selection import CellSamples
 from truepose.error_map.worth import FEW, LeftOut, Worth, worth
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform
 from truepose.predictors import Predictor, predictor_spec
+from truepose.predictors.reflectors import whole_poses
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples
 
@@ -138,8 +140,7 @@ class MapData:
     def _commanded(self, poses: Poses, tf_flange_tool: FloatArray) -> FloatArray:
         if poses.q is not None:
             check_limits(self.robot, poses)
-            p_cmd: FloatArray = self.robot.forward(poses.q, tool=tf_flange_tool)[:, :3, 3]
-            return p_cmd
+            return commanded_points(self.robot, self.cell, poses, tf_flange_tool)
         if self.tool_fitted:
             raise DataError(
                 f"{poses.source}: the map's tool was fitted, so joints (q1_deg …) are needed, not positions"
@@ -202,7 +203,13 @@ class MapData:
         """Whether the map is better than no map, on blocks of samples that it was fitted without."""
         if self.known_worth is not None:
             return self.known_worth
-        return worth(self.p_cmd, self.e, self._without)
+        return worth(self.p_cmd, self.e, self._without, self._pose)
+
+    @property
+    def _pose(self) -> IntArray | None:
+        """The pose of each sample, (n,); None where each is one of its own."""
+        own = reflector_columns(self.samples, self.cell)
+        return None if own is None or self.samples.q is None else whole_poses(self.samples.q, own[:, 1])
 
     def _without(self, block: IntArray) -> LeftOut:
         """Return what is left of the samples' errors without their blocks, see `LeftOut`."""

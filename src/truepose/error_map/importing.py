@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map.campaign import CampaignCheck, check_campaign
+from truepose.error_map.points import commanded_points
 from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
 from truepose.geometry import Registration, ToolEstimate
 from truepose.robots import Robot
@@ -197,13 +198,13 @@ def import_samples(
         tf_flange_tool=tf_flange_tool,
         campaign=campaign,
         tool=tool_estimate(cell, robot, samples),
-        residuals=registration.apply(table.p_meas) - _commanded(robot, table, tf_flange_tool),
+        residuals=registration.apply(table.p_meas) - _commanded(cell, robot, table, tf_flange_tool),
     )
 
 
-def _commanded(robot: Robot, table: Samples, tf_flange_tool: FloatArray) -> FloatArray:
+def _commanded(cell: Cell, robot: Robot, table: Samples, tf_flange_tool: FloatArray) -> FloatArray:
     """Return the commanded positions of a table, (n, 3) [mm], base frame."""
     if table.q is not None:
-        return np.asarray(robot.forward(table.q, tool=tf_flange_tool)[:, :3, 3])
+        return commanded_points(robot, cell, table, tf_flange_tool)
     assert table.p_cmd is not None  # Poses holds one of them
     return table.p_cmd

@@ -13,21 +13,26 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
-from truepose.errors import DataError, RobotError
+from truepose.error_map.points import check_points, commanded_points, points_on_tool, reflectors_of
+from truepose.errors import DataError, IdentifiabilityError, RobotError
 from truepose.geometry import (
     Registration,
     ToolEstimate,
+    apply_transform,
     estimate_tool,
     invert_transform,
     register,
     register_known,
+    register_with_body,
     register_with_tool,
     tool_suspected,
 )
 from truepose.geometry.plausibility import write_hint
+from truepose.predictors.reflectors import distance_from_line, on_a_line
 from truepose.robots import Robot
-from truepose.samples import Poses, Samples, check_not_compensated
+from truepose.samples import Poses, Samples, check_not_compensated, reflector_index
 
+_ON_THE_LINE: Final = 1.0  # mm
 _DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
 
 
@@ -68,6 +73,7 @@ def check_samples(cell: Cell, robot: Robot, samples: Samples) -> None:
     with _radians_hinted(samples):
         check_limits(robot, samples)
         check_not_compensated(samples, robot)
+        check_points(samples, cell)
         if cell.tool.fit == "none":
             check_arm(robot, samples, cell.tf_flange_tool)
 
@@ -102,7 +108,7 @@ def _radians_hinted(samples: Samples) -> Iterator[None]:
 
 def tool_estimate(cell: Cell, robot: Robot, samples: Samples) -> ToolEstimate | None:
     """Return the tool that samples imply, and the stated one; None if it is fitted or cannot be found."""
-    if samples.q is None or cell.tool.fit != "none":
+    if samples.q is None or cell.tool.fit != "none" or samples.reflector is not None:
         return None
     return estimate_tool(robot.forward(samples.q), samples.p_meas, cell.tf_flange_tool[:3, 3])
 
@@ -112,7 +118,7 @@ def wrong_tool_named(cell: Cell, robot: Robot, samples: Samples) -> Iterator[Non
     """Name a probably wrong tool in front of an error of the samples."""
 
     def pairs() -> tuple[FloatArray, FloatArray] | None:
-        if samples.q is None or cell.tool.fit != "none":
+        if samples.q is None or cell.tool.fit != "none" or samples.reflector is not None:
             return None
         return robot.forward(samples.q), samples.p_meas
 
@@ -163,11 +169,13 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
         return _station(cell, samples.p_cmd, samples.p_meas), tf_flange_tool, samples.p_cmd
     tf_base_flange = robot.forward(samples.q)
     if cell.tool.fit == "none":
-        p_cmd = (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+        p_cmd = commanded_points(robot, cell, samples, tf_flange_tool)
         with wrong_tool_named(cell, robot, samples):
             return _station(cell, p_cmd, samples.p_meas), tf_flange_tool, p_cmd
     if not cell.station_fitted:
         raise DataError('[tool] fit needs the station fitted with it: set [tracker] fit = "pose", or state the tool')
+    if samples.reflector is not None:
+        return _register_body(cell, robot, samples)
     registration = register_with_tool(tf_base_flange, samples.p_meas, tf_flange_tool[:3, 3], robust=cell.tracker.robust)
     assert registration.p_flange_tool is not None
     tf_flange_tool = tf_flange_tool.copy()
@@ -175,6 +183,32 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
     if cell.tool.fit == "pose":
         tf_flange_tool[:3, :3] = _tool_rotation(tf_base_flange, registration, samples).as_matrix()
     return registration, tf_flange_tool, (tf_base_flange @ tf_flange_tool)[:, :3, 3]
+
+
+def _register_body(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration, FloatArray, FloatArray]:
+    """Register the readings of several reflectors, which move on the flange as one body with the tool."""
+    reflectors = reflectors_of(cell)
+    assert samples.q is not None
+    assert reflectors is not None
+    read = np.unique(reflector_index(samples, cell))
+    off = distance_from_line(reflectors.p_tool[read])
+    if off > _ON_THE_LINE and on_a_line(reflectors.p_tool[read]):
+        raise IdentifiabilityError(
+            f"{samples.source}: the reflectors are on one line and do not show the turn of the tool about it, but the "
+            f"tool point is {off:.1f} mm off the line; measure a reflector beside the line, or state the tool with "
+            '[tool] fit = "none"'
+        )
+    p_body = apply_transform(cell.tf_flange_tool, points_on_tool(samples, cell))
+    registration, motion = register_with_body(
+        robot.forward(samples.q),
+        samples.p_meas,
+        p_body,
+        reflector_index(samples, cell),
+        cell.tf_flange_tool[:3, 3],
+        robust=cell.tracker.robust,
+    )
+    tf_flange_tool = motion @ cell.tf_flange_tool
+    return registration, tf_flange_tool, commanded_points(robot, cell, samples, tf_flange_tool)
 
 
 def _station(cell: Cell, p_cmd: FloatArray, p_meas: FloatArray) -> Registration:

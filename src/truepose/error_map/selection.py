@@ -13,6 +13,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import modelled_conditions, work_of
+from truepose.error_map.points import commanded_points, reflectors_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
 from truepose.geometry import Registration, register
@@ -78,7 +79,7 @@ class CellSamples:
             assert samples.p_cmd is not None  # Poses holds one of them
             coordinates = {"cartesian": samples.p_cmd}
         else:
-            p_cmd = self.robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3]
+            p_cmd = commanded_points(self.robot, self.cell, samples, tf_flange_tool)
             coordinates = {"cartesian": p_cmd, "joint": samples.q}
         return PositionalErrors(
             coordinates,
@@ -180,4 +181,4 @@ def arm_of(cell: Cell, robot: Robot, tf_flange_tool: FloatArray) -> ArmContext:
     """Return the properties of a cell's arm that predictors use."""
     load = cell.payload
     payload = (load.mass_kg, load.x_mm, load.y_mm, load.z_mm) if load.mass_kg else None
-    return ArmContext(robot, tf_flange_tool, payload, work_of(cell))
+    return ArmContext(robot, tf_flange_tool, payload, work_of(cell), reflectors_of(cell))

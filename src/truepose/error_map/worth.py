@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import TrueposeError
 from truepose.numerics.threads import blas_threads
-from truepose.predictors import block_folds
+from truepose.predictors.folds import split_samples
 
 FEW: Final = 40
 """Samples up to which a map is fitted again without each block, hyperparameters included."""
@@ -102,7 +102,9 @@ class LeftOut(NamedTuple):
     alone: FloatArray
 
 
-def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOut]) -> Worth:
+def worth(
+    p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOut], pose: IntArray | None = None
+) -> Worth:
     """Compare a fitted map with registration alone and with nothing, on blocks of the workspace.
 
     Parameters
@@ -113,6 +115,8 @@ def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOu
         Their errors after the registration of the map.
     without : callable
         A function of the block of each sample, (n,).
+    pose : (n,) array of int, optional
+        The pose of each sample; samples of one pose stay in one block.
     """
     n, nothing = len(e), np.linalg.norm(e, axis=1)
     mean = float(nothing.mean())
@@ -120,7 +124,8 @@ def worth(p_cmd: FloatArray, e: FloatArray, without: Callable[[IntArray], LeftOu
         return Worth(n, mean, note=f"{n} samples are too few to leave some out; measure {_FEWEST} or more")
     try:
         with blas_threads(n):
-            left, alone = (np.linalg.norm(one, axis=1) for one in without(block_folds(p_cmd, _BLOCKS)))
+            blocks = split_samples(["blocks"], {"cartesian": p_cmd}, folds=_BLOCKS, pose=pose)["blocks"]
+            left, alone = (np.linalg.norm(one, axis=1) for one in without(blocks))
     except (TrueposeError, np.linalg.LinAlgError) as error:
         return Worth(n, mean, note=f"without a block of samples it cannot be fitted ({error})")
     gains = _interval(nothing - left), _interval(alone - left)

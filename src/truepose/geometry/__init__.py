@@ -1,6 +1,7 @@
 """Rigid geometry: transforms, controllers' angles, registration of tracker readings to the robot base."""
 
 from truepose.geometry.angles import ANGLES, AngleConvention, euler
+from truepose.geometry.body import register_with_body
 from truepose.geometry.registration import Registration, register, register_known, register_with_tool
 from truepose.geometry.robust import OUTLIER_LIMIT
 from truepose.geometry.tool_estimate import ToolEstimate, estimate_tool, tool_suspected
@@ -20,6 +21,7 @@ __all__ = [
     "make_transform",
     "register",
     "register_known",
+    "register_with_body",
     "register_with_tool",
     "tool_suspected",
 ]

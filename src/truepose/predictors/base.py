@@ -48,6 +48,9 @@ class Predictor(Estimator):
 
     arm_parameters: ClassVar[tuple[str, ...]] = ()
 
+    takes_reflectors: ClassVar[bool] = False
+    """Whether rows may be of several reflectors, see `truepose.predictors.reflectors`."""
+
     has_local_std: ClassVar[bool] = True
     """Whether the standard deviation depends on the pose; otherwise one value holds for all poses."""
 

@@ -291,6 +291,7 @@ class RegistrationOnly(Predictor):
     """
 
     has_local_std = False
+    takes_reflectors = True
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         self._e = e

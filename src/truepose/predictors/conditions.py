@@ -14,6 +14,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import DataError
+from truepose.predictors.reflectors import REFLECTOR
 
 CONDITIONS: Final = ("approach", "temperature", "payload", "time")
 """The names of the conditions.
@@ -29,8 +30,8 @@ _MOST_STEPS: Final = 12
 
 
 def width(condition: str, dof: int) -> int:
-    """Return the number of columns of a condition."""
-    return dof if condition == "approach" else 1
+    """Return the number of columns of a condition; the reflector has its number and the visit to the pose."""
+    return {"approach": dof, REFLECTOR: 2}.get(condition, 1)
 
 
 def joined(q: FloatArray, names: Sequence[str], given: Mapping[str, FloatArray | None]) -> FloatArray:

@@ -150,6 +150,7 @@ def split_samples(
     robot: Robot | None = None,
     folds: int = 5,
     rng: np.random.Generator | int = 0,
+    pose: IntArray | None = None,
 ) -> dict[str, IntArray]:
     """Return the folds of the samples for each named split.
 
@@ -165,13 +166,18 @@ def split_samples(
         The number of folds of points and blocks.
     rng : Generator or int
         The seed of points and blocks.
+    pose : (n,) array of int, optional
+        The pose of each sample; samples of one pose stay together. By default each is a pose of its own.
 
     Raises
     ------
     DataError
         If a split is not known, or there are fewer samples than folds.
     """
-    position, q = coordinates["cartesian"], coordinates.get("joint")
+    own = np.arange(len(coordinates["cartesian"])) if pose is None else pose
+    _, first, number = np.unique(own, return_index=True, return_inverse=True)
+    position, q = coordinates["cartesian"][first], coordinates.get("joint")
+    q = None if q is None else q[first]
     place = position if q is None else np.column_stack([position, q])
 
     def branches() -> IntArray:
@@ -187,7 +193,7 @@ def split_samples(
     unknown = [name for name in splits if name not in known]
     if unknown or not splits:
         raise DataError(f"splits are {list(splits)}; expected one or more of {', '.join(SPLITS)}")
-    return {name: known[name]() for name in splits}
+    return {name: known[name]()[number] for name in splits}
 
 
 def blocks_by_size(labels: NDArray[Any]) -> list[IntArray]:

@@ -23,6 +23,7 @@ from truepose.predictors.kriging.neighbours import LocalKriging
 from truepose.predictors.kriging.ordinary import OrdinaryKriging, UniversalKriging
 from truepose.predictors.kriging.vecchia import VecchiaKriging
 from truepose.predictors.kriging.vector import VectorKriging
+from truepose.predictors.reflectors import Reflectors
 from truepose.predictors.residual_network import ResidualNetwork
 from truepose.robots import Robot
 
@@ -143,12 +144,15 @@ class ArmContext:
         The mass [kg] and its centre x, y, z [mm], flange frame.
     work : mapping of str to float
         The ``temperature`` [°C] and the ``payload`` [kg] at work, where stated.
+    reflectors : Reflectors, optional
+        The reflectors on the tool, where the cell states them.
     """
 
     robot: Robot
     tf_flange_tool: FloatArray
     payload: tuple[float, float, float, float] | None = None
     work: Mapping[str, float] = field(default_factory=dict)
+    reflectors: Reflectors | None = None
 
 
 def predictor_spec(name: str) -> PredictorSpec:

@@ -5,6 +5,7 @@ from truepose.samples.conditions import approach_from_order
 from truepose.samples.examples import Example, load_example
 from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
+from truepose.samples.reflectors import check_reflector_rows, check_rigid, reflector_index, visits
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import (
     append_columns,
@@ -25,6 +26,8 @@ __all__ = [
     "check",
     "check_against",
     "check_not_compensated",
+    "check_reflector_rows",
+    "check_rigid",
     "check_turns",
     "load_example",
     "looks_like_metres",
@@ -35,7 +38,9 @@ __all__ = [
     "read_mask",
     "read_poses",
     "read_samples",
+    "reflector_index",
     "samples_text",
     "set_aside",
+    "visits",
     "write_samples",
 ]

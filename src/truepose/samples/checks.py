@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
 from truepose.samples.conditions import check_conditions
+from truepose.samples.reflectors import check_reflector_rows
 from truepose.samples.table import Poses, Samples
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def check(poses: Poses) -> None:
     if not len(poses):
         raise poses.error("has no rows; at least one pose is required")
     _check_commands(poses)
+    check_reflector_rows(poses)
     if isinstance(poses, Samples):
         _check_readings(poses)
         _check_scale(poses)
@@ -116,7 +118,9 @@ def _check_repeats(samples: Samples) -> None:
     """Refuse readings of one configuration (with its load and approach) that are too far apart for any robot."""
     rotation = None if samples.rotation_cmd is None else samples.rotation_cmd.as_matrix().reshape(len(samples), 9)
     configuration = (samples.q,) if samples.q is not None else (samples.p_cmd, rotation)
-    keys = [x for x in (*configuration, samples.approach, samples.load) if x is not None]
+    words = samples.reflector
+    which = None if words is None else np.unique(words, return_inverse=True)[1].reshape(-1) * 1.0
+    keys = [x for x in (*configuration, samples.approach, samples.load, which) if x is not None]
     key = np.round(np.column_stack(keys) / _SAME).astype(np.int64)
     _, group, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     group = group.reshape(-1)

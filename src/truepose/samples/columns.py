@@ -43,6 +43,9 @@ POINT_NAMES: Final = (
     "punktname",
 )
 """Columns that hold the names of points, in lower case; the first of these that a table has counts."""
+WORDS: Final = ("name", "reflector")
+"""The quantities that are words, not numbers."""
+
 _QUATERNION: Final = ("q0", "q1", "q2", "q3")
 _OURS: Final = {
     *(f"{axis}_pred{std}_mm" for axis in "xyz" for std in ("", "_std")),
@@ -66,6 +69,7 @@ def _triple(array: str, stems: tuple[str, str, str], kind: str) -> dict[str, Qua
 QUANTITIES: Final[dict[str, Quantity]] = {
     "row": Quantity("row", 0, ""),
     "name": Quantity("name", 0, ""),
+    "reflector": Quantity("reflector", 0, ""),
     **{f"q{i + 1}": Quantity("q", i, "angle") for i in range(_MOST_JOINTS)},
     **_triple("p_cmd", ("x_cmd", "y_cmd", "z_cmd"), "length"),
     **_triple("rpy_cmd", ("roll_cmd", "pitch_cmd", "yaw_cmd"), "angle"),
@@ -251,7 +255,7 @@ def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], 
         there = ", ".join(table.header[column] for column, _ in places.values())
         raise FileError(table.path, f"has {there} but not {', '.join(missing)}", line=table.header_line)
     columns = [places[index][0] for index in range(size)]
-    if array == "name":
+    if array in WORDS:
         return np.array([unescaped(name) for name in table.fields[:, columns[0]].tolist()], dtype=np.str_)
     values = table.numbers(columns)
     if finite and not np.isfinite(values).all():

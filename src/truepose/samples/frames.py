@@ -17,7 +17,7 @@ from truepose.samples.columns import QUANTITIES, full_name, gather, require
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMMANDED: Final = {"row", "name", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
+COMMANDED: Final = {"row", "name", "reflector", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
 MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}
 
 

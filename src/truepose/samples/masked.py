@@ -12,7 +12,7 @@ from truepose._io.delimited import TextTable, unescaped
 from truepose._io.strict import LARGEST, to_float
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
-from truepose.samples.columns import gather, require
+from truepose.samples.columns import WORDS, gather, require
 from truepose.samples.frames import COMMANDED, MEASURED, quantities
 
 MASKED: Final = "masked"
@@ -66,7 +66,7 @@ def all_rows(table: TextTable) -> SampleTable:
 
 def _numbers(table: TextTable) -> dict[str, Any]:
     """Return the quantities of a table; nan where a field is no number."""
-    wanted = (COMMANDED | MEASURED) - {"row", "name"}
+    wanted = (COMMANDED | MEASURED) - {"row", *WORDS}
     try:
         return gather(table, wanted, finite=False)
     except FileError:

@@ -17,6 +17,7 @@ from truepose._io.strict import LARGEST
 from truepose._io.tables import data_frame, facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
+from truepose.samples.columns import WORDS
 from truepose.samples.frames import quantities, text_table, tidy_columns
 from truepose.samples.masked import counted_quantities
 from truepose.samples.naming import name_points
@@ -50,6 +51,8 @@ class Poses:
         The mass of the payload.
     name : (n,) array of str, optional
         The names of the points, for messages and to match readings with.
+    reflector : (n,) array of str, optional
+        The reflector of each row, a name in the cell's ``[reflectors]``; a pose has one row for each of its reflectors.
     row : (n,) array of int, optional
         The number of each row in JSON; from 0 if not given.
     line : (n,) array of int, optional
@@ -77,6 +80,7 @@ class Poses:
     temperature: FloatArray | None = None
     load: FloatArray | None = None
     name: NDArray[np.str_] | None = None
+    reflector: NDArray[np.str_] | None = None
     row: IntArray | None = None
     line: IntArray | None = None
     source: str = "samples"
@@ -88,7 +92,7 @@ class Poses:
             value = getattr(self, name)
             if not isinstance(value, Rotation):
                 value = np.asarray(
-                    value, dtype=np.str_ if name == "name" else np.int64 if name in _WHOLE else np.float64
+                    value, dtype=np.str_ if name in WORDS else np.int64 if name in _WHOLE else np.float64
                 )
                 object.__setattr__(self, name, value)
             self._validate(name, value)
@@ -100,7 +104,7 @@ class Poses:
         n = len(getattr(self, first))
         if len(value) != n:
             raise DataError(f"{self.source}: {name} has {len(value)} rows, {first} has {n}")
-        if isinstance(value, Rotation) or name in ("name", *_WHOLE):
+        if isinstance(value, Rotation) or name in (*WORDS, *_WHOLE):
             return
         expected = (n, 3) if name in _VECTORS else (n, value.shape[-1]) if name in ("q", "approach") else (n,)
         if value.shape != expected:
@@ -135,7 +139,9 @@ class Poses:
     def _fact(self, name: str) -> str:
         """Return the extent of a quantity in a few words; nothing for names, rows and lines."""
         value = getattr(self, name)
-        if name in ("name", *_WHOLE) or not len(self):
+        if name == "reflector" and len(self):
+            return ", ".join(dict.fromkeys(value.tolist()))
+        if name in (*WORDS, *_WHOLE) or not len(self):
             return ""
         if isinstance(value, Rotation):
             turn = np.rad2deg((value[0].inv() * value).magnitude().max())
@@ -213,10 +219,14 @@ class Poses:
         return name_points([self.identify(int(i)) for i in index])
 
     def identify(self, i: int) -> dict[str, Any]:
-        """Return the ``row``, ``point`` and ``line`` of a sample by its index, for JSON; None where not known."""
+        """Return the ``row``, ``point`` and ``line`` of a sample by its index, for JSON; None where not known.
+
+        The point of a row of several reflectors is named with its reflector: "P3/A".
+        """
+        words = [str(one[i]) for one in (self.name, self.reflector) if one is not None]
         return {
             "row": i if self.row is None else int(self.row[i]),
-            "point": None if self.name is None else str(self.name[i]) or None,
+            "point": "/".join(filter(None, words)) or None,
             "line": None if self.line is None else int(self.line[i]),
         }
 

@@ -1,9 +1,10 @@
-"""The tidy table (layout 11 of the tracker files): one row per pose, with the unit in the name of each column.
+"""The tidy table (layout 11 of the tracker files): one row per reading, with the unit in the name of each column.
 
 ==========================================  =========================================================================
 columns                                     meaning
 ==========================================  =========================================================================
 name (or point), row                        name of the point, for messages; number of the row in JSON, from 0
+reflector                                   name of the reflector in the cell file: one row for each reflector of a pose
 q1_deg …                                    joints, in the robot's own order and sign
 x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz(yaw) Ry(pitch) Rx(roll)
 x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)

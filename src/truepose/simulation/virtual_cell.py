@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +29,7 @@ from truepose.trackers.reflectors import fit_rigid
 from truepose.verification import RP_PER_STD, mean_noise
 
 _REFERENCE_POSES: Final = 512
+_STATED_MM: Final = 0.005  # of the positions of reflectors in the cell file
 
 
 class VirtualCell:
@@ -275,6 +277,61 @@ class VirtualCell:
         `reflector_positions` returns their positions on the tool.
         """
         return self._read(q, self._conditions(q), reflectors, seed)[0]
+
+    def measure_each(self, q: FloatArray, reflectors: int = 3, *, seed: int | None = None) -> Samples:
+        """Return the readings of each reflector as samples with a column ``reflector``, one row for each reading.
+
+        Parameters
+        ----------
+        q : (n, dof) array [rad]
+            The commanded configurations.
+        reflectors : int
+            The number of reflectors; `cell_with` states their positions.
+        seed : int, optional
+            The seed of this measurement's noise, as of `measure`.
+
+        Examples
+        --------
+        >>> virtual = VirtualCell("paper")
+        >>> samples = virtual.measure_each(virtual.design(2), seed=1)
+        >>> samples.reflector.tolist()
+        ['A', 'B', 'C', 'A', 'B', 'C']
+        """
+        conditions = self._conditions(q)
+        p, covariance = self._read(q, conditions, reflectors, seed)
+        tf_base_tool = self.robot.forward(q, tool=self.tf_flange_tool)
+        std = np.sqrt(np.einsum("nmii->nmi", covariance)).reshape(-1, 3)
+        each = np.repeat(np.arange(len(q)), reflectors)
+        known: dict[str, Any] = {"load": conditions.payload_kg[each]} if "compliance" in self.effects else {}
+        joints = np.deg2rad(self._as_in_file(np.rad2deg(q), angles=True)) if "rounding" in self.effects else q
+        return Samples(
+            p_meas=self._as_in_file(p.reshape(-1, 3)),
+            p_std=std if "tracker" in self.effects else None,
+            q=joints[each],
+            p_cmd=self._as_in_file(tf_base_tool[each, :3, 3]),
+            rotation_cmd=Rotation.from_matrix(tf_base_tool[each, :3, :3]),
+            name=np.array([f"P{i + 1}" for i in each]),
+            reflector=np.tile(list(ascii_uppercase[:reflectors]), len(q)),
+            source=f"virtual cell, seed {self.seed}",
+            **known,
+        )
+
+    def cell_with(self, reflectors: int = 3) -> Cell:
+        """Return `cell` with the positions of reflectors, as its user states them, in ``[reflectors]``.
+
+        Examples
+        --------
+        >>> list(VirtualCell("paper").cell_with(4).reflectors)
+        ['A', 'B', 'C', 'D']
+        """
+        p = apply_transform(self.tf_flange_tool, self.reflector_positions(reflectors)).round(6)
+        stated = [dict(zip(("x_mm", "y_mm", "z_mm", "std_mm"), (*one, _STATED_MM), strict=True)) for one in p.tolist()]
+        return Cell.model_validate(
+            {
+                **self.cell.model_dump(exclude_unset=True),
+                "reflectors": dict(zip(ascii_uppercase[:reflectors], stated, strict=True)),
+            }
+        )
 
     def reflector_positions(self, reflectors: int) -> FloatArray:
         """Return the positions of reflectors, (reflectors, 3) [mm], tool frame: one at the tool point, or a ring."""

@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray
 from truepose.cell import Cell
+from truepose.errors import DataError
 from truepose.geometry import tool_suspected
 from truepose.samples import Mask, Poses, Samples, check_against
 from truepose.trackers.by_name import owners_by_name
 from truepose.trackers.columns import Columns
+from truepose.trackers.each_reflector import EACH, rows_of_reflectors
 from truepose.trackers.matching import ImportSummary, match
 from truepose.trackers.readings import Readings
 from truepose.trackers.recognise import read_readings
@@ -29,7 +31,7 @@ def import_readings(
     cell: Cell | None = None,
     columns: Columns | None = None,
     unit: str | None = None,
-    reflectors: ArrayLike | int | None = None,
+    reflectors: ArrayLike | int | str | None = None,
     keep: int | None = None,
     reorder: bool = False,
     missing: bool = False,
@@ -51,7 +53,8 @@ def import_readings(
     unit : str, optional
         The unit of lengths in a file that states none, see `read_readings`.
     reflectors, keep : optional
-        The reflectors read at each pose; see `combine_reflectors`.
+        The reflectors read at each pose; see `combine_reflectors`. "each" keeps all readings as rows of the reflectors
+        that `cell` states.
     reorder, missing, two_stations : bool
         The permissions of `match`.
     mask : Mask, optional
@@ -69,7 +72,11 @@ def import_readings(
     FileError, DataError
         For the reasons of `read_readings`, `match` and `check_against`.
     """
-    readings = read_measurement(path, columns=columns, unit=unit, reflectors=reflectors, keep=keep)
+    each = isinstance(reflectors, str) and reflectors == EACH
+    if each and (cell is None or keep is not None):
+        raise DataError("reflectors = each needs a cell that states them, and keeps all: leave out --keep")
+    whole = None if each else reflectors
+    readings = read_measurement(path, columns=columns, unit=unit, reflectors=whole, keep=keep)
     if cell is not None and plan.q is not None:
         robot = cell.load_robot()
         if plan.p_cmd is None:
@@ -77,6 +84,11 @@ def import_readings(
             plan = replace(plan, p_cmd=tf[:, :3, 3], rotation_cmd=Rotation.from_matrix(tf[:, :3, :3]))
         else:
             check_against(plan, robot)
+    if each and cell is not None:
+        readings, rows, pose = rows_of_reflectors(readings, plan, cell)
+        samples, summary = match(readings, rows, reorder=reorder, missing=missing, two_stations=two_stations, mask=mask)
+        assert plan.p_cmd is not None
+        return replace(samples, p_cmd=plan.p_cmd[pose[samples.row]]), summary  # that of the tool, not of reflectors
     permissions = {"reorder": reorder, "missing": missing, "two_stations": two_stations}
     if cell is None or plan.q is None:
         return match(readings, plan, **permissions, mask=mask)
@@ -89,7 +101,7 @@ def read_measurement(
     *,
     columns: Columns | None = None,
     unit: str | None = None,
-    reflectors: ArrayLike | int | None = None,
+    reflectors: ArrayLike | int | str | None = None,
     keep: int | None = None,
 ) -> Readings:
     """Read a measurement file, with one reading per pose.
@@ -113,6 +125,8 @@ def read_measurement(
         For the reasons of `read_readings` and `combine_reflectors`.
     """
     readings = read_readings(path, columns, unit=unit)
+    if isinstance(reflectors, str):
+        raise DataError(f"reflectors is {reflectors!r}; expected their number or their positions on the tool")
     return readings if reflectors is None else combine_reflectors(readings, reflectors, keep=keep)
 
 

@@ -40,7 +40,7 @@ def combine_reflectors(readings: Readings, reflectors: ArrayLike | int, *, keep:
     """
     on_tool = None if isinstance(reflectors, int) else np.atleast_2d(np.asarray(reflectors, dtype=np.float64))
     count = reflectors if isinstance(reflectors, int) else len(np.atleast_2d(reflectors))
-    places = _places(readings, count)
+    places = places_of(readings, count)
     if on_tool is None or keep is not None:
         if keep is None or not 1 <= keep <= count:
             message = f"{count} reflectors; state which to keep (1 to {count}), or their positions on the tool"
@@ -63,7 +63,7 @@ def combine_reflectors(readings: Readings, reflectors: ArrayLike | int, *, keep:
     return replace(first, p=origin, p_std=None, rotation=Rotation.from_quat(turn), notes=(*readings.notes, note))
 
 
-def _places(readings: Readings, count: int) -> IntArray:
+def places_of(readings: Readings, count: int) -> IntArray:
     """Return the indices of the readings of each pose, (poses, count); -1 for a missing one."""
     cycle = _cycle(readings.name, count)
     if cycle is None:

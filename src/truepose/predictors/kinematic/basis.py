@@ -18,6 +18,7 @@ from truepose.predictors.kinematic.covariance_form import tolerances
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, Design, Terms
+from truepose.predictors.kinematic.visits import with_shared
 
 _KNOTS: Final = 8.0  # per length l of a joint; they miss less than 0.1 % of the variance of f_j
 _MOST_KNOTS: Final = 150
@@ -162,17 +163,20 @@ class Basis:
         return np.concatenate([tolerances(self.terms, hyper)[order] ** 2, *joint, rest])
 
     def whitened(
-        self, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
+        self, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray, together: int = 1
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return L⁻¹Φ (3m, p), L⁻¹e (3m,) and the noise covariance L Lᵀ (m, 3, 3) of each sample.
+        """Return L⁻¹Φ (3m, p), L⁻¹e (3m,) and the noise covariance L Lᵀ (g, 3t, 3t) of each t samples of one visit.
 
         The noise covariance sums the variances (m, 3) [mm²] of the readings and the covariance missing in the columns.
         """
         phi, noise = self.columns_with_missing(design, hyper)
         noise[:, np.arange(3), np.arange(3)] += noise_variance
-        white = np.linalg.inv(np.linalg.cholesky(noise))
-        m = len(e)
-        return (white @ phi.reshape(m, 3, -1)).reshape(3 * m, -1), (white @ e[:, :, None]).reshape(-1), noise
+        rows = 3 * together
+        if together > 1:
+            shared = self.terms.share * hyper.noise**2
+            noise = with_shared(noise.reshape(-1, together, 3, 3), design.visit.reshape(-1, together), shared)
+        white, g = np.linalg.inv(np.linalg.cholesky(noise)), len(noise)
+        return (white @ phi.reshape(g, rows, -1)).reshape(rows * g, -1), (white @ e.reshape(g, rows, 1)).ravel(), noise
 
 
 def _root(correlation: FloatArray, negligible: float) -> FloatArray:

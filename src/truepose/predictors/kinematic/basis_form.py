@@ -7,6 +7,7 @@ summed once. The likelihood, its gradient and the prediction cost O(p³) and O(p
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -22,6 +23,7 @@ from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32
 from truepose.predictors.kinematic.terms import GROUPS, Design, parts, take
+from truepose.predictors.kinematic.visits import with_shared
 
 _CHUNK: Final = 2048  # configurations per block of columns in memory
 
@@ -48,15 +50,25 @@ class BasisSums:
         """Sum over samples with errors and noise variances (n, 3), in parts."""
         p = sum(count for _, count in basis.groups)
         phi_phi, phi_e, e_e, log_determinant = np.zeros((p, p), order="F"), np.zeros(p), 0.0, 0.0
-        for start in range(0, len(e), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            phi, y, noise = basis.whitened(take(design, part), hyper, e[part], noise_variance[part])
+        for part, together in _chunks(design.visit):
+            phi, y, noise = basis.whitened(take(design, part), hyper, e[part], noise_variance[part], together)
             phi_phi = blas.dsyrk(1.0, phi.T, beta=1.0, c=phi_phi, overwrite_c=1)
             phi_e += phi.T @ y
             e_e += float(y @ y)
             log_determinant += float(np.linalg.slogdet(noise)[1].sum())
         upper = np.triu(phi_phi)
         return cls(upper + np.triu(upper, 1).T, phi_e, e_e, len(e), log_determinant)
+
+
+def _chunks(visit: FloatArray) -> Iterator[tuple[slice | IntArray, int]]:
+    """Return the rows in parts, with the number of rows that belong together in each; those of a visit stay so."""
+    if np.isnan(visit).all():
+        yield from ((slice(start, start + _CHUNK), 1) for start in range(0, len(visit), _CHUNK))
+        return
+    own = np.where(np.isnan(visit), np.nanmax(visit) + 1.0 + np.arange(len(visit)), visit)
+    for rows in blocks_by_size(own):
+        for some in np.array_split(rows, -(-rows.size // _CHUNK)):
+            yield some.reshape(-1), rows.shape[1]
 
 
 def negative_log_likelihood(
@@ -261,6 +273,9 @@ class BasisForm:
                 g, m = some.shape
                 phi = self.basis.columns(take(self.design, some.reshape(-1)))
                 miss = self.e[some] - (phi @ self.weight).reshape(g, m, 3)
+                if self._visited:
+                    residual[some], covariance[some] = self._left_visits(some, miss, self._half(phi))
+                    continue
                 root = np.linalg.cholesky(self.noise[some])
                 white = np.linalg.inv(root)
                 half = (white @ self._half(phi).reshape(g, m, 3, -1)).reshape(g, 3 * m, -1)
@@ -269,10 +284,42 @@ class BasisForm:
                 covariance[some] = root @ own @ np.swapaxes(root, 2, 3)
         return residual, covariance
 
+    @property
+    def _visited(self) -> bool:
+        return not bool(np.isnan(self.design.visit).all())
+
+    def _left_visits(self, rows: IntArray, miss: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return `left_out` of blocks of rows (g, m) of whole visits, from their e − Φŵ and Φ root."""
+        precision, told = self._block_precision(rows, miss, half)
+        g, m = rows.shape
+        full = np.linalg.inv(precision)
+        own = full.reshape(g, m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
+        return (full @ told).reshape(g, m, 3), np.swapaxes(own, 0, 1)
+
+    def _block_precision(self, rows: IntArray, miss: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the blocks (g, 3m, 3m) of K⁻¹ and K⁻¹ e (g, 3m, 1) of whole visits: N⁻¹ − N⁻¹ΦΣΦᵀN⁻¹, N⁻¹(e − Φŵ)."""
+        g, m = rows.shape
+        noise = with_shared(self.noise[rows], self.design.visit[rows], self.basis.terms.share * self.hyper.noise**2)
+        white = np.linalg.inv(noise)
+        mapped = white @ half.reshape(g, 3 * m, -1)
+        return white - mapped @ np.swapaxes(mapped, 1, 2), white @ miss.reshape(g, 3 * m, 1)
+
     @cached_property
     def alone(self) -> tuple[FloatArray, FloatArray]:
         """`left_out` with each sample left out alone."""
-        return self.left_out(np.arange(len(self.e)))
+        n = len(self.e)
+        if not self._visited:
+            return self.left_out(np.arange(n))
+        residual, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
+        for part, m in _chunks(self.design.visit):
+            rows = np.arange(n)[part].reshape(-1, m)
+            phi = self.basis.columns(take(self.design, rows.reshape(-1)))
+            miss = self.e[rows] - (phi @ self.weight).reshape(len(rows), m, 3)
+            precision, told = self._block_precision(rows, miss, self._half(phi))
+            own = precision.reshape(len(rows), m, 3, m, 3)[:, np.arange(m), :, np.arange(m)]
+            covariance[rows] = np.linalg.inv(np.swapaxes(own, 0, 1))
+            residual[rows] = (covariance[rows] @ told.reshape(len(rows), m, 3, 1))[..., 0]
+        return residual, covariance
 
 
 def _without_themselves(half: FloatArray, miss: FloatArray) -> tuple[FloatArray, FloatArray]:

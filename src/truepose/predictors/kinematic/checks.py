@@ -9,6 +9,7 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.kinematic.terms import Residual
+from truepose.predictors.reflectors import REFLECTOR
 from truepose.robots import Robot
 
 FEWEST: Final = 6
@@ -47,7 +48,7 @@ def check(given: Given, e: FloatArray) -> None:
     if len(e) < FEWEST:
         raise KrigingError(f"{len(e)} samples are too few for kinematic Kriging; measure {FEWEST} or more, better 60")
     for name in given.conditions:
-        if name not in CONDITIONS:
+        if name not in (*CONDITIONS, REFLECTOR):
             raise DataError(f"condition {name!r} is unknown; expected one of: {', '.join(CONDITIONS)}")
     if given.weight is not None and len(given.weight) != len(e):
         raise DataError(f"expected {len(e)} weights, one for each sample, got {len(given.weight)}")

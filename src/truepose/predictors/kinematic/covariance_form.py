@@ -21,6 +21,7 @@ from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Terms, parts
+from truepose.predictors.kinematic.visits import add_shared, pairs_of
 
 _CHUNK: Final = 256  # configurations per block of cross-covariances in memory
 
@@ -70,6 +71,7 @@ class Likelihood:
         self._place, self._range_of, self._ranges = design.place, terms.range_of, len(terms.range_names)
         self._reading = (noise_std**2 / weight[:, None]).reshape(-1)
         self._weight = np.repeat(weight, 3)
+        self._pairs, self._share = pairs_of(design.visit), terms.share
         self.constant = 0.5 * len(self._y) * math.log(2 * math.pi)
 
     def __call__(self, hyper: Hyperparameters) -> tuple[float, FloatArray]:
@@ -83,6 +85,7 @@ class Likelihood:
         )
         noise = hyper.noise**2 / self._weight
         covariance[np.diag_indices(3 * self.n)] += noise + self._reading
+        add_shared(covariance, self._pairs, self._share * hyper.noise**2)
         factor, failed = lapack.dpotrf(covariance.T, lower=0, clean=0, overwrite_a=1)
         if failed:
             return np.inf, np.zeros(len(hyper.to_vector()))
@@ -93,13 +96,19 @@ class Likelihood:
             for drift, scale in zip(self._drift[1:], hyper.tolerance, strict=True)
         ]
         inverse = lapack.dpotri(factor, lower=0, overwrite_c=1)[0]
-        by_noise = float(((np.diag(inverse) - alpha**2) * noise).sum())
+        by_noise = float(((np.diag(inverse) - alpha**2) * noise).sum()) + self._by_shared(inverse, alpha, hyper)
         k = len(hyper.joint_std)
         found = slopes(
             inverse.T, alpha, *here, hyper.joint_std, hyper.joint_length, place, self._range_of, hyper.rest_std,
             self._ranges,
         )  # fmt: skip
         return value, np.concatenate([found[: 2 * k], by_tolerance, [by_noise], found[2 * k :]])
+
+    def _by_shared(self, inverse: FloatArray, alpha: FloatArray, hyper: Hyperparameters) -> float:
+        """Return the part of the derivative by the logarithm of the noise that is due to what visits share."""
+        later, earlier = (3 * rows[:, None] + np.arange(3) for rows in self._pairs)
+        slope = inverse[earlier, later] - alpha[earlier] * alpha[later]
+        return 2.0 * self._share * hyper.noise**2 * float(slope.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +150,8 @@ class CovarianceForm:
         blank = cls(terms, design, joints, hyper, np.empty((0, 0)), np.empty(0))
         covariance = blank._covariance_with(design)
         covariance[np.diag_indices(len(covariance))] += noise_variance.reshape(-1)
+        later, earlier = pairs_of(design.visit)
+        add_shared(covariance, (earlier, later), terms.share * hyper.noise**2)  # of the transpose
         factor, failed = lapack.dpotrf(covariance.T, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise KrigingError(

@@ -17,6 +17,7 @@ from truepose.predictors.kinematic.checks import FEWEST
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.fitting import Start, search_near
 from truepose.predictors.kinematic.terms import Design, Terms, take
+from truepose.predictors.reflectors import whole_poses
 
 FOLDS: Final = 5
 MOST: Final = 250
@@ -46,6 +47,11 @@ class Part:
     e: FloatArray
     reading: FloatArray
     weight: FloatArray
+
+    @property
+    def pose(self) -> IntArray:
+        """The pose of each row, (n,): those of several reflectors are left out together."""
+        return np.unique(whole_poses(self.design.q, self.design.visit), return_inverse=True)[1].reshape(-1)
 
     def take(self, rows: IntArray) -> Part:
         """Return some of the samples."""
@@ -79,7 +85,7 @@ def inflation(samples: Part, residual: FloatArray, covariance: FloatArray, start
         return alone
     some = samples.take(np.sort(np.random.default_rng(random_state).permutation(len(residual))[:MOST]))
     seen = fold_residuals(some, start, random_state)
-    return max(factor(*seen, some.reading), alone) * (1.0 + float(np.sqrt(2.0 / some.reading.size)))
+    return max(factor(*seen, some.reading), alone) * (1.0 + float(np.sqrt(2.0 / (3 * len(np.unique(some.pose))))))
 
 
 def fold_residuals(samples: Part, start: Start, random_state: int) -> tuple[FloatArray, FloatArray]:
@@ -102,7 +108,7 @@ def fold_residuals(samples: Part, start: Start, random_state: int) -> tuple[Floa
         The variances of field and nugget, without the known noise of the readings.
     """
     e = samples.e
-    fold = random_folds(len(e), FOLDS, rng=random_state)
+    fold = random_folds(len(np.unique(samples.pose)), FOLDS, rng=random_state)[samples.pose]
     residual, variance = np.empty_like(e), np.empty_like(e)
     for k in range(FOLDS):
         rows, out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)

@@ -27,8 +27,11 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
 from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
 from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
+from truepose.predictors.kinematic.turns import unknown_turns
+from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
-from truepose.predictors.orientation import PosePredictor, at_offset, rotation_per_mm, unknown_rotations
+from truepose.predictors.orientation import PosePredictor, at_offset
+from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
 from truepose.robots import Robot
 
 EXACT_UP_TO: Final = 500
@@ -63,6 +66,8 @@ class KinematicKriging(PosePredictor):
     work : mapping of str to float, optional
         The ``temperature`` [°C] and the ``payload`` [kg] at work, for predictions that state none; default: those of
         the samples.
+    reflectors : Reflectors, optional
+        The reflectors that the condition ``reflector`` names; without it, all rows are of the tool point.
     robust : bool
         Whether readings that the others contradict get a smaller weight; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
@@ -116,7 +121,8 @@ class KinematicKriging(PosePredictor):
     True
     """
 
-    arm_parameters = ("robot", "tf_flange_tool", "work")
+    arm_parameters = ("robot", "tf_flange_tool", "work", "reflectors")
+    takes_reflectors = True
     _known: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
@@ -131,6 +137,7 @@ class KinematicKriging(PosePredictor):
         residual: Residual = "joint",
         conditions: Sequence[str] = (),
         work: Mapping[str, float] | None = None,
+        reflectors: Reflectors | None = None,
         robust: bool = True,
         solver: str = "auto",
         hyper: dict[str, Any] | None = None,
@@ -148,6 +155,7 @@ class KinematicKriging(PosePredictor):
         self.residual = residual
         self.conditions = conditions
         self.work = work
+        self.reflectors = reflectors
         self.robust = robust
         self.solver = solver
         self.hyper = hyper
@@ -191,6 +199,8 @@ class KinematicKriging(PosePredictor):
             conditions=self.conditions,
             usual=Usual.of(X, self.conditions, self.robot.dof),
             work=self.work,
+            reflectors=self.reflectors,
+            share=SHARED[0 if noise_std is not None and (noise_std > 0.0).all() else 1],
         )
         self._x, self._e = X, e
         self._reading = np.zeros_like(e) if noise_std is None else noise_std
@@ -312,9 +322,9 @@ class KinematicKriging(PosePredictor):
             self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self.weight_[rows]
         )
 
-    def _left_out_alone(self) -> tuple[FloatArray, FloatArray]:
-        """Return leave-one-out residuals and their covariances, each reading of full weight."""
-        residual, covariance = self._form.alone
+    def _left_out_alone(self, *, poses: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return left-out residuals and covariances, each reading of full weight; alone, or with its whole pose."""
+        residual, covariance = self._poses_out() if poses else self._form.alone
         wider = self._noise_variance() * (1.0 - self.weight_[:, None])
         return residual, covariance - wider[:, :, None] * np.eye(3)
 
@@ -384,7 +394,8 @@ class KinematicKriging(PosePredictor):
         """
         design = self._terms.at(X, "pose")
         curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
-        unknown, effects = (at_offset(one, offset) for one in (self._unknown_turns(design), self._unknown(design)))
+        turns = unknown_turns(self.hyper_, self.unseen_, design)
+        unknown, effects = at_offset(turns, offset), at_offset(self._unknown(design), offset)
         design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
         if not return_std:
             return self._form.mean(design) + curvature, None
@@ -394,15 +405,6 @@ class KinematicKriging(PosePredictor):
 
     def _lever(self, X: FloatArray) -> FloatArray:
         return self._terms.at(X).lever
-
-    def _unknown_turns(self, design: Design) -> FloatArray:
-        """Return columns of the unknown rotations due to Z and to joints without a visible error, (m, 6, k)."""
-        columns = [unknown_rotations(self.hyper_.rest_std * rotation_per_mm(design.lever))]
-        if self.unseen_:
-            axis = np.zeros((len(design.q), 6, len(self.unseen_)))
-            axis[:, 3:] = design.lever[:, 3:, self.unseen_]
-            columns.append(axis * np.sqrt(np.mean(np.square(self.hyper_.joint_std))) if len(self.joints_) else 0 * axis)
-        return np.concatenate(columns, axis=2)
 
     def constants(self) -> Constants:
         """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
@@ -422,17 +424,8 @@ class KinematicKriging(PosePredictor):
             The variance that is added to the field's.
         """
         self._check_fitted()
-        return deviation_of(
-            self._form,
-            self._terms,
-            self.joints_,
-            self.hyper_,
-            constants,
-            poses,
-            self.inflation_,
-            added,
-            self._terms.effect_size(*self._form.drift_estimate()),
-        )
+        model, size = (self._form, self._terms, self.joints_, self.hyper_), self._terms.effect_size
+        return deviation_of(*model, constants, poses, self.inflation_, added, size(*self._form.drift_estimate()))
 
     def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
@@ -485,11 +478,17 @@ class KinematicKriging(PosePredictor):
         design = self._terms.at(self._x)
         kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
         samples = Part(self._terms, design, self.joints_, self._target(design), self._reading, self.weight_)
-        residual, covariance = self._left_out_alone()
+        residual, covariance = self._left_out_alone(poses=True)
         return inflation(samples.take(kept), residual[kept], covariance[kept], start, self.random_state)
 
+    def _poses_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return residuals and covariances of each reading without those of its pose."""
+        if REFLECTOR not in self.conditions:
+            return self._form.alone
+        return self._form.left_out(whole_poses(self._form.design.q, self._form.design.visit))
+
     def _leave_one_out(self) -> LeaveOneOut:
-        return self._left(*self._form.alone)
+        return self._left(*self._poses_out())
 
     def _fitted_parameters(self) -> dict[str, Any]:
         return {

@@ -16,9 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.conditions import Usual, separated
+from truepose.predictors.orientation import at_offset
+from truepose.predictors.reflectors import REFLECTOR, Reflectors
 from truepose.robots import Robot, error_model
 from truepose.robots.chain import end_poses
-from truepose.robots.jacobian import Outputs, columns, joint_twists
+from truepose.robots.jacobian import Outputs, columns, count_rows, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
@@ -30,7 +32,8 @@ _EFFECTS: Final = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperatur
 _COUNTS: Final = 1.5  # times the least scale
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
-_REGISTRATION: Final = {"base": {"mm": 30.0, "rad": 0.03}, "tool": {"mm": 30.0}}  # no rotation of the tool
+_REGISTRATION: Final = {"base": {"mm": 30.0, "rad": 0.03}, "tool": {"mm": 30.0}}  # one point shows no turn of the tool
+_TURN_STD: Final = (0.03, 0.003)  # rad, of the tool with several reflectors: in any place, or on one line
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
@@ -52,7 +55,7 @@ class Design:
     q : (n, dof) array [rad]
         The joints.
     p : (n, 3) array [mm], base frame
-        The nominal positions of the tool point.
+        The nominal positions of the measured point.
     drift : (n, r, p) array
         The drift columns [mm, rad] per prior standard deviation of each parameter; r is 3, or 6 with orientation.
     lever : (n, r, dof) array [mm/rad], [rad/rad], base frame
@@ -61,6 +64,10 @@ class Design:
         The coordinates of the rest Z: cosine and sine of each joint angle, and metres for positions.
     unknown : (n, r, c) array
         The columns of the last c drift columns, those of conditions, where the condition is not known [mm, rad].
+    away : (n, 3) array [mm], tool frame
+        The vectors from the tool point to the measured point.
+    visit : (n,) array
+        The visit to the pose; NaN where each row is one of its own.
     """
 
     q: FloatArray
@@ -69,6 +76,8 @@ class Design:
     lever: FloatArray
     place: FloatArray
     unknown: FloatArray
+    away: FloatArray
+    visit: FloatArray
 
     @property
     def rows(self) -> int:
@@ -76,9 +85,12 @@ class Design:
         return int(self.lever.shape[1])
 
 
+_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "away", "visit")
+
+
 def take(design: Design, rows: slice | IntArray) -> Design:
     """Return some configurations of a design."""
-    return Design(*(getattr(design, name)[rows] for name in ("q", "p", "drift", "lever", "place", "unknown")))
+    return Design(*(getattr(design, name)[rows] for name in _ARRAYS))
 
 
 def parts(design: Design, size: int) -> list[Design]:
@@ -116,6 +128,10 @@ class Terms:
         The conditions of the samples.
     work : mapping of str to float
         The temperature [°C] and the payload [kg] at work, where a configuration states none.
+    reflectors : Reflectors, optional
+        The reflectors that rows may name; by default all rows are of the tool point.
+    share : float
+        The share of the noise that rows of one visit have in common, see `truepose.predictors.kinematic.visits`.
     shift : (p,) array [mm, rad], optional
         The change of registration and geometry at which the columns are computed; default: none.
 
@@ -143,18 +159,23 @@ class Terms:
         conditions: Sequence[str] = (),
         usual: Usual = _USUAL,
         work: Mapping[str, float] | None = None,
+        reflectors: Reflectors | None = None,
+        share: float = 1.0,
         shift: FloatArray | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
         self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
+        self.share = share
+        self.reflectors = reflectors if REFLECTOR in self.conditions else None
         dof = robot.dof
         self._model = error_model(robot, convention, self.tf_flange_tool)
+        registration = self._registration()
         self._chosen = [
             i
             for i, parameter in enumerate(self._model.parameters)
-            if (parameter.unit in _REGISTRATION[parameter.group] if parameter.group in _REGISTRATION else geometry)
+            if (parameter.unit in registration[parameter.group] if parameter.group in registration else geometry)
         ]
         self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
         self._plain = len(self._pairs)
@@ -166,7 +187,8 @@ class Terms:
         self._steps = len(usual.times) - 1 if "time" in self.conditions else 0
         lengths = _lengths(growing.shape[2] if "temperature" in self.conditions else 0)
         warming = [_Column(WARMING, f"warming {step + 1}", "1", _WARMING_STD) for step in range(self._steps)]
-        parts = [self._arm(), self._masses(), self._walk(), self._reversals(), lengths, warming]
+        moving = [*self._walk(), *self._places()]
+        parts = [self._arm(), self._masses(), moving, self._reversals(), lengths, warming]
         self._counts = [len(part) for part in parts]
         every = [column for part in parts for column in part]
         self.names, self.units = [column.name for column in every], [column.unit for column in every]
@@ -186,12 +208,26 @@ class Terms:
 
     def _arm(self) -> list[_Column]:
         """Return the columns of registration and geometry."""
-        out = []
+        out, registration = [], self._registration()
         for parameter in (self._model.parameters[i] for i in self._chosen):
-            of = REGISTRATION if parameter.group in _REGISTRATION else GEOMETRY
-            std = _REGISTRATION.get(parameter.group, _GEOMETRY_STD)[parameter.unit]
+            of = REGISTRATION if parameter.group in registration else GEOMETRY
+            std = registration.get(parameter.group, _GEOMETRY_STD)[parameter.unit]
             out.append(_Column(of, parameter.name, parameter.unit, std))
         return out
+
+    def _registration(self) -> dict[str, dict[str, float]]:
+        """Return the prior standard deviations of base and tool by unit; several reflectors show the tool's turn."""
+        if self.reflectors is None or len(self.reflectors.names) < 2:
+            return _REGISTRATION
+        turn = _TURN_STD[int(self.reflectors.on_a_line)]
+        return {**_REGISTRATION, "tool": {**_REGISTRATION["tool"], "rad": turn}}
+
+    def _places(self) -> list[_Column]:
+        """Return the columns of what each reflector is away from its stated place."""
+        if self.reflectors is None or len(self.reflectors.names) < 2:
+            return []
+        every = zip(self.reflectors.names, self.reflectors.std, strict=True)
+        return [_Column(REGISTRATION, f"reflector {name} {axis}", "mm", std) for name, std in every for axis in "xyz"]
 
     def _masses(self) -> list[_Column]:
         """Return the columns of compliance: of the arm's own masses, then of the payload."""
@@ -289,7 +325,9 @@ class Terms:
             conditions=self.conditions,
             usual=self.usual,
             work=self.work,
-            shift=np.where(self.group < COMPLIANCE, shift, 0.0),
+            reflectors=self.reflectors,
+            share=self.share,
+            shift=np.where(np.arange(len(shift)) < self._counts[0], shift, 0.0),
         )
 
     def at_work(self, work: Mapping[str, float]) -> Terms:
@@ -301,7 +339,7 @@ class Terms:
     def curvature(self, design: Design) -> FloatArray:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
         nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
-        moved: FloatArray = design.p - nominal[:, :3, 3]
+        moved: FloatArray = design.p - _points(nominal, design.away)
         if design.rows == 6:
             turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(
                 nominal[:, :3, :3], 1, 2
@@ -337,8 +375,15 @@ class Terms:
         q, given = separated(X, self.conditions, self.robot.dof)
         q = self.robot.check_joints(q)
         theta, dof = self.robot.sign * q, self.robot.dof
-        p = end_poses(theta, self._links)[:, :3, 3]
-        found = columns(theta, self._links, self._twists, outputs)
+        ends, own = end_poses(theta, self._links), given.get(REFLECTOR)
+        p, away = ends[:, :3, 3], np.zeros((len(q), 3))
+        visit = np.full(len(q), np.nan) if own is None else own[:, 1]
+        if own is None or self.reflectors is None:
+            found = columns(theta, self._links, self._twists, outputs)
+        else:
+            away = self.reflectors.at(own[:, 0])
+            found = columns(theta, self._links, self._twists, "pose")
+            found = at_offset(found, _points(ends, away) - p)[:, : count_rows(outputs)]
         lever, drift, growth = np.split(found, [dof, dof + self._counts[0]], axis=2)
         lever = np.ascontiguousarray(lever)
         parts, unknown = [drift], [np.zeros((*lever.shape[:2], 0))]
@@ -348,6 +393,8 @@ class Terms:
             moved = drift[:, :, self._base]
             ramps = self.usual.walked(given["time"][:, 0])
             parts.append((moved[:, :, None, :] * ramps[:, None, :, None]).reshape(*moved.shape[:2], -1))
+        if own is not None and self.reflectors is not None:
+            parts.append(self._own_places(ends[:, :3, :3], own[:, 0], lever.shape[1]))
         if "approach" in given:
             signs = given["approach"][:, None, :]
             parts.append(lever * signs)
@@ -362,7 +409,18 @@ class Terms:
             unknown.append(np.repeat(np.where(later, growth[:, :, :1], 0.0), self._steps, axis=2))
         every = np.concatenate(parts, axis=2) * self.prior_std
         missing = np.concatenate(unknown, axis=2) * self.prior_std[self.conditional]
-        return Design(q, p, every, lever, self._place(q, p), missing)
+        p = _points(ends, away)
+        return Design(q, p, every, lever, self._place(q, p), missing, away, visit)
+
+    def _own_places(self, turn: FloatArray, index: FloatArray, rows: int) -> FloatArray:
+        """Return the columns of `_places` for reflectors by number (n,) on a tool turned by (n, 3, 3)."""
+        assert self.reflectors is not None
+        m = len(self.reflectors.names) if len(self.reflectors.names) > 1 else 0
+        out = np.zeros((len(turn), rows, m, 3))
+        for k in range(m):
+            named = index == k
+            out[named, :3, k] = turn[named]
+        return out.reshape(len(turn), rows, 3 * m)
 
     def seen(self, design: Design) -> IntArray:
         """Return the joints whose own error is visible: they move, and the tool point moves with them."""
@@ -392,6 +450,11 @@ class Terms:
         if self.residual in ("cartesian", "both"):
             parts.append(p / 1000.0)
         return np.concatenate(parts, axis=1) if parts else np.empty((len(q), 0))
+
+
+def _points(poses: FloatArray, away: FloatArray) -> FloatArray:
+    """Return the points `away` (n, 3) [mm] in the frames of poses (n, 4, 4), (n, 3) [mm]."""
+    return np.asarray(poses[:, :3, 3] + np.einsum("nij,nj->ni", poses[:, :3, :3], away))
 
 
 def _lengths(count: int) -> list[_Column]:

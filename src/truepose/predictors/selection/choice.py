@@ -181,7 +181,7 @@ def rank_predictors(
     errors = samples.registered_by(slice(None))
     names = _names(candidates, errors)
     robot = None if errors.arm is None else errors.arm.robot
-    labels = split_samples(splits, errors.coordinates, robot=robot, folds=folds, rng=rng)
+    labels = split_samples(splits, errors.coordinates, robot=robot, folds=folds, rng=rng, pose=errors.pose)
     fitted: dict[str, tuple[Predictor, FloatArray]] = {}
 
     def optimum(name: str) -> Any:

@@ -19,6 +19,7 @@ from truepose.predictors.abilities import Conditional, Startable
 from truepose.predictors.base import Predictor
 from truepose.predictors.conditions import CONDITIONS, joined
 from truepose.predictors.outliers import fit_without_gross
+from truepose.predictors.reflectors import REFLECTOR, whole_poses
 from truepose.predictors.registry import ArmContext, conditions_wanted, make_predictor, predictor_spec
 
 FAILURES = (TrueposeError, np.linalg.LinAlgError, ArithmeticError, MemoryError)
@@ -63,6 +64,13 @@ class PositionalErrors:
     def __len__(self) -> int:
         return len(self.e)
 
+    @property
+    def pose(self) -> IntArray:
+        """The pose of each row, (n,): rows of several reflectors at one pose stay together in folds."""
+        own = self.conditions.get(REFLECTOR)
+        q = self.coordinates.get("joint")
+        return np.arange(len(self)) if own is None or q is None else whole_poses(q, own[:, 1])
+
     def registered_by(self, rows: IntArray | slice) -> PositionalErrors:
         """Return the errors themselves: they are registered already."""
         return self
@@ -76,11 +84,17 @@ class PositionalErrors:
         if optimum is not None and isinstance(model, Startable):
             model.start_from(optimum)
         if not self.supports(name):
+            if REFLECTOR in self.conditions and not model.takes_reflectors:
+                raise DataError(
+                    f"predictor {name!r} does not know the arm, so it cannot take readings of several reflectors; fit "
+                    "kinematic-kriging, or keep the rows of one reflector"
+                )
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
         if isinstance(model, Conditional):
-            wanted = conditions_wanted(name)
-            model.set_params(conditions=tuple(one for one in CONDITIONS if one in self.conditions and one in wanted))
+            wanted = (*conditions_wanted(name), REFLECTOR)
+            used = [one for one in (*CONDITIONS, REFLECTOR) if one in self.conditions and one in wanted]
+            model.set_params(conditions=tuple(used))
         x, e = self.inputs(name, model)[rows], self.e[rows]
         try:
             return model, fit_without_gross(model, x, e, noise)
@@ -93,8 +107,10 @@ class PositionalErrors:
         return joined(x, model.conditions, self.conditions) if isinstance(model, Conditional) else x
 
     def supports(self, name: str) -> bool:
-        """Return whether a predictor can be fitted: its coordinates are known, and the arm if it needs one."""
+        """Return whether a predictor can be fitted: coordinates are known, and the arm or reflectors where needed."""
         spec = predictor_spec(name)
+        if REFLECTOR in self.conditions and not spec.family.takes_reflectors:
+            return False
         return spec.space in self.coordinates and not (spec.family.arm_parameters and self.arm is None)
 
 
@@ -187,7 +203,7 @@ class Job:
             kept, residual, std = gross == 0, np.full((len(known), 3), np.nan), np.full((len(known), 3), np.nan)
             block = label[known[kept]]
             if (block == block[0]).all():  # only one branch remains: leave out single samples
-                block = np.arange(len(block))
+                block = errors.pose[known[kept]]
             residual[~kept], std[~kept] = held_out(known[~kept])
             with suppress(*FAILURES):  # too few samples for this candidate: NaN excludes it from the inner choice
                 residual[kept], std[kept] = model.leave_blocks_out(block)
