@@ -53,8 +53,8 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         f"Three reflectors at {POSES} poses are as good as one at {REFLECTORS * POSES} where both know the same of the "
         "robot: its geometry, seen through the noise of the tracker. They are not where more poses know more. The "
         "three share one motion, so repeatability is averaged over a third of the motions. They share one angle of "
-        "each joint, so an error that depends on this angle is seen at a third of the angles, and gravity in a third of the "
-        "postures."
+        "each joint, so an error that depends on this angle is seen at a third of the angles, and gravity in a third "
+        "of the postures."
     )
 
 

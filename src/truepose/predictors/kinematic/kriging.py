@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -12,25 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-from truepose.numerics.frozen import Constants
-from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
 from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
+from truepose.predictors.kinematic.fitted import FittedKriging
 from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts, without_effects
-from truepose.predictors.kinematic.frozen import constants_of
-from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
-from truepose.predictors.kinematic.summary import JointCurve, drift_table, joint_curve
+from truepose.predictors.kinematic.summary import drift_table
 from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
-from truepose.predictors.kinematic.turns import unknown_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
-from truepose.predictors.orientation import PosePredictor, at_offset
 from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
 from truepose.robots import Robot
 
@@ -42,7 +36,7 @@ _ANCHORS: Final = 250  # samples that represent Z in a basis
 _ROUNDS, _SETTLED = 4, 0.1  # of robust weights: the most, and the change of their roots that ends them
 
 
-class KinematicKriging(PosePredictor):
+class KinematicKriging(FittedKriging):
     """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
 
     The model is e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal
@@ -217,11 +211,6 @@ class KinematicKriging(PosePredictor):
         other.work, other._terms = dict(work), self._terms.at_work(work)
         return other
 
-    @property
-    def joint_length_(self) -> FloatArray:
-        """The lengths of the errors of `joints_`, (k,) [rad]."""
-        return self.hyper_.joint_length
-
     def optimum(self) -> tuple[IntArray, Start]:
         """Return the joints and the hyperparameters of this fit, for `start_from`."""
         self._check_fitted()
@@ -357,107 +346,6 @@ class KinematicKriging(PosePredictor):
     def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
         """Return the errors of some samples minus the nonlinear part at the current linearisation."""
         return self._e[rows] - self._terms.curvature(design)
-
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        design = self._terms.at(X)
-        if not return_std:
-            return self._form.mean(design) + self._terms.curvature(design), None
-        e, covariance = self._form.posterior(design)
-        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance), 0.0)
-        return e + self._terms.curvature(design), np.sqrt(variance + np.sum(self._unknown(design) ** 2, axis=2))
-
-    def _unknown(self, design: Design) -> FloatArray:
-        """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
-        if not design.unknown.shape[2]:
-            return design.unknown
-        return np.asarray(design.unknown * self._terms.effect_size(*self._form.drift_estimate()))
-
-    def _nugget_variance(self) -> FloatArray:
-        return np.full(3, self.inflation_ * self.hyper_.noise**2)
-
-    def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
-        self._check_fitted()
-        design = self._terms.at(self._validate(X)[0])
-        e, covariance = self._form.posterior(design)
-        unknown = self._unknown(design)
-        added = unknown @ np.swapaxes(unknown, 1, 2)
-        return e + self._terms.curvature(design), self.inflation_ * covariance + added
-
-    def _predict_pose(
-        self, X: FloatArray, return_std: bool, offset: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray | None]:
-        """Predict with all terms but Z in the rows of orientation.
-
-        The standard deviation due to Z is that of `rotation_per_mm`. Joints whose error is not visible in positions are
-        assumed to have the same error as the others.
-        """
-        design = self._terms.at(X, "pose")
-        curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
-        turns = unknown_turns(self.hyper_, self.unseen_, design)
-        unknown, effects = at_offset(turns, offset), at_offset(self._unknown(design), offset)
-        design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
-        if not return_std:
-            return self._form.mean(design) + curvature, None
-        error, covariance = self._form.posterior(design)
-        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2), 0.0)
-        return error + curvature, np.sqrt(variance + np.sum(effects**2, axis=2))
-
-    def _lever(self, X: FloatArray) -> FloatArray:
-        return self._terms.at(X).lever
-
-    def constants(self) -> Constants:
-        """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
-        self._check_fitted()
-        return constants_of(self._form, self._terms, self.joints_, self.hyper_)
-
-    def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
-        """Return the arrays from which `truepose.numerics.frozen_deviation.deviations` bounds the deviation.
-
-        Parameters
-        ----------
-        constants : Constants
-            The arrays of the mean.
-        poses : (m, dof) array [rad]
-            Poses like those at which the bound is tight.
-        added : (3,) array [mm²]
-            The variance that is added to the field's.
-        """
-        self._check_fitted()
-        model, size = (self._form, self._terms, self.joints_, self.hyper_), self._terms.effect_size
-        return deviation_of(*model, constants, poses, self.inflation_, added, size(*self._form.drift_estimate()))
-
-    def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
-        self._check_fitted()
-        design = self._terms.at(self._validate(X)[0])
-        e = self._form.mean(design) + self._terms.curvature(design)
-        return e, self.inflation_ * self._form.covariance_together(design)
-
-    def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
-        """Return the contribution of each term to the prediction, (m, 3) [mm] each.
-
-        Parameters
-        ----------
-        X : (m, dof) array_like [rad]
-            The joints.
-
-        Returns
-        -------
-        dict of str to (m, 3) array [mm]
-            The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``; their sum is the
-            prediction.
-        """
-        self._check_fitted()
-        design = self._terms.at(self._validate(X)[0])
-        part = self._form.contributions(design)
-        part["registration"] = part["registration"] + self._terms.curvature(design)
-        return part
-
-    def joint_curves(self, points: int = 181) -> list[JointCurve]:
-        """Return the error curve of each visible joint over the sampled angles."""
-        self._check_fitted()
-        return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         return self._left(*self._form.left_out(labels))

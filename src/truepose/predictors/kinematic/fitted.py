@@ -1,0 +1,138 @@
+"""What a fitted model of (10) predicts and shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truepose._typing import FloatArray, IntArray
+from truepose.numerics.frozen import Constants
+from truepose.numerics.frozen_deviation import Deviation
+from truepose.predictors.kinematic.frozen import constants_of
+from truepose.predictors.kinematic.frozen_deviation import deviation_of
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
+from truepose.predictors.kinematic.summary import Form, JointCurve, joint_curve
+from truepose.predictors.kinematic.terms import Design, Terms
+from truepose.predictors.kinematic.turns import unknown_turns
+from truepose.predictors.orientation import PosePredictor, at_offset
+
+
+class FittedKriging(PosePredictor):
+    """The predictions of kinematic Kriging from its fitted terms, hyperparameters and posterior."""
+
+    if TYPE_CHECKING:
+        _terms: Terms
+        _form: Form
+        hyper_: Hyperparameters
+        joints_: IntArray
+        unseen_: list[int]
+        inflation_: float
+
+    @property
+    def joint_length_(self) -> FloatArray:
+        """The lengths of the errors of `joints_`, (k,) [rad]."""
+        return self.hyper_.joint_length
+
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+        design = self._terms.at(X)
+        if not return_std:
+            return self._form.mean(design) + self._terms.curvature(design), None
+        e, covariance = self._form.posterior(design)
+        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance), 0.0)
+        return e + self._terms.curvature(design), np.sqrt(variance + np.sum(self._unknown(design) ** 2, axis=2))
+
+    def _unknown(self, design: Design) -> FloatArray:
+        """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
+        if not design.unknown.shape[2]:
+            return design.unknown
+        return np.asarray(design.unknown * self._terms.effect_size(*self._form.drift_estimate()))
+
+    def _nugget_variance(self) -> FloatArray:
+        return np.full(3, self.inflation_ * self.hyper_.noise**2)
+
+    def predict_covariance(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors (m, 3) [mm] and their covariances (m, 3, 3) [mm²] at joints (m, dof) [rad]."""
+        self._check_fitted()
+        design = self._terms.at(self._validate(X)[0])
+        e, covariance = self._form.posterior(design)
+        unknown = self._unknown(design)
+        added = unknown @ np.swapaxes(unknown, 1, 2)
+        return e + self._terms.curvature(design), self.inflation_ * covariance + added
+
+    def _predict_pose(
+        self, X: FloatArray, return_std: bool, offset: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Predict with all terms but Z in the rows of orientation.
+
+        The standard deviation due to Z is that of `rotation_per_mm`. Joints whose error is not visible in positions are
+        assumed to have the same error as the others.
+        """
+        design = self._terms.at(X, "pose")
+        curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
+        turns = unknown_turns(self.hyper_, self.unseen_, design)
+        unknown, effects = at_offset(turns, offset), at_offset(self._unknown(design), offset)
+        design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
+        if not return_std:
+            return self._form.mean(design) + curvature, None
+        error, covariance = self._form.posterior(design)
+        variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance) + np.sum(unknown**2, axis=2), 0.0)
+        return error + curvature, np.sqrt(variance + np.sum(effects**2, axis=2))
+
+    def _lever(self, X: FloatArray) -> FloatArray:
+        return self._terms.at(X).lever
+
+    def constants(self) -> Constants:
+        """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
+        self._check_fitted()
+        return constants_of(self._form, self._terms, self.joints_, self.hyper_)
+
+    def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
+        """Return the arrays from which `truepose.numerics.frozen_deviation.deviations` bounds the deviation.
+
+        Parameters
+        ----------
+        constants : Constants
+            The arrays of the mean.
+        poses : (m, dof) array [rad]
+            Poses like those at which the bound is tight.
+        added : (3,) array [mm²]
+            The variance that is added to the field's.
+        """
+        self._check_fitted()
+        model, size = (self._form, self._terms, self.joints_, self.hyper_), self._terms.effect_size
+        return deviation_of(*model, constants, poses, self.inflation_, added, size(*self._form.drift_estimate()))
+
+    def predict_together(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
+        self._check_fitted()
+        design = self._terms.at(self._validate(X)[0])
+        e = self._form.mean(design) + self._terms.curvature(design)
+        return e, self.inflation_ * self._form.covariance_together(design)
+
+    def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
+        """Return the contribution of each term to the prediction, (m, 3) [mm] each.
+
+        Parameters
+        ----------
+        X : (m, dof) array_like [rad]
+            The joints.
+
+        Returns
+        -------
+        dict of str to (m, 3) array [mm]
+            The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``; their sum is the
+            prediction.
+        """
+        self._check_fitted()
+        design = self._terms.at(self._validate(X)[0])
+        part = self._form.contributions(design)
+        part["registration"] = part["registration"] + self._terms.curvature(design)
+        return part
+
+    def joint_curves(self, points: int = 181) -> list[JointCurve]:
+        """Return the error curve of each visible joint over the sampled angles."""
+        self._check_fitted()
+        return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
