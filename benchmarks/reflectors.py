@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from benchmarks.conditions import PREDICTOR, TARGETS, Case, left
+from benchmarks.conditions import PREDICTOR, TARGETS, WITHOUT, Case, Left, left
 from benchmarks.held_out import Page
-from truepose import VirtualCell, fit_cell
+from truepose import ErrorMap, VirtualCell, fit_cell
+from truepose.geometry import invert_transform
 from truepose.samples import Poses
 
 PAGE = "reflectors"
@@ -50,6 +53,22 @@ def report(path: Path | None, *, quick: bool = False) -> None:
             f"{(means / floor).max():.2f}",
         )
     page.say(
+        "Orientations measured with the three reflectors, as poses with their noise, and used or not "
+        "(`conditions=none`). The turn is the mean length of the error of the predicted orientation."
+    )
+    page.head(["errors of the robot", "samples", "mean [mm]", "in 95 %", "turn [mrad]", "turns in 95 %"])
+    turns = [case for seed in seeds for case in oriented(seed)]
+    for group, name in dict.fromkeys((case.group, case.name) for case in turns):
+        some = [case for case in turns if (case.group, case.name) == (group, name)]
+        page.row(
+            group,
+            name,
+            f"{np.mean([case.left.mean for case in some]):.4f}",
+            f"{100 * np.mean([case.left.inside for case in some]):.0f} %",
+            f"{np.mean([case.turn for case in some]):.3f}",
+            f"{100 * np.mean([case.turns_inside for case in some]):.0f} %",
+        )
+    page.say(
         f"Three reflectors at {POSES} poses are as good as one at {REFLECTORS * POSES} where both know the same of the "
         "robot: its geometry, seen through the noise of the tracker. They are not where more poses know more. The "
         "three share one motion, so repeatability is averaged over a third of the motions. They share one angle of "
@@ -72,6 +91,39 @@ def cases(seed: int) -> Iterator[Case]:
             alone = cell.measure(cell.design(count, seed=seed, orientation_deg=TURN), seed=seed)
             error_map = fit_cell(cell.cell, alone, PREDICTOR, accept_campaign=True)
             yield Case(group, f"1 reflector, {count} poses", left(cell, error_map, targets))
+
+
+class Oriented(NamedTuple):
+    """One row of the table of orientations for one robot."""
+
+    group: str
+    name: str
+    left: Left
+    turn: float
+    turns_inside: float
+
+
+def oriented(seed: int) -> Iterator[Oriented]:
+    """Return the rows of one robot whose orientations were measured."""
+    for group, preset, without in GROUPS[1::2]:
+        cell = VirtualCell(preset, seed=seed)
+        cell = VirtualCell(preset, seed=seed, effects=cell.effects - without)
+        targets = Poses(q=cell.design(TARGETS, seed=seed + 999, orientation_deg=TURN))
+        samples = cell.measure(cell.design(POSES, seed=seed, orientation_deg=TURN), seed=seed, reflectors=REFLECTORS)
+        for name, predictor in (("orientations used", PREDICTOR), ("not used", WITHOUT)):
+            error_map = fit_cell(cell.cell, samples, predictor, accept_campaign=True)
+            yield Oriented(group, name, left(cell, error_map, targets), *_turns(cell, error_map, targets))
+
+
+def _turns(cell: VirtualCell, error_map: ErrorMap, poses: Poses) -> tuple[float, float]:
+    """Return the mean error of predicted orientations [mrad], and the share of components inside 95 %."""
+    assert poses.q is not None
+    seen = error_map.registration.tf_base_tracker @ invert_transform(cell.truth.tf_base_tracker)
+    true = Rotation.from_matrix((seen @ cell.true_poses(poses.q))[:, :3, :3])
+    nominal = Rotation.from_matrix(cell.robot.forward(poses.q, tool=error_map.tf_flange_tool)[:, :3, :3])
+    predicted, std = (one[:, 3:] for one in error_map.predict_pose_errors(poses))
+    miss = predicted - (true * nominal.inv()).as_rotvec()
+    return 1e3 * float(np.linalg.norm(miss, axis=1).mean()), float(np.mean(np.abs(miss) <= 1.96 * std))
 
 
 def _floor() -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truepose import ErrorMap, fit_cell, load_map
+from truepose import ErrorMap, fit_cell, load_map, update_map
 from truepose.cell import Cell
 from truepose.errors import DataError, FileError, IdentifiabilityError
 from truepose.geometry import apply_transform, invert_transform
@@ -15,7 +15,7 @@ from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.reflectors import whole_poses
-from truepose.samples import Poses, Samples, check, check_rigid, read_samples, visits, write_samples
+from truepose.samples import Mask, Poses, Samples, check, check_rigid, read_samples, visits, write_samples
 from truepose.simulation import VirtualCell
 
 PREDICTOR = "kinematic-kriging"
@@ -151,6 +151,23 @@ def test_both_forms_of_the_solution_agree(error_map):
     assert isinstance(exact._form, CovarianceForm)
 
 
+def test_further_samples_are_visits_of_their_own(virtual, cell, error_map, tmp_path):
+    new = virtual.measure_each(virtual.design(5, seed=8, orientation_deg=20.0), seed=8)
+    updated = update_map(error_map, new)
+    visit = updated.predictor._given[0][:, -1]
+    assert len(np.unique(visit)) == 35
+    np.testing.assert_array_equal(updated.predictor._given[0], updated.fitted_inputs)
+    with pytest.raises(DataError, match="another tool is fitted with readings of its point"):
+        update_map(error_map, new, "tool")
+
+
+def test_a_mask_names_poses_or_single_readings(samples):
+    assert (Mask({"P3": "beam was cut"}).of(samples) != "").sum() == 3
+    assert np.flatnonzero(Mask({"P3/b": "beam was cut"}).of(samples) != "").tolist() == [6]
+    with pytest.raises(FileError, match="P1/B is not among the samples"):
+        Mask({"P1/B": "beam was cut"}).of(samples)
+
+
 def moved(samples: Samples, name: str, rows: slice, by: float) -> Samples:
     p = samples.p_meas.copy()
     late = np.zeros(len(p), bool)
@@ -235,7 +252,7 @@ def test_reflectors_on_a_line_do_not_show_the_turn_of_a_tool_beside_them(virtual
     plain = virtual.cell.model_dump(exclude_unset=True)
     cell = Cell.model_validate({**plain, "tool": tool.model_dump(exclude_unset=True), "reflectors": reflectors})
     q = virtual.design(20, orientation_deg=20.0).repeat(3, axis=0)
-    tf = virtual.truth.forward(q, virtual._conditions(q))
+    tf = virtual.true_poses(q)
     p = tf[:, :3, 3] + np.einsum("nij,nj->ni", tf[:, :3, :3], np.tile(on_tool, (20, 1)))
     p = apply_transform(invert_transform(virtual.truth.tf_base_tracker), p)
     samples = Samples(p, q=q, reflector=np.tile(list("ABC"), 20))

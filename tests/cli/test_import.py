@@ -56,6 +56,47 @@ def test_reflectors_and_a_plan_in_the_controllers_words(run, folder):
     assert read_samples(folder / "d.csv").rotation_meas is None
 
 
+def test_all_reflectors_are_kept_fitted_and_used(run, folder):
+    """Import, fit, validate, predict and correct with three reflectors, of which one is missing at a pose."""
+    folder, measured = folder
+    virtual = VirtualCell("hard", seed=6)
+    cell = folder / "several.toml"
+    cell.write_text(virtual.cell_with(3).to_toml())
+    readings = np.loadtxt(folder / "turns.txt")
+    readings[7] = 0.0
+    np.savetxt(folder / "lacking.txt", readings, fmt="%.4f")
+    (folder / "mask.csv").write_text("point,reason\nP20,beam was cut\nP21/A,beam was cut\n")
+    args = ["import", cell, folder / "lacking.txt", "--plan", folder / "plan.csv", "--reflectors", "each"]
+    done = run(*args, "--out", folder / "rows.csv", "--mask", folder / "mask.csv")
+    assert done.code == 0, done.err
+    assert "Each pose has a row for each of 3 reflectors; some are missing at 1." in done.out
+    rows = read_samples(folder / "rows.csv")
+    assert (len(rows), len(rows.excluded), rows.reflector[6:9].tolist()) == (85, 4, ["A", "C", "A"])
+    np.testing.assert_allclose(rows.p_cmd[0], measured.p_cmd[0])
+    out = folder / "several.truepose"
+    assert run("fit", cell, folder / "rows.csv", "--out", out, "--predictor", "kinematic-kriging").code == 0
+    held = virtual.measure_each(virtual.design(12, seed=9), seed=2)
+    write_samples(folder / "held.csv", held)
+    assert run("validate", out, folder / "held.csv", "--json").json["after"]["mean_mm"] < 0.1
+    write_samples(folder / "poses.csv", Poses(q=held.q[::3]))
+    assert run("predict", out, folder / "poses.csv", "--out", folder / "predicted.csv").code == 0
+    program = folder / "program.src"
+    p, turn = measured.p_cmd[3] + 1.0, np.rad2deg(measured.rotation_cmd[3].as_euler("ZYX"))
+    pose = ", ".join(f"{key} {value:.4f}" for key, value in zip("XYZABC", [*p, *turn], strict=True))
+    home = ", ".join(f"A{k} {value:.4f}" for k, value in enumerate(np.rad2deg(measured.q[3]), start=1))
+    tool = "X 110.0, Y 0.0, Z 360.0, A 0.0, B 0.0, C 0.0"
+    base = "X 0.0, Y 0.0, Z 0.0, A 0.0, B 0.0, C 0.0"
+    program.write_text(f"DEF program()\n$TOOL = {{{tool}}}\n$BASE = {{{base}}}\nPTP {{{home}}}\nLIN {{{pose}}}\nEND\n")
+    done = run("correct", out, program, "--out", folder / "corrected")
+    assert done.code == 0, done.err
+    assert (folder / "corrected" / "program.src").read_text() != program.read_text()
+    none = run(*args[:2], folder / "lacking.txt", *args[3:], "--out", folder / "no.csv", "--keep", "1")
+    assert none.code != 0
+    assert "leave out --keep" in none.err
+    plain = run("import", folder / "cell.toml", *args[2:], "--out", folder / "no.csv")
+    assert "states no reflectors; add [reflectors.A]" in plain.err
+
+
 def test_what_was_understood_comes_before_what_is_computed(run, folder):
     folder, _ = folder
     args = ["import", folder / "cell.toml", folder / "wide.txt", "--plan", folder / "plan.csv"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.points import commanded_points
+from truepose.error_map.points import commanded_points, first_of_visits
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -17,7 +17,7 @@ from truepose.identification import ParametricArm
 from truepose.numerics.threads import blas_threads
 from truepose.robots import Load, Robot, error_model, thermal_columns
 from truepose.robots.nongeometric import STEEL
-from truepose.samples import Samples, name_one, visits
+from truepose.samples import Samples, name_one
 from truepose.verification import RP_PER_STD
 from truepose.verification.campaign import FEWEST, LARGEST, Campaign, changes, noise, suspected_drift
 from truepose.verification.faults import Change, reference_change
@@ -142,7 +142,7 @@ def check_campaign(
     at least 0.1 mm: the uncertainty that is accepted of a correction.
     """
     if samples.reflector is not None:
-        rows = np.flatnonzero(np.diff(visits(samples), prepend=-1) > 0)
+        rows = first_of_visits(samples)
         samples, registration = samples[rows], replace(registration, residuals=registration.residuals[rows])
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]

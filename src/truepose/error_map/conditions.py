@@ -90,14 +90,22 @@ def work_of(cell: Cell) -> dict[str, float]:
 
 
 def with_conditions(
-    x: FloatArray, predictor: Predictor, poses: Poses, cell: Cell, *, time: FloatArray | None = None
+    x: FloatArray,
+    predictor: Predictor,
+    poses: Poses,
+    cell: Cell,
+    *,
+    time: FloatArray | None = None,
+    orientation: FloatArray | None = None,
 ) -> FloatArray:
     """Return coordinates of poses (n, d) with the conditions that a predictor uses; NaN where poses state none.
 
-    `time` (n,) [s] is that of the samples of the fit: no other poses are on their clock.
+    `time` (n,) [s] is that of the samples of the fit: no other poses are on their clock. `orientation`
+    (n, 6) [rad] is that of `truepose.error_map.orientations`, of these samples alone, too.
     """
     used = predictor.conditions if isinstance(predictor, Conditional) else ()
-    return joined(x, used, {**conditions_of(poses, cell), "time": time}) if used else x
+    further = {"time": time, "orientation": orientation}
+    return joined(x, used, {**conditions_of(poses, cell), **further}) if used else x
 
 
 def knows(predictor: Predictor, condition: str) -> bool:

@@ -17,6 +17,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.error_map.conditions import knows, with_conditions
+from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflector_columns
 from truepose.error_map.registration import check_limits, reading_noise
 from truepose.error_map.selection import CellSamples
@@ -166,7 +167,8 @@ class MapData:
     def fitted_inputs(self) -> FloatArray:
         """The predictor's `inputs` of the samples, at the point where they were measured."""
         x, samples = self._in_space(self.samples, self.p_cmd), self.samples
-        return with_conditions(x, self.predictor, samples, self.cell, time=samples.time)
+        turns = orientation_columns(self.robot, samples, self.registration)
+        return with_conditions(x, self.predictor, samples, self.cell, time=samples.time, orientation=turns)
 
     def _in_space(self, poses: Poses, p_cmd: FloatArray) -> FloatArray:
         if self.space == "cartesian":

@@ -179,7 +179,11 @@ def import_samples(
         two_stations=two_stations or accept_campaign,
     )
     matched(understood)
-    reasons = np.full(len(table), "", dtype="<U1") if mask is None else mask.of(table, plan)
+    reasons = (
+        np.full(len(table), "", dtype="<U1")
+        if mask is None
+        else mask.of(table, plan if table.reflector is None else None)
+    )
     samples = set_aside(table, reasons)
     progress("Registering")
     robot = cell.load_robot()

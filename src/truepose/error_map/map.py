@@ -26,6 +26,7 @@ from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
 from truepose.error_map.frozen import FrozenMap, freeze
 from truepose.error_map.guards import arm_branches, found_limits, stated_limits
+from truepose.error_map.points import first_of_visits
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.validation import Validation, validate
 from truepose.errors import DataError, RefusedError
@@ -286,14 +287,15 @@ class ErrorMap(PredictingMap):
         predictor, q = self.predictor, self.samples.q
         if q is None or not isinstance(predictor, JointwisePredicting) or not len(predictor.joints_):
             return None
-        return JointCoverage(q, predictor.joints_, predictor.joint_length_)
+        return JointCoverage(q[first_of_visits(self.samples)], predictor.joints_, predictor.joint_length_)
 
     def guards_of(self, limits: Limits) -> Guards:
         """Return the guards of corrections under some limits."""
         if limits not in self._guards:
-            status, point = arm_branches(self.robot, self.samples), self.tf_flange_sampled[:3, 3]
-            x = self.coordinates(self.samples)
-            self._guards[limits] = Guards(x, limits, point, self.rotation, status, self.joint_coverage)
+            rows, point = first_of_visits(self.samples), self.tf_flange_sampled[:3, 3]
+            x, status = self.coordinates(self.samples)[rows], arm_branches(self.robot, self.samples[rows])
+            rotation = None if self.rotation is None else self.rotation[rows]
+            self._guards[limits] = Guards(x, limits, point, rotation, status, self.joint_coverage)
         return self._guards[limits]
 
     @cached_property

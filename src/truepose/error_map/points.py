@@ -5,11 +5,9 @@ The reflectors are one rigid body with the tool. A fit of the tool moves them to
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -86,13 +84,6 @@ def check_points(samples: Samples, cell: Cell) -> None:
     check_rigid(samples, cell)
 
 
-def one_per_visit(samples: Samples) -> Samples:
-    """Return the first row of each visit, for tests of readings that are independent of each other."""
-    if samples.reflector is None:
-        return samples
-    return samples[np.flatnonzero(np.diff(visits(samples), prepend=-1) > 0)]
-
-
-def without_reflectors(samples: Samples) -> Samples:
-    """Return the samples as readings of the tool point."""
-    return replace(samples, reflector=None)
+def first_of_visits(poses: Poses) -> IntArray:
+    """Return the first row of each visit to a pose, (v,): readings that are independent of each other."""
+    return np.flatnonzero(np.diff(visits(poses), prepend=-1) > 0)

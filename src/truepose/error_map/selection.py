@@ -13,6 +13,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import modelled_conditions, work_of
+from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflectors_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
 from truepose.errors import DataError, IdentifiabilityError, KrigingError
@@ -81,12 +82,14 @@ class CellSamples:
         else:
             p_cmd = commanded_points(self.robot, self.cell, samples, tf_flange_tool)
             coordinates = {"cartesian": p_cmd, "joint": samples.q}
+        known = {} if samples.q is None else modelled_conditions(samples, self.cell, drifting=self.drifting)
+        turns = orientation_columns(self.robot, samples, registration)
         return PositionalErrors(
             coordinates,
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
             arm_of(self.cell, self.robot, tf_flange_tool),
-            {} if samples.q is None else modelled_conditions(samples, self.cell, drifting=self.drifting),
+            known if turns is None else {**known, "orientation": turns},
         )
 
 

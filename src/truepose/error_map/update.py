@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray, IntArray
 from truepose.error_map.conditions import knows, with_conditions
 from truepose.error_map.map import ErrorMap
+from truepose.error_map.orientations import mounting_of, orientation_columns
 from truepose.error_map.selection import points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
@@ -203,7 +204,17 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     )
     new = error_map.reading_noise(samples)
     if isinstance(joined.predictor, Updatable):
-        x = with_conditions(error_map.coordinates(samples), joined.predictor, samples, joined.cell, time=samples.time)
+        turns = _turns(error_map, samples)
+        x = with_conditions(
+            error_map.coordinates(samples),
+            joined.predictor,
+            samples,
+            joined.cell,
+            time=samples.time,
+            orientation=turns,
+        )
+        if samples.reflector is not None:  # visits go on after those of the map
+            x = joined.fitted_inputs[-len(samples) :]
         joined.predictor.update(x, e, new)
         return joined
     old = joined.predictor.noise_std_
@@ -211,6 +222,15 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     x = joined.inputs(joined.samples)
     with points_named(joined.samples):
         return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
+
+
+def _turns(error_map: ErrorMap, samples: Samples) -> FloatArray | None:
+    """Return the measured orientations of new samples, on the target as it is mounted in those of the map."""
+    old = error_map.samples
+    if old.rotation_meas is None or old.q is None:
+        return None
+    mounting = mounting_of(error_map.robot, old, error_map.registration)
+    return orientation_columns(error_map.robot, samples, error_map.registration, mounting)
 
 
 def _later(old: Samples, new: Samples) -> Samples:
@@ -239,6 +259,9 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
     """Return the map for another tool point, fitted with the predicted true poses of the flange."""
     if samples.q is None:
         raise DataError(f"{samples.source}: fitting another tool needs joints (q1_deg …)")
+    if samples.reflector is not None:
+        what = "another tool is fitted with readings of its point, not with those of several reflectors"
+        raise DataError(f"{samples.source}: {what}; fit a new map with them")
     error, _ = error_map.predict_pose_errors(samples)
     tf_flange = error_map.robot.forward(samples.q, tool=error_map.tf_flange_tool)
     tf_flange[:, :3, 3] += error[:, :3]

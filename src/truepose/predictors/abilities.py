@@ -45,6 +45,14 @@ class Conditional(Protocol):
 
 
 @runtime_checkable
+class TurnTaking(Protocol):
+    """A fitted predictor that can take measured orientations in addition."""
+
+    def with_turns(self, X: ArrayLike, conditions: Sequence[str]) -> tuple[Self, bool]:
+        """Return the fit with the orientations in X, and whether left-out positions gain from them."""
+
+
+@runtime_checkable
 class Differentiable(Protocol):
     """A predictor whose prediction has a derivative in closed form."""
 

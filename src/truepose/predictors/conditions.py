@@ -16,12 +16,13 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.reflectors import REFLECTOR
 
-CONDITIONS: Final = ("approach", "temperature", "payload", "time")
+CONDITIONS: Final = ("approach", "temperature", "payload", "time", "orientation")
 """The names of the conditions.
 
 ``approach``, the sign of each joint's last motion (n, dof); ``temperature`` [°C], ``payload`` [kg] and ``time`` [s],
 (n,). The time is that of the samples alone, for a station that moves slowly while they are measured: predictions are
-for its mean station.
+for its mean station. ``orientation`` (n, 6) [rad] is no condition but a further reading at a sample: the rotation
+vector of R_meas R_cmdᵀ in the base frame and its standard deviation; predictions do not look at it.
 """
 
 _LEAST_RANGE: Final = 2.0  # K
@@ -31,7 +32,7 @@ _MOST_STEPS: Final = 12
 
 def width(condition: str, dof: int) -> int:
     """Return the number of columns of a condition; the reflector has its number and the visit to the pose."""
-    return {"approach": dof, REFLECTOR: 2}.get(condition, 1)
+    return {"approach": dof, REFLECTOR: 2, "orientation": 6}.get(condition, 1)
 
 
 def joined(q: FloatArray, names: Sequence[str], given: Mapping[str, FloatArray | None]) -> FloatArray:

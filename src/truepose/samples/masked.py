@@ -36,6 +36,8 @@ class SampleTable:
         where a field is no number.
     source : str
         The file, for messages.
+    reflector : (n,) array of str, optional
+        The reflectors.
     """
 
     row: IntArray
@@ -43,6 +45,7 @@ class SampleTable:
     reasons: NDArray[np.str_]
     values: dict[str, FloatArray]
     source: str
+    reflector: NDArray[np.str_] | None = None
 
     def __len__(self) -> int:
         return len(self.row)
@@ -56,12 +59,12 @@ def all_rows(table: TextTable) -> SampleTable:
     FileError
         If a column is missing, misspelt or without unit, or the number of a row is invalid.
     """
-    named: dict[str, Any] = gather(table, ("row", "name"), finite=False)
+    named: dict[str, Any] = gather(table, ("row", *WORDS), finite=False)
     values = _numbers(table)
     require(table, values, "x_meas")
     require(table, values, "q1", "x_cmd")
     rows = named.get("row", np.arange(len(table.line)))
-    return SampleTable(rows, named.get("name"), masked_rows(table), values, str(table.path))
+    return SampleTable(rows, named.get("name"), masked_rows(table), values, str(table.path), named.get("reflector"))
 
 
 def _numbers(table: TextTable) -> dict[str, Any]:

@@ -34,7 +34,8 @@ class Mask:
     Attributes
     ----------
     reasons : dict of str or int to str
-        The reason of each masked point, by its name, or by its row from 0.
+        The reason of each masked point, by its name, or by its row from 0. Of a pose with several reflectors, "P3" is
+        the whole pose and "P3/A" one reading.
     source : str
         The file, for messages.
     lines : dict of str or int to int
@@ -67,12 +68,20 @@ class Mask:
             return np.array([known[row] for row in poses.row.tolist()], dtype=np.str_)
         assert poses.row is not None
         names = [] if poses.name is None else [name.strip().casefold() for name in poses.name.tolist()]
+        several: list[str] = [] if poses.reflector is None else poses.reflector.tolist()
+        readings = [f"{name}/{one.casefold()}" for name, one in zip(names, several, strict=False)]
         rows: list[Any] = poses.row.tolist()
         found = [""] * len(poses)
         for point, reason in self.reasons.items():
-            key, among = (point, rows) if isinstance(point, int) else (point.strip().casefold(), names)
+            key: Any = point if isinstance(point, int) else point.strip().casefold()
+            among: list[Any] = rows if isinstance(point, int) else names
+            among = readings if key in readings else among
             line = (self.lines or {}).get(point)
-            if (count := among.count(key)) != 1:
+            count = among.count(key)
+            if count > 1 and several and among is names:  # a pose with all its reflectors
+                found = [reason if name == key else one for name, one in zip(names, found, strict=True)]
+                continue
+            if count != 1:
                 what = f"the point {point}" if isinstance(point, str) else f"row {point}"
                 why = "is not among the samples" if not count else f"stands for {count} samples; state their rows"
                 raise FileError(self.source, f"{what} {why}", line=line)

@@ -187,7 +187,18 @@ class VirtualCell:
         time: ArrayLike | None = None,
     ) -> FloatArray:
         """Return the true positions of the tool without noise, (n, 3) [mm], base frame; arguments as of `measure`."""
-        return self.truth.forward(q, self._conditions(q, approach, payload_kg, time))[:, :3, 3]
+        return self.true_poses(q, approach=approach, payload_kg=payload_kg, time=time)[:, :3, 3]
+
+    def true_poses(
+        self,
+        q: FloatArray,
+        *,
+        approach: ArrayLike | str | None = None,
+        payload_kg: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> FloatArray:
+        """Return the true poses of the tool without noise, (n, 4, 4) [mm], base frame; arguments as of `measure`."""
+        return self.truth.forward(q, self._conditions(q, approach, payload_kg, time))
 
     def at_work(self, q: FloatArray) -> FloatArray:
         """Return the true positions of the tool at work without noise, (n, 3) [mm], base frame.

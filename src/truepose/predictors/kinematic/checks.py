@@ -9,6 +9,7 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.kinematic.terms import Residual
+from truepose.predictors.kinematic.turned import turned_rows
 from truepose.predictors.reflectors import REFLECTOR
 from truepose.robots import Robot
 
@@ -27,8 +28,8 @@ class Given(Protocol):
     weight: Sequence[float] | None
 
 
-def check(given: Given, e: FloatArray) -> None:
-    """Refuse parameters that are none, and errors (n, k) [mm] that are too few or of other components.
+def check(given: Given, e: FloatArray, X: FloatArray) -> None:
+    """Refuse parameters that are none, and errors (n, k) [mm] at X (n, d) that are too few or of other components.
 
     Raises
     ------
@@ -50,5 +51,6 @@ def check(given: Given, e: FloatArray) -> None:
     for name in given.conditions:
         if name not in (*CONDITIONS, REFLECTOR):
             raise DataError(f"condition {name!r} is unknown; expected one of: {', '.join(CONDITIONS)}")
-    if given.weight is not None and len(given.weight) != len(e):
-        raise DataError(f"expected {len(e)} weights, one for each sample, got {len(given.weight)}")
+    expected = len(X) + len(turned_rows(X, given.conditions, given.robot.dof))
+    if given.weight is not None and len(given.weight) != expected:
+        raise DataError(f"expected {expected} weights, one for each sample, got {len(given.weight)}")

@@ -16,7 +16,7 @@ from truepose.predictors.kinematic.terms import Terms
 
 _ANGLES: Final = (1024, 4096)  # fewest and most of a table; cubic between them
 _PER_LENGTH: Final = 58.0  # of the shortest length of a joint's error: the variance is off by about 1e-7 mm²
-_MOST: Final = 256  # combinations of the readings
+_MOST: Final = 256  # combinations of the readings; twice as many with orientations
 _STEP: Final = 32
 _ABOVE: Final = 1.01  # the ratio of standard deviations that is good enough
 _SHARE: Final = 0.99  # of the poses, where it has to be
@@ -55,7 +55,8 @@ def deviation_of(
     """
     dof, design = terms.robot.dof, terms.at(poses)
     told = form.told(design)
-    vector = np.linalg.eigh(told @ told.T)[1][:, ::-1][:, :_MOST]
+    most = 2 * _MOST if form.design.turn.any() else _MOST
+    vector = np.linalg.eigh(told @ told.T)[1][:, ::-1][:, :most]
     full = np.maximum(np.einsum("maa->ma", form.covariance(design)), 0.0) + added / inflation
     kept = _enough(vector.T @ told, told, full.reshape(-1))
     wanted = _PER_LENGTH * 2.0 * np.pi / hyper.joint_length.min(initial=np.pi)

@@ -50,8 +50,9 @@ class Part:
 
     @property
     def pose(self) -> IntArray:
-        """The pose of each row, (n,): those of several reflectors are left out together."""
-        return np.unique(whole_poses(self.design.q, self.design.visit), return_inverse=True)[1].reshape(-1)
+        """The pose of each row, (n,): those of several reflectors, and of position and orientation, stay together."""
+        visit = np.arange(len(self.e), dtype=np.float64) if self.design.turn.any() else self.design.visit
+        return np.unique(whole_poses(self.design.q, visit), return_inverse=True)[1].reshape(-1)
 
     def take(self, rows: IntArray) -> Part:
         """Return some of the samples."""
@@ -78,14 +79,18 @@ def inflation(samples: Part, residual: FloatArray, covariance: FloatArray, start
     random_state : int
         The seed of the folds.
     """
-    variance = np.einsum("naa->na", covariance)
+    here = samples.design.turn == 0.0  # rows of orientation say nothing of the variance of positions
+    residual, variance = residual[here], np.einsum("naa->na", covariance)[here]
     n, k = min(len(residual), SEARCHED), len(start.hyper.to_vector())
     alone = max(1.0, float(np.mean(residual**2 / variance))) * 3 * n / max(3 * n - k, n)
     if len(residual) < FEWEST:
         return alone
-    some = samples.take(np.sort(np.random.default_rng(random_state).permutation(len(residual))[:MOST]))
+    some = samples.take(np.sort(np.random.default_rng(random_state).permutation(len(samples.e))[:MOST]))
     seen = fold_residuals(some, start, random_state)
-    return max(factor(*seen, some.reading), alone) * (1.0 + float(np.sqrt(2.0 / (3 * len(np.unique(some.pose))))))
+    here = some.design.turn == 0.0
+    poses = len(np.unique(some.pose))
+    larger = max(factor(seen[0][here], seen[1][here], some.reading[here]), alone)
+    return larger * (1.0 + float(np.sqrt(2.0 / (3 * poses))))
 
 
 def fold_residuals(samples: Part, start: Start, random_state: int) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,7 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
 from truepose.predictors.kinematic.summary import drift_table
 from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
+from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
 from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
@@ -91,8 +92,6 @@ class KinematicKriging(FittedKriging):
         The joints without one: they do not move, or the tool point does not move with them.
     solver_ : str
         The solver that was used.
-    weight_ : (n,) array
-        The weights of the samples.
     gross_ : (g,) array of int
         The rows of readings that the others contradict.
     inflation_ : float
@@ -159,10 +158,10 @@ class KinematicKriging(FittedKriging):
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
-        check(self, e)
+        check(self, e, X)
         assert self.robot is not None
         self._take(X, e, noise_std)
-        design = self._terms.at(X)
+        design = self._terms.at(self._x)
         seen = self._terms.seen(design) if self.joints is None else np.asarray(self.joints, np.int64)
         self.joints_ = seen if self.joint_errors else np.empty(0, np.int64)
         self.unseen_ = sorted(set(range(self.robot.dof)) - set(self.joints_.tolist())) if self.joint_errors else []
@@ -170,11 +169,11 @@ class KinematicKriging(FittedKriging):
         self.bounds_hit_: list[str] = []
         if self.hyper is not None:
             self.hyper_ = Hyperparameters.from_dict(self.hyper)
-            self.weight_ = np.ones(len(e)) if self.weight is None else np.asarray(self.weight, float)
+            self._weight = np.ones(len(self._e)) if self.weight is None else np.asarray(self.weight, float)
         else:
             curvature = self._estimate(design)
             self._optimum = Start(self.hyper_, curvature)
-        self._solve(X)
+        self._solve()
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
@@ -196,9 +195,14 @@ class KinematicKriging(FittedKriging):
             reflectors=self.reflectors,
             share=SHARED[0 if noise_std is not None and (noise_std > 0.0).all() else 1],
         )
-        self._x, self._e = X, e
-        self._reading = np.zeros_like(e) if noise_std is None else noise_std
-        self.solver_ = ("covariance" if len(e) <= EXACT_UP_TO else "basis") if self.solver == "auto" else self.solver
+        self._x, self._e, self._reading, self._own = with_turns(self._terms, X, e, noise_std)
+        few = len(self._e) <= EXACT_UP_TO
+        self.solver_ = ("covariance" if few else "basis") if self.solver == "auto" else self.solver
+
+    @property
+    def weight_(self) -> FloatArray:
+        """The weights of the samples, (n,)."""
+        return self._weight[: len(self._given[1])]
 
     def models(self, condition: str) -> bool:
         """Return whether the effect of a condition is in the fitted model, not negligible."""
@@ -225,6 +229,36 @@ class KinematicKriging(FittedKriging):
             The `optimum` of a model of equal parameters.
         """
         self._known = optimum
+
+    def with_turns(self, X: ArrayLike, conditions: Sequence[str]) -> tuple[Self, bool]:
+        """Return the fit with measured orientations beside its positions, and whether these gain from them.
+
+        Hyperparameters, and weights of positions, are those of this fit: the likelihood of orientations would spoil
+        them where the model describes turns less well than positions. Gain is a smaller mean length of the residuals of
+        left-out positions.
+
+        Parameters
+        ----------
+        X : (n, d) array_like
+            The joints and conditions of the samples of this fit, with orientations.
+        conditions : sequence of str
+            The conditions in X.
+        """
+        self._check_fitted()
+        e, noise, own = self._given[1], self._given[2], self.weight_
+        other = self.with_fitted_parameters().set_params(conditions=tuple(conditions))
+        assert self.robot is not None
+        turned = len(turned_rows(np.asarray(X), conditions, self.robot.dof))
+        weight = np.ones(turned)
+        for _ in range(_ROUNDS):
+            other.set_params(weight=[*own, *weight]).fit(X, e, noise)
+            before, weight = weight, robust_weights(*other._left_out_alone())[len(own) :]
+            if not self.robust or np.abs(np.sqrt(weight) - np.sqrt(before)).max(initial=0.0) < _SETTLED:
+                break
+        other._optimum, other.log_likelihood_ = self._optimum, self.log_likelihood_
+        other.bounds_hit_ = self.bounds_hit_
+        left, before = (np.linalg.norm(one.leave_one_out().residual, axis=1).mean() for one in (other, self))
+        return other, bool(left < before)
 
     def update(self, X: ArrayLike, y: ArrayLike, noise_std: ArrayLike | None = None) -> Self:
         """Add samples and compute the posterior of all samples with unchanged hyperparameters.
@@ -260,18 +294,20 @@ class KinematicKriging(FittedKriging):
         reading = None if noise_std is None else checked_noise(noise_std, e.shape)
         noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
         self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
-        self.weight_ = np.concatenate([self.weight_, np.ones(len(e))])
+        old_weight, n = self._weight, len(old_e)
         self._take(*self._given)
-        fresh = slice(len(old_e), None)
+        fresh = self._own >= n
+        self._weight = np.ones(len(self._e))
+        self._weight[~fresh] = old_weight
         with self._blas():
             for _ in range(_ROUNDS if self.robust else 0):
                 self._form = self._solved(self._terms.at(self._x))
                 weight = robust_weights(*self._left_out_alone())[fresh]
-                change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_[fresh])).max()
-                self.weight_[fresh] = weight
+                change = np.abs(np.sqrt(weight) - np.sqrt(self._weight[fresh])).max()
+                self._weight[fresh] = weight
                 if change < _SETTLED:
                     break
-            self._solve(self._x)
+            self._solve()
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
         return self
@@ -280,7 +316,7 @@ class KinematicKriging(FittedKriging):
         """Search hyperparameters and robust weights alternately until the weights settle; return the curvature."""
         n = len(self._e)
         order = np.random.default_rng(self.random_state).permutation(n)
-        self.weight_ = first_weights(design.drift, self._e) if self.robust else np.ones(n)
+        self._weight = first_weights(design.drift, self._e) if self.robust else np.ones(n)
         start = self._first_start(design, np.sort(order[:_FIRST]))
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
@@ -291,8 +327,8 @@ class KinematicKriging(FittedKriging):
             if not self.robust:
                 break
             weight = robust_weights(*self._left_out_alone())
-            change = np.abs(np.sqrt(weight) - np.sqrt(self.weight_))
-            self.weight_ = weight
+            change = np.abs(np.sqrt(weight) - np.sqrt(self._weight))
+            self._weight = weight
             if change.max() < _SETTLED:
                 break
         self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:SEARCHED])), self.hyper_)
@@ -308,17 +344,17 @@ class KinematicKriging(FittedKriging):
 
     def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
         return Likelihood(
-            self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self.weight_[rows]
+            self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self._weight[rows]
         )
 
     def _left_out_alone(self, *, poses: bool = False) -> tuple[FloatArray, FloatArray]:
         """Return left-out residuals and covariances, each reading of full weight; alone, or with its whole pose."""
         residual, covariance = self._poses_out() if poses else self._form.alone
-        wider = self._noise_variance() * (1.0 - self.weight_[:, None])
+        wider = self._noise_variance() * (1.0 - self._weight[:, None])
         return residual, covariance - wider[:, :, None] * np.eye(3)
 
     def _noise_variance(self) -> FloatArray:
-        return np.asarray((self.hyper_.noise**2 + self._reading**2) / self.weight_[:, None])
+        return np.asarray((self.hyper_.noise**2 + self._reading**2) / self._weight[:, None])
 
     def _solved(self, design: Design, refining: bool = False) -> CovarianceForm | BasisForm:
         """Return the posterior; in a basis, all samples may refine the hyperparameters first."""
@@ -336,19 +372,19 @@ class KinematicKriging(FittedKriging):
             self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
 
-    def _solve(self, X: FloatArray) -> None:
+    def _solve(self) -> None:
         """Solve, and solve again at the estimated registration and geometry (Gauss–Newton)."""
-        design = self._terms.at(X)
+        design = self._terms.at(self._x)
         self._form = self._solved(design)
         self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
-        self._form = self._solved(self._terms.at(X))
+        self._form = self._solved(self._terms.at(self._x))
 
     def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
         """Return the errors of some samples minus the nonlinear part at the current linearisation."""
         return self._e[rows] - self._terms.curvature(design)
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
-        return self._left(*self._form.left_out(labels))
+        return self._left(*self._form.left_out(labels[self._own]))
 
     def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Return joints and conditions (n, d), and y; conditions may be NaN, or left out for a prediction."""
@@ -356,24 +392,26 @@ class KinematicKriging(FittedKriging):
             return super()._validate(X, y)
         table = np.atleast_2d(np.asarray(X, float))
         q, checked = super()._validate(np.ascontiguousarray(table[:, : self.robot.dof]), y)
-        return np.concatenate([q, table[:, self.robot.dof :]], axis=1), checked
+        found = np.concatenate([q, table[:, self.robot.dof :]], axis=1)
+        return found if y is not None else unseen(found, self.conditions, self.robot.dof), checked
 
     def _left(self, residual: FloatArray, covariance: FloatArray) -> LeaveOneOut:
-        return LeaveOneOut(residual, np.sqrt(self.inflation_ * np.einsum("naa->na", covariance)))
+        std = np.sqrt(self.inflation_ * np.einsum("naa->na", covariance))
+        return LeaveOneOut(residual[: len(self.weight_)], std[: len(self.weight_)])
 
     def _inflation(self, start: Start) -> float:
         """Return the factor of predicted variances that makes unseen readings standard; gross ones do not count."""
         design = self._terms.at(self._x)
-        kept = np.setdiff1d(np.arange(len(self._e)), self.gross_)
-        samples = Part(self._terms, design, self.joints_, self._target(design), self._reading, self.weight_)
+        kept = np.flatnonzero(self._weight >= GROSS)
+        samples = Part(self._terms, design, self.joints_, self._target(design), self._reading, self._weight)
         residual, covariance = self._left_out_alone(poses=True)
         return inflation(samples.take(kept), residual[kept], covariance[kept], start, self.random_state)
 
     def _poses_out(self) -> tuple[FloatArray, FloatArray]:
         """Return residuals and covariances of each reading without those of its pose."""
-        if REFLECTOR not in self.conditions:
-            return self._form.alone
-        return self._form.left_out(whole_poses(self._form.design.q, self._form.design.visit))
+        if REFLECTOR in self.conditions:
+            return self._form.left_out(whole_poses(self._form.design.q, self._form.design.visit))
+        return self._form.alone if len(self._own) == len(self.weight_) else self._form.left_out(self._own)
 
     def _leave_one_out(self) -> LeaveOneOut:
         return self._left(*self._poses_out())
@@ -381,7 +419,7 @@ class KinematicKriging(FittedKriging):
     def _fitted_parameters(self) -> dict[str, Any]:
         return {
             "hyper": self.hyper_.to_dict(),
-            "weight": self.weight_.tolist(),
+            "weight": self._weight.tolist(),
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
         }

@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.conditions import Usual, separated
-from truepose.predictors.orientation import at_offset
+from truepose.predictors.kinematic.growing import growing
+from truepose.predictors.orientation import at_offset, rotation_per_mm
 from truepose.predictors.reflectors import REFLECTOR, Reflectors
 from truepose.robots import Robot, error_model
 from truepose.robots.chain import end_poses
-from truepose.robots.jacobian import Outputs, columns, count_rows, joint_twists
+from truepose.robots.jacobian import Outputs, columns, count_rows, joint_columns, joint_twists
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
@@ -40,8 +41,8 @@ _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
 _WARMING_STD: Final = 1e-5  # of all lengths, from one time of the walk to the next
+_APART: Final = 1e6  # coordinates of Z: nothing is that near
 _GOES_ON: Final = 1.6
-_SHORTEST: Final = 1.0  # mm, of a length that grows
 _USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
 
@@ -68,6 +69,8 @@ class Design:
         The vectors from the tool point to the measured point.
     visit : (n,) array
         The visit to the pose; NaN where each row is one of its own.
+    turn : (n,) array [mm]
+        The lengths by which rows of orientation are multiplied, see `Terms.at`; 0 for rows of position.
     """
 
     q: FloatArray
@@ -78,6 +81,7 @@ class Design:
     unknown: FloatArray
     away: FloatArray
     visit: FloatArray
+    turn: FloatArray
 
     @property
     def rows(self) -> int:
@@ -85,7 +89,7 @@ class Design:
         return int(self.lever.shape[1])
 
 
-_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "away", "visit")
+_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "away", "visit", "turn")
 
 
 def take(design: Design, rows: slice | IntArray) -> Design:
@@ -183,9 +187,9 @@ class Terms:
             self._pairs += [(j, k) for j in range(dof) for k in (dof - 1, dof) if j <= k]
         self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
         thermal = {"temperature", "time"} & set(self.conditions)
-        growing = _growing(robot) if thermal else np.empty((dof + 1, 6, 0))
+        growth = growing(robot) if thermal else np.empty((dof + 1, 6, 0))
         self._steps = len(usual.times) - 1 if "time" in self.conditions else 0
-        lengths = _lengths(growing.shape[2] if "temperature" in self.conditions else 0)
+        lengths = _lengths(growth.shape[2] if "temperature" in self.conditions else 0)
         warming = [_Column(WARMING, f"warming {step + 1}", "1", _WARMING_STD) for step in range(self._steps)]
         moving = [*self._walk(), *self._places()]
         parts = [self._arm(), self._masses(), moving, self._reversals(), lengths, warming]
@@ -200,7 +204,7 @@ class Terms:
         self._nominal_links = robot.links(self.tf_flange_tool)
         self._links = self._model.fixed(self._values)
         parameters = self._model.twists(self._values)[..., self._chosen]
-        self._twists = np.concatenate([joint_twists(robot.sign), parameters, growing], axis=2)
+        self._twists = np.concatenate([joint_twists(robot.sign), parameters, growth], axis=2)
         joints = np.repeat(np.arange(dof), 2) if residual in ("joint", "both") else np.empty(0, np.int64)
         position = np.full(3, len(np.unique(joints))) if residual in ("cartesian", "both") else np.empty(0, np.int64)
         self.range_of = np.concatenate([joints, position]).astype(np.int64)
@@ -217,17 +221,27 @@ class Terms:
 
     def _registration(self) -> dict[str, dict[str, float]]:
         """Return the prior standard deviations of base and tool by unit; several reflectors show the tool's turn."""
-        if self.reflectors is None or len(self.reflectors.names) < 2:
+        if self.reflectors is None or not self._several:
             return _REGISTRATION
         turn = _TURN_STD[int(self.reflectors.on_a_line)]
         return {**_REGISTRATION, "tool": {**_REGISTRATION["tool"], "rad": turn}}
 
     def _places(self) -> list[_Column]:
-        """Return the columns of what each reflector is away from its stated place."""
-        if self.reflectors is None or len(self.reflectors.names) < 2:
-            return []
-        every = zip(self.reflectors.names, self.reflectors.std, strict=True)
-        return [_Column(REGISTRATION, f"reflector {name} {axis}", "mm", std) for name, std in every for axis in "xyz"]
+        """Return the columns of what each reflector is away from its stated place, and of a target's mounting."""
+        out = []
+        if self._several:
+            assert self.reflectors is not None
+            every = zip(self.reflectors.names, self.reflectors.std, strict=True)
+            out = [
+                _Column(REGISTRATION, f"reflector {name} {axis}", "mm", std) for name, std in every for axis in "xyz"
+            ]
+        if "orientation" in self.conditions:
+            out += [_Column(REGISTRATION, f"target r{axis}", "rad", _TURN_STD[0]) for axis in "xyz"]
+        return out
+
+    @property
+    def _several(self) -> bool:
+        return self.reflectors is not None and len(self.reflectors.names) > 1
 
     def _masses(self) -> list[_Column]:
         """Return the columns of compliance: of the arm's own masses, then of the payload."""
@@ -340,11 +354,15 @@ class Terms:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
         nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
         moved: FloatArray = design.p - _points(nominal, design.away)
-        if design.rows == 6:
+        if design.rows == 6 or design.turn.any():
             turned = end_poses(self.robot.sign * design.q, self._links)[:, :3, :3] @ np.swapaxes(
                 nominal[:, :3, :3], 1, 2
             )
-            moved = np.concatenate([moved, Rotation.from_matrix(turned).as_rotvec()], axis=1)
+            vectors = Rotation.from_matrix(turned).as_rotvec()
+            if design.rows == 6:
+                moved = np.concatenate([moved, vectors], axis=1)
+            else:
+                moved = np.where(design.turn[:, None] > 0.0, design.turn[:, None] * vectors, moved)
         return np.asarray(moved - np.einsum("nap,p->na", design.drift, self.shift / self.prior_std))
 
     @property
@@ -367,6 +385,9 @@ class Terms:
     def at(self, X: FloatArray, outputs: Outputs = "position") -> Design:
         """Return all columns at configurations with conditions (n, d) [rad, …], for positions or for poses.
 
+        A configuration with a measured orientation gives three rows of orientation instead of position, times the
+        length that `rotation_per_mm` converts with: what the model does not explain turns the tool by as much.
+
         Raises
         ------
         DataError, RobotError
@@ -375,15 +396,18 @@ class Terms:
         q, given = separated(X, self.conditions, self.robot.dof)
         q = self.robot.check_joints(q)
         theta, dof = self.robot.sign * q, self.robot.dof
-        ends, own = end_poses(theta, self._links), given.get(REFLECTOR)
+        ends, own, turn = end_poses(theta, self._links), given.get(REFLECTOR), self._turn_lengths(theta, given)
         p, away = ends[:, :3, 3], np.zeros((len(q), 3))
         visit = np.full(len(q), np.nan) if own is None else own[:, 1]
-        if own is None or self.reflectors is None:
+        if (own is None or self.reflectors is None) and not turn.any():
             found = columns(theta, self._links, self._twists, outputs)
         else:
-            away = self.reflectors.at(own[:, 0])
             found = columns(theta, self._links, self._twists, "pose")
-            found = at_offset(found, _points(ends, away) - p)[:, : count_rows(outputs)]
+            if own is not None and self.reflectors is not None:
+                away = self.reflectors.at(own[:, 0])
+                found = at_offset(found, _points(ends, away) - p)
+            found[:, :3] = np.where(turn[:, None, None] > 0.0, turn[:, None, None] * found[:, 3:], found[:, :3])
+            found = found[:, : count_rows(outputs)]
         lever, drift, growth = np.split(found, [dof, dof + self._counts[0]], axis=2)
         lever = np.ascontiguousarray(lever)
         parts, unknown = [drift], [np.zeros((*lever.shape[:2], 0))]
@@ -393,8 +417,12 @@ class Terms:
             moved = drift[:, :, self._base]
             ramps = self.usual.walked(given["time"][:, 0])
             parts.append((moved[:, :, None, :] * ramps[:, None, :, None]).reshape(*moved.shape[:2], -1))
-        if own is not None and self.reflectors is not None:
+        if own is not None and self._several:
             parts.append(self._own_places(ends[:, :3, :3], own[:, 0], lever.shape[1]))
+        if "orientation" in given:
+            mounting = np.zeros((*lever.shape[:2], 3))
+            mounting[:, :3] = turn[:, None, None] * ends[:, :3, :3]
+            parts.append(mounting)
         if "approach" in given:
             signs = given["approach"][:, None, :]
             parts.append(lever * signs)
@@ -410,16 +438,24 @@ class Terms:
         every = np.concatenate(parts, axis=2) * self.prior_std
         missing = np.concatenate(unknown, axis=2) * self.prior_std[self.conditional]
         p = _points(ends, away)
-        return Design(q, p, every, lever, self._place(q, p), missing, away, visit)
+        place = self._place(q, p)
+        place[turn > 0.0] += _APART  # Z is a field of positions: its part in orientations is another one
+        return Design(q, p, every, lever, place, missing, away, visit, turn)
+
+    def _turn_lengths(self, theta: FloatArray, given: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the lengths of `Design.turn` at the nominal arm, (n,) [mm]; 0 without a measured orientation."""
+        turn = np.zeros(len(theta))
+        if "orientation" in given and (turned := np.isfinite(given["orientation"][:, 0])).any():
+            turn[turned] = 1.0 / rotation_per_mm(joint_columns(theta[turned], self._nominal_links, self.robot.sign))
+        return turn
 
     def _own_places(self, turn: FloatArray, index: FloatArray, rows: int) -> FloatArray:
         """Return the columns of `_places` for reflectors by number (n,) on a tool turned by (n, 3, 3)."""
         assert self.reflectors is not None
-        m = len(self.reflectors.names) if len(self.reflectors.names) > 1 else 0
+        m = len(self.reflectors.names)
         out = np.zeros((len(turn), rows, m, 3))
         for k in range(m):
-            named = index == k
-            out[named, :3, k] = turn[named]
+            out[index == k, :3, k] = turn[index == k]
         return out.reshape(len(turn), rows, 3 * m)
 
     def seen(self, design: Design) -> IntArray:
@@ -462,19 +498,3 @@ def _lengths(count: int) -> list[_Column]:
     every = [("expansion of all lengths", _EXPANSION_STD[0])]
     every += [(f"expansion {i}", _EXPANSION_STD[1]) for i in range(1, count)]
     return [_Column(EXPANSION, name, "1/K", std) for name, std in every[:count]]
-
-
-def _growing(robot: Robot) -> FloatArray:
-    """Return the twists of growth by 1 per unit of length: of all lengths, then of each, (dof + 1, 6, g) [mm].
-
-    The lengths are those of each link along the axis of the joint before it, and across.
-    """
-    shift = robot.links(np.eye(4))[:, :3, 3]
-    parts = []
-    for k, (x, y, z) in enumerate(shift):
-        for part in ((x, y, 0.0), (0.0, 0.0, z)):
-            if np.linalg.norm(part) > _SHORTEST:
-                twist = np.zeros((len(shift), 6))
-                twist[k, :3] = part
-                parts.append(twist)
-    return np.stack([np.sum(parts, axis=0), *parts], axis=2)

@@ -15,7 +15,7 @@ from truepose.errors import DataError, KrigingError, TrueposeError
 from truepose.numerics.executor import Executor, Inputs, Task
 from truepose.numerics.processes import local
 from truepose.numerics.threads import cores, one_thread
-from truepose.predictors.abilities import Conditional, Startable
+from truepose.predictors.abilities import Conditional, Startable, TurnTaking
 from truepose.predictors.base import Predictor
 from truepose.predictors.conditions import CONDITIONS, joined
 from truepose.predictors.outliers import fit_without_gross
@@ -91,15 +91,24 @@ class PositionalErrors:
                 )
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
+        used = self._used(name)
         if isinstance(model, Conditional):
-            wanted = (*conditions_wanted(name), REFLECTOR)
-            used = [one for one in (*CONDITIONS, REFLECTOR) if one in self.conditions and one in wanted]
-            model.set_params(conditions=tuple(used))
-        x, e = self.inputs(name, model)[rows], self.e[rows]
+            model.set_params(conditions=tuple(one for one in used if one != "orientation"))
         try:
-            return model, fit_without_gross(model, x, e, noise)
+            gross = fit_without_gross(model, self.inputs(name, model)[rows], self.e[rows], noise)
         except KrigingError as error:
             raise error.of_rows(np.arange(len(self))[rows].tolist()) from None
+        if "orientation" in used and isinstance(model, TurnTaking):
+            x = joined(self.coordinates[predictor_spec(name).space], used, self.conditions)[rows]
+            oriented, gains = model.with_turns(x[gross == 0], used)
+            if gains or "orientation" in predictor_spec(name).defaults.get("conditions", ()):
+                return oriented, gross
+        return model, gross
+
+    def _used(self, name: str) -> tuple[str, ...]:
+        """Return the conditions that a named predictor takes: those it wants, and always the reflector."""
+        wanted = (*conditions_wanted(name), REFLECTOR)
+        return tuple(one for one in (*CONDITIONS, REFLECTOR) if one in self.conditions and one in wanted)
 
     def inputs(self, name: str, model: Predictor) -> FloatArray:
         """Return the input of a named predictor, (n, d): its coordinates, and the conditions that `model` uses."""
