@@ -6,17 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from truepose import ErrorMap, fit_cell, load_map, update_map
 from truepose.cell import Cell
+from truepose.error_map.points import of_one_reflector, reflectors_of
 from truepose.errors import DataError, FileError, IdentifiabilityError
-from truepose.geometry import apply_transform, invert_transform
+from truepose.geometry import apply_transform, invert_transform, make_transform, register_with_body
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.reflectors import whole_poses
 from truepose.samples import Mask, Poses, Samples, check, check_rigid, read_samples, visits, write_samples
 from truepose.simulation import VirtualCell
+from truepose.trackers import Readings, match
+from truepose.trackers.each_reflector import rows_of_reflectors
 
 PREDICTOR = "kinematic-kriging"
 
@@ -118,7 +122,7 @@ def test_shared_noise_has_the_gradient_of_its_likelihood(virtual, cell, samples,
     some = samples[:20]
     x = np.column_stack([some.q, np.arange(20) % 3, visits(some)])
     e, reading = np.random.default_rng(0).normal(scale=0.1, size=(20, 3)), np.full((20, 3), 0.01 * known)
-    model.set_params(reflectors=virtual_reflectors(cell))
+    model.set_params(reflectors=reflectors_of(cell))
     model._take(x, e, reading)
     hyper = Hyperparameters.start(2, 0)
     likelihood = Likelihood(model._terms, model._terms.at(x), np.array([1, 2]), e, reading, np.linspace(0.3, 1, 20))
@@ -127,12 +131,6 @@ def test_shared_noise_has_the_gradient_of_its_likelihood(virtual, cell, samples,
     for i in range(len(theta)):
         ends = [likelihood(hyper.with_vector(theta + s * step * np.eye(len(theta))[i]))[0] for s in (1, -1)]
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-3, abs=1e-3)
-
-
-def virtual_reflectors(cell: Cell):
-    from truepose.error_map.points import reflectors_of
-
-    return reflectors_of(cell)
 
 
 def test_both_forms_of_the_solution_agree(error_map):
@@ -196,6 +194,60 @@ def test_a_reflector_that_the_cell_does_not_state_is_refused(virtual, cell, samp
         fit_cell(cell, replace(samples, reflector=names), PREDICTOR)
     with pytest.raises(DataError, match="it has none"):
         fit_cell(virtual.cell, samples, PREDICTOR)
+
+
+def test_the_tests_of_a_campaign_take_one_reading_of_a_pose(cell, samples, error_map):
+    """Rows of one pose are no independent readings; the tests take one reflector, at its own point."""
+    rows, tf = of_one_reflector(samples, cell, error_map.tf_flange_tool)
+    assert set(samples.reflector[rows]) == {"A"}
+    stated = cell.reflectors["A"].p_flange
+    np.testing.assert_allclose(tf[:3, 3], stated, atol=1e-9)
+    assert error_map.campaign["tested"] == 30
+
+
+def test_readings_are_known_by_the_names_of_reflectors(cell, virtual):
+    """In any order within a pose; one is missing, and so is a whole pose."""
+    q = virtual.design(6, orientation_deg=20.0)
+    p = virtual.read_reflectors(q, 3, seed=1)
+    order = [(0, "B"), (0, "A"), (0, "C"), (1, "B"), (1, "A"), (1, "C"), (2, "B"), (2, "C")]
+    order += [(k, name) for k in (3, 4, 5) for name in "BAC"]
+    which = np.array([(pose, "ABC".index(name)) for pose, name in order])
+    names = np.array([name.lower() for _, name in order])
+    found = p[which[:, 0], which[:, 1]]
+    found[-3:] = 0.0
+    readings = Readings(found, np.arange(len(order)), "tracker.txt", name=names)
+    plan = Poses(q=q, p_cmd=virtual.robot.forward(q, tool=virtual.tf_flange_tool)[:, :3, 3])
+    read, rows, pose = rows_of_reflectors(readings, plan, cell)
+    assert rows.reflector.tolist() == ["A", "B", "C"] * 2 + ["B", "C"] + ["A", "B", "C"] * 3
+    assert pose.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5]
+    np.testing.assert_array_equal(read.p[:3], p[0])
+    np.testing.assert_array_equal(read.p[6:8], p[2, 1:])
+    assert read.missing[-3:].all()  # a pose of the plan without a reading
+    samples, summary = match(read, rows, missing=True)
+    assert (len(samples), samples.reflector[-1], len(summary.missing)) == (14, "C", 3)
+    with pytest.raises(DataError, match="are 6 poses, but the plan has 5"):
+        rows_of_reflectors(readings, plan[:5], cell)
+
+
+@pytest.mark.parametrize("body", [1, 2, 3])
+def test_station_and_body_are_found_together_without_a_wrong_reading(body):
+    """One reflector, two, and three on a line: the turn that they do not show stays as stated."""
+    rng = np.random.default_rng(body)
+    stated = np.array([[0.0, 0.0, 100.0], [0.0, 0.0, 160.0], [0.0, 0.0, 200.0]])[:body]
+    flange = make_transform(Rotation.random(15, rng=rng), rng.uniform(-500, 500, (15, 3))).repeat(body, axis=0)
+    turn = Rotation.from_rotvec([0.02, -0.01, 0.0] if body > 1 else [0.0, 0.0, 0.0])
+    placed = turn.apply(stated) + np.array([1.0, 2.0, 3.0])
+    station = make_transform(Rotation.from_euler("xyz", [10, 20, 30], degrees=True), [1000.0, 2000.0, 300.0])
+    p = np.einsum("nij,nj->ni", flange[:, :3, :3], np.tile(placed, (15, 1))) + flange[:, :3, 3]
+    p = apply_transform(invert_transform(station), p) + rng.normal(scale=0.01, size=p.shape)
+    p[4] += 3.0
+    which = np.tile(np.arange(body), 15)
+    found, motion = register_with_body(flange, p, stated[which], which, stated[0])
+    assert np.flatnonzero(found.outliers).tolist() == [4]
+    np.testing.assert_allclose(apply_transform(motion, stated), placed, atol=0.02)
+    off = np.abs(found.p_flange_tool - placed[0])
+    assert (off < 4.5 * np.sqrt(np.diag(found.covariance)[6:])).all()
+    assert found.noise_std == pytest.approx(0.01, rel=0.3)
 
 
 def test_predictors_that_do_not_know_the_arm_are_refused(cell, samples):

@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map.points import commanded_points, first_of_visits
+from truepose.error_map.points import of_one_reflector
 from truepose.error_map.registration import reading_noise
 from truepose.errors import DataError
 from truepose.geometry import Registration
@@ -142,8 +142,9 @@ def check_campaign(
     at least 0.1 mm: the uncertainty that is accepted of a correction.
     """
     if samples.reflector is not None:
-        rows = first_of_visits(samples)
-        samples, registration = samples[rows], replace(registration, residuals=registration.residuals[rows])
+        rows, tf_flange_tool = of_one_reflector(samples, cell, tf_flange_tool)
+        registration = replace(registration, residuals=registration.residuals[rows])
+        samples = replace(samples[rows], reflector=None)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     campaign = _campaign(cell, robot, samples, registration, tf_flange_tool, expansion)[order]
     with blas_threads(LARGEST):
@@ -192,7 +193,7 @@ def _campaign(
             turned = (samples.rotation_cmd * samples.rotation_cmd[0].inv()).as_rotvec()
             coordinates = np.column_stack([p, 1e3 * turned])
     else:
-        p, coordinates = commanded_points(robot, cell, samples, tf_flange_tool), samples.q
+        p, coordinates = robot.forward(samples.q, tool=tf_flange_tool)[:, :3, 3], samples.q
         columns = _of_arm(cell, robot, samples, tf_flange_tool)
         if expansion and samples.temperature is not None:
             kelvin = samples.temperature - samples.temperature.mean()

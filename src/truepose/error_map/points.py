@@ -87,3 +87,15 @@ def check_points(samples: Samples, cell: Cell) -> None:
 def first_of_visits(poses: Poses) -> IntArray:
     """Return the first row of each visit to a pose, (v,): readings that are independent of each other."""
     return np.flatnonzero(np.diff(visits(poses), prepend=-1) > 0)
+
+
+def of_one_reflector(samples: Samples, cell: Cell, tf_flange_tool: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the rows (k,) of the reflector that was read most often, and the transform from flange to it (4, 4) [mm].
+
+    They are the readings of a campaign with one reflector, for tests that take readings as independent of each other.
+    """
+    index = reflector_index(samples, cell)
+    rows = np.flatnonzero(index == np.bincount(index).argmax())
+    tf = tf_flange_tool.copy()
+    tf[:3, 3] += tf[:3, :3] @ points_on_tool(samples, cell)[rows[0]]
+    return rows, tf

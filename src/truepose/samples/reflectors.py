@@ -188,7 +188,7 @@ def _step(pair: _Pair) -> tuple[int, float] | None:
         before, after = pair.off[:k], pair.off[k:]
         middles = np.median(before), np.median(after)
         left = np.abs(np.concatenate([before - middles[0], after - middles[1]]))
-        std = max(_SPREAD * float(np.median(left)), 0.2 * pair.std)
+        std = max(_SPREAD * float(np.median(left)), 0.6 * pair.std)
         surprise = float(middles[1] - middles[0]) / (std * np.sqrt(1.6 / k + 1.6 / (n - k)))
         if abs(surprise) > abs(best):
             best, at = surprise, k
