@@ -83,6 +83,18 @@ def test_inform_runs_and_single_lines_agree(
     assert told(path, make_map, 1, **options) == told(path, make_map, 10**9, **options)
 
 
+def test_an_open_block_is_reported_at_the_last_line_of_a_run(tmp_path: Path, make_map: Any) -> None:
+    """A run of motions ends the job: its last line is where the block should have been closed."""
+    positions = "".join(f"C{k:05d}={k}.000,0.000,0.000,0.000,0.000,0.000\n" for k in range(40))
+    motions = "".join(f"MOVL C{k:05d} V=100.0\n" for k in range(40))
+    head = "/JOB\n//NAME A\n//POS\n///NPOS 40,0,0,0,0,0\n///TOOL 1\n///POSTYPE BASE\n///RECTAN\n"
+    path = tmp_path / "a.jbi"
+    path.write_text(f"{head}{positions}//INST\n///GROUP1 RB1\nNOP\nIFTHENEXP I000=0\n{motions}END\n")
+    last = path.read_text().splitlines().index("END")
+    assert f"a.jbi:{last}: IF of line {last - 40} is not closed" in str(told(path, make_map, 1))
+    assert told(path, make_map, 1) == told(path, make_map, 10**9)
+
+
 @st.composite
 def data_and_code(draw: Any) -> tuple[str, str]:
     """Return VAL3 data whose values are alike, or nearly, and a program, which may be empty."""

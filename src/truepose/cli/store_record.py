@@ -130,14 +130,16 @@ class Recorder:
                 remedy = f"add it with 'truepose store import {named} --store {self._shown}'"
                 raise RefusedError(f"{named}: this map is not in the store; {remedy}") from None
 
-    def check_map(self, row: Mapping[str, Any], *, released_only: bool = False) -> None:
-        """Check the store, the right, and the state of a map again, before what it corrected is written."""
+    def check_map(self, row: Mapping[str, Any], *, released_only: bool = False) -> dict[str, Any]:
+        """Check the store, the right, and the state of a map again, before what it corrected is written; return it."""
         from truepose.store.access import viewing
         from truepose.store.releases import check_usable, find_map
 
         self.check()
         with viewing(self.store, self.by) as connection:
-            check_usable(find_map(connection, row["sha256"]), released_only=released_only)
+            found = find_map(connection, row["sha256"])
+        check_usable(found, released_only=released_only)
+        return found
 
     def corrected_already(self, programs: Sequence[Program]) -> dict[Path, str]:
         """Return the programs with a file that is the output of a correction of the store, by path, with the reason."""
@@ -248,8 +250,10 @@ def record_update(
     to.record([out], write)
 
 
-def record_corrections(to: Recorder, corrected: Sequence[CorrectedProgram], written: Sequence[Path]) -> None:
-    """Record corrected programs by the records that were written."""
+def record_corrections(
+    to: Recorder, corrected: Sequence[CorrectedProgram], written: Sequence[Path], *, remedy: str | None = None
+) -> None:
+    """Record corrected programs by the records that were written; `remedy` if the store is lost, by default --force."""
     from truepose.programs.corrected import ORIGINAL
     from truepose.programs.record import SUFFIX, head_of
     from truepose.store.recording import add_corrections
@@ -263,7 +267,8 @@ def record_corrections(to: Recorder, corrected: Sequence[CorrectedProgram], writ
             add_corrections(change, path.read_bytes(), head_of(path), known.get)
 
     in_place = any(path.suffix == ORIGINAL for path in written)  # their originals lie beside them
-    to.record(written, write, remedy=None if in_place else "run the same command again with --force")
+    later = None if in_place else "run the same command again with --force"
+    to.record(written, write, remedy=remedy or later)
 
 
 def record_verification(to: Recorder, found: ProgramVerification, data: bytes, program: Path, out: Path | None) -> None:

@@ -97,9 +97,15 @@ def show_limits(programs: Sequence[CorrectedProgram]) -> None:
         say(escape(f"Limits in force{where}{others}: {sentence}"))
     for warning in list(dict.fromkeys(text for program in programs for text in program.warnings))[:_WARNINGS]:
         say(escape(warning))
+    for state in {program.map_state for program in programs}:
+        show_draft(state)
+
+
+def show_draft(state: str | None) -> None:
+    """Say that a map is not released, if that is its state in the store."""
     from truepose.programs.record import DRAFT
 
-    if any(program.map_state == DRAFT for program in programs):
+    if state == DRAFT:
         say("[yellow]DRAFT[/]: the map is not released; the records say so")
 
 

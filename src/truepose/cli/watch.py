@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from truepose.cli.options import Force, Json, MapPath, with_groups
+from truepose.cli.options import Force, Json, MapPath, check_pairs, with_groups
 from truepose.cli.output import emit_json, say, working
 from truepose.cli.programs import (
     AcceptWeakMap,
@@ -18,6 +19,10 @@ from truepose.cli.programs import (
     Reading,
     Require,
 )
+from truepose.cli.store_record import RecordIn, ReleasedOnly, map_to_use, recorder
+
+if TYPE_CHECKING:
+    from truepose.programs import FolderWatch
 
 _READING = Reading()
 
@@ -41,17 +46,20 @@ def watch(
     once: Annotated[bool, typer.Option("--once", help="Correct what is there, and end; 1 if a program is refused.")] = (
         False
     ),
+    store: RecordIn = None,
+    released_only: ReleasedOnly = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Correct programs that are put into a folder, until Ctrl-C; each with the guards and the record of correct."""
-    from truepose.error_map import load_map
+    from truepose.cli.store_watch import StoreKeeper
+    from truepose.cli.verdicts import show_draft
     from truepose.errors import DataError, RefusedError
     from truepose.programs.watching import FolderWatch
 
     if as_json and not once:
         raise DataError("--json needs --once, because a watch has no end")
-    error_map = load_map(map_path)
+    check_pairs(("--released-only", True if released_only else None, "--store", store))
     cell = reading.cell()
     settings = {
         "on_guard": None if on_guard is None else on_guard.value,
@@ -60,16 +68,19 @@ def watch(
         "other_maker": other_maker,
         "accept_weak_map": accept_weak_map,
     }
-    frames = reading.frames(cell or error_map.cell)
-    options = reading.options(orientation=orientation)
-    folder = FolderWatch(in_dir, out_dir, error_map, cell, frames, options, settings, settle, force)
-    if not once:
-        say(f"Watching {in_dir}, results in {out_dir}; Ctrl-C ends")
-        while True:
-            for event in folder.poll():
-                say(f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {event}")
-            time.sleep(interval)
-    with working("Correcting", quiet=as_json):
+    with ExitStack() as stack:
+        record = stack.enter_context(recorder(store, "correct"))
+        error_map, row = map_to_use(record, map_path, released_only=released_only)
+        keeper = None if record is None or row is None else StoreKeeper(record, row, released_only)
+        frames = reading.frames(cell or error_map.cell)
+        options = reading.options(orientation=orientation)
+        folder = FolderWatch(in_dir, out_dir, error_map, cell, frames, options, settings, settle, force, keeper)
+        if row is not None and not as_json:
+            show_draft(row["state"])
+        if not once:
+            say(f"Watching {in_dir}, results in {out_dir}; Ctrl-C ends")
+            _watch(folder, interval)
+        stack.enter_context(working("Correcting", quiet=as_json))
         events = folder.once()
     if as_json:
         emit_json({"programs": [event.to_dict() for event in events]})
@@ -81,3 +92,26 @@ def watch(
     if refused := [event for event in events if event.refused]:
         listed = "; ".join(event.refused for event in refused)
         raise RefusedError(f"{len(refused)} of {folder.n_programs} programs are refused: {listed}")
+
+
+def _watch(folder: FolderWatch, interval: float) -> NoReturn:
+    """Correct what comes, without an end; a store that is lost is said once, and again when it is back."""
+    from truepose.errors import StoreError
+
+    lost = False
+    while True:
+        try:
+            for event in folder.poll():
+                _say(str(event))
+            if lost:
+                _say("the store is back")
+            lost = False
+        except StoreError as error:
+            if not lost:
+                _say(f"{error}; new programs wait until the store is back")
+            lost = True
+        time.sleep(interval)
+
+
+def _say(line: str) -> None:
+    say(f"{time.strftime('%Y-%m-%d %H:%M:%S')}  {line}")

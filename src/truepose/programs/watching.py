@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from truepose._io import files
 from truepose.cell import Cell
-from truepose.errors import FileError, TrueposeError
+from truepose.errors import FileError, StoreError, TrueposeError
 from truepose.programs.core.outcomes import CorrectedShare
-from truepose.programs.core.program import ReadOptions
+from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.correct import correct_program
 from truepose.programs.corrected import CorrectedProgram, names, write
 from truepose.programs.corrector import Corrector
@@ -64,6 +64,28 @@ class WatchEvent:
         }
 
 
+class Keeper(Protocol):
+    """What decides whether programs may be corrected, and keeps what was: a store.
+
+    Each method raises a StoreError if it is lost.
+    """
+
+    def check(self) -> None:
+        """Raise a RefusedError if the map must not be used any more."""
+
+    def has(self, program: Program) -> bool:
+        """Return whether the correction of a program with the map is kept."""
+
+    def allow(self, program: Program) -> None:
+        """Raise a RefusedError if a program must not be corrected."""
+
+    def marked(self, corrected: CorrectedProgram) -> CorrectedProgram:
+        """Return a corrected program whose record states what is known of its map."""
+
+    def keep(self, corrected: CorrectedProgram, written: Sequence[Path]) -> None:
+        """Keep the correction of a program whose files are written."""
+
+
 @dataclass
 class FolderWatch:
     """Programs of a folder that are corrected when they are new or have changed.
@@ -85,6 +107,8 @@ class FolderWatch:
         The time for which all files of a program must be unchanged, so that no half-copied file is taken.
     force : bool
         Whether to overwrite results that another program wrote, or that were changed.
+    keeper : Keeper, optional
+        A store. While it cannot be reached, programs wait, and `poll` raises a StoreError.
     """
 
     in_dir: Path
@@ -96,8 +120,10 @@ class FolderWatch:
     settings: dict[str, Any] = field(default_factory=dict)
     settle_s: float = SETTLE_S
     force: bool = False
+    keeper: Keeper | None = None
     _seen: dict[Path, tuple[_Signature, float]] = field(default_factory=dict, init=False, repr=False)
     _done: dict[Path, str] = field(default_factory=dict, init=False, repr=False)
+    _unkept: list[tuple[WatchEvent, CorrectedProgram]] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.in_dir.is_dir():
@@ -111,8 +137,17 @@ class FolderWatch:
         return len(self._seen)
 
     def poll(self, now: float | None = None) -> Iterator[WatchEvent]:
-        """Yield the results of the programs that are complete and new or changed; `now` [s] is a monotonic time."""
+        """Yield the results of the programs that are complete and new or changed; `now` [s] is a monotonic time.
+
+        Raises
+        ------
+        RefusedError
+            If the keeper says that the map must not be used any more.
+        StoreError
+            If the keeper is lost; the next look takes the programs that wait, and keeps what is written.
+        """
         now = time.monotonic() if now is None else now
+        yield from self._keep()
         found = self._programs()
         self._seen = {path: seen for path, seen in self._seen.items() if path in found}
         for path, members in sorted(found.items()):
@@ -124,8 +159,10 @@ class FolderWatch:
                 elif now - since >= self.settle_s:
                     digest = _digest(members)
                     if _signature(members) == signature and self._done.get(path) != digest:
-                        self._done[path] = digest
+                        if self.keeper is not None:
+                            self.keeper.check()
                         yield from self._correct(path, members)
+                        self._done[path] = digest
             except OSError:  # removed or replaced in the meantime; the next look decides
                 self._seen.pop(path, None)
 
@@ -158,15 +195,32 @@ class FolderWatch:
                     self.options or ReadOptions(), orientation=bool(self.settings.get("orientation", False))
                 )
                 program = replace(read_program(path, self.frames, options), root=self.in_dir)
-                if self._is_written(path, members):
+                if self._is_written(path, members) and (self.keeper is None or self.keeper.has(program)):
                     return
+                if self.keeper is not None:
+                    self.keeper.allow(program)
                 corrected = correct_program(program, self.error_map, self.cell, **self.settings)
                 files.overwrite(force := self._may_overwrite(corrected))
+                if self.keeper is not None:  # again, as the correction took its time
+                    self.keeper.check()
+                    corrected = self.keeper.marked(corrected)
                 written = write([corrected], self.out_dir, force=force)
+        except StoreError:
+            raise
         except TrueposeError as error:
             yield WatchEvent(path, refused=str(error))
         else:
-            yield WatchEvent(path, tuple(written), corrected.coverage)
+            self._unkept.append((WatchEvent(path, tuple(written), corrected.coverage), corrected))
+            yield from self._keep()
+
+    def _keep(self) -> Iterator[WatchEvent]:
+        """Let the keeper keep the corrections that are written, also those of earlier looks; yield their results."""
+        while self._unkept:
+            event, corrected = self._unkept[0]
+            if self.keeper is not None:
+                self.keeper.keep(corrected, event.written)
+            del self._unkept[0]
+            yield event
 
     def _is_written(self, path: Path, members: list[Path]) -> bool:
         """Return whether an earlier run wrote the results of these very files."""

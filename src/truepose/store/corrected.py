@@ -73,6 +73,17 @@ def earlier_corrections(connection: sa.Connection, hashes: Iterable[str]) -> dic
     return found
 
 
+def is_corrected(connection: sa.Connection, map_id: int, hashes: Iterable[str]) -> bool:
+    """Return whether the store has a correction of one of some files with a map, by their hashes before it."""
+    correction, program = schema.correction, schema.program
+    query = (
+        sa.select(correction.c.id)
+        .join(program, program.c.id == correction.c.program_id)
+        .where(correction.c.map_id == map_id, program.c.sha256.in_(list(hashes)))
+    )
+    return connection.execute(query.limit(1)).first() is not None
+
+
 def check_original(connection: sa.Connection, file: str, sha256: str) -> None:
     """Refuse a file that is the output of a correction.
 

@@ -107,6 +107,11 @@ class Lines(NamedTuple):
         values = values_at(data, spans.reshape(-1, 2)).reshape(spans.shape[:2])
         return values, whole if blanks else spans
 
+    @property
+    def last_line(self) -> int:
+        """The line of the last item."""
+        return self.line + (self.items - 1) * self.form.lines
+
     def part(self, data: bytes, first: int, last: int) -> Lines:
         """Return the items from `first` to the one before `last`."""
         if last - first == self.items:

@@ -68,6 +68,7 @@ class Reader:
             for statement in statements:
                 line = statement.line
                 take(statement)
+                line = getattr(statement, "last_line", line)  # of a run
             self.flow.end_routine()
         except BlockError as error:
             raise self.source.error(line, f"{error}; correct the file") from None
