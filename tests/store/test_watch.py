@@ -176,10 +176,8 @@ def test_a_lost_store_is_said_once_and_again_when_it_is_back(capsys: pytest.Capt
 
     with pytest.raises(KeyboardInterrupt):
         _watch(cast("FolderWatch", Looks()), 0.0)
-    said = [
-        line.split("  ", 1)[1] for line in " ".join(capsys.readouterr().out.split("\n")).split("20") if "  " in line
-    ]
-    assert [one.strip() for one in said] == [
+    said = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert said == [
         "gone; new programs wait until the store is back",
         "part.src: 6 of 6",
         "the store is back",
