@@ -207,7 +207,7 @@ def test_two_engineers_and_a_quality_manager(
         page.get_by_text("The map is withdrawn.").wait_for()
         recalled = page.get_by_role("region", name="Programs to review")
         recalled.get_by_role("cell", name="panel").first.wait_for()
-        recalled.get_by_role("cell", name="Jürgen").first.wait_for()
+        recalled.get_by_role("cell", name="Jürgen").filter(has_text="202").first.wait_for()
         assert recalled.evaluate("list => list.scrollWidth <= list.clientWidth")
         page.screenshot(path=pictures / "recall-light.png")
         app.go("programs")
