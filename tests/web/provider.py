@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 from joserfc import jwt
 from joserfc.jwk import RSAKey
@@ -40,6 +40,8 @@ class SmallProvider:
     key: RSAKey = field(default_factory=lambda: RSAKey.generate_key(2048, {"kid": "first"}))
     grants: dict[str, Grant] = field(default_factory=dict)
     document: dict[str, Any] = field(default_factory=dict)
+    subject: str = ""
+    """Who is logged in at the page of the provider; nobody may be."""
 
     @classmethod
     @contextmanager
@@ -49,6 +51,11 @@ class SmallProvider:
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 path = self.path
+                if path.startswith("/page?"):
+                    self.send_response(302)
+                    self.send_header("location", provider.page(path))
+                    self.end_headers()
+                    return
                 known = {"/.well-known/openid-configuration": provider.document, "/keys": provider.public()}
                 self._answer(200 if path in known else 404, known.get(path, {}))
 
@@ -79,6 +86,12 @@ class SmallProvider:
             server.shutdown()
             server.server_close()
             thread.join()
+
+    def page(self, url: str) -> str:
+        """Return where the page of the provider sends the browser back to."""
+        asked = {name: values[0] for name, values in parse_qs(urlsplit(url).query).items()}
+        answer = {"code": self.grant(url, self.subject)} if self.subject else {"error": "access_denied"}
+        return f"{asked['redirect_uri']}?{urlencode({'state': asked['state'], **answer})}"
 
     def public(self) -> dict[str, Any]:
         """Return the public key."""

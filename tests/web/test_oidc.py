@@ -145,6 +145,38 @@ def test_a_token_that_is_not_right_opens_no_session(
         assert words in reason(store), (what, reason(store))
 
 
+CLAIMS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "verified address": ("email", {"email": ANNA, "email_verified": True}, ""),
+    "address that is not verified": ("email", {"email": ANNA, "email_verified": False}, "has not verified"),
+    "address without a word of it": ("email", {"email": ANNA}, "has not verified"),
+    "a word is no proof": ("email", {"email": ANNA, "email_verified": "true"}, "has not verified"),
+    "another claim": ("employee", {"sub": "x", "employee": ANNA}, ""),
+    "claim that is missing": ("employee", {}, "no claim 'employee'"),
+    "claim that is empty": ("employee", {"employee": ""}, "no claim 'employee'"),
+    "claim that is no text": ("employee", {"employee": [ANNA]}, "no claim 'employee'"),
+    "the subject does not count": ("employee", {"sub": ANNA, "employee": "somebody"}, "no user of the store"),
+}
+
+
+@pytest.mark.parametrize("what", CLAIMS)
+def test_the_claim_of_the_settings_names_the_user(
+    opened: Callable[..., TestClient], provider: SmallProvider, store: Store, what: str
+) -> None:
+    claim, claims, words = CLAIMS[what]
+    client = opened()
+    team: Team = client.app.state.team  # type: ignore[attr-defined]
+    team.provider = Provider(Settings(provider.issuer, CLIENT, SECRET, claim), URL + OIDC_CALLBACK)
+    url = begin(client)
+    assert parse_qs(urlsplit(url).query)["scope"] == ["openid profile email"]
+    answer = come_back(client, url, provider.grant(url, ANNA, **claims))
+    if words:
+        assert refused(client, answer)
+        assert words in reason(store)
+    else:
+        assert answer.headers["location"] == "/"
+        assert client.get("/api/v1/session").json()["user"]["name"] == "Anna"
+
+
 def test_a_log_in_is_finished_once_in_the_browser_that_began_it_and_in_time(
     opened: Callable[..., TestClient], provider: SmallProvider, clock: Clock
 ) -> None:
@@ -218,6 +250,8 @@ def test_settings_come_from_the_environment_or_a_file(tmp_path: Path) -> None:
     assert Settings.of({}) is None
     found = Settings.of({**issuer, **ENVIRONMENT})
     assert found == Settings("https://login.example", CLIENT, SECRET, "sub")
+    by_mail = Settings.of({**issuer, **ENVIRONMENT, "TRUEPOSE_OIDC_CLAIM": "email"})
+    assert by_mail == Settings("https://login.example", CLIENT, SECRET, "email")
     secret = tmp_path / "secret"
     secret.write_text(f"{SECRET}\n", "utf-8")
     by_file = {**issuer, "TRUEPOSE_OIDC_CLIENT_ID": CLIENT, "TRUEPOSE_OIDC_CLIENT_SECRET_FILE": str(secret)}
