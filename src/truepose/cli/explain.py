@@ -64,7 +64,13 @@ def _show(found: Knowledge) -> None:
     if found.std_unknown_approach_mm is not None:
         say(f"  Where the direction of approach is not known: mean {found.std_unknown_approach_mm:.3f} mm.")
     if found.effects:
-        say(table("Backlash (half of the lost motion) and expansion", _COLUMNS, map(_effect, found.effects)))
+        say(
+            table(
+                "Backlash (half of the lost motion), expansion, gears",
+                _COLUMNS,
+                map(_effect, found.effects),
+            )
+        )
     if found.shares_mm:
         say(table("Contributions to the errors at the samples", ["", "RMS [mm]"], list(found.shares_mm.items())))
     if found.gaps:

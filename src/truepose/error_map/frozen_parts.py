@@ -44,6 +44,7 @@ def from_arrays(arrays: Arrays) -> tuple[Constants, Deviation | None]:
     _check(constants)
     if not any(name.startswith("deviation.") for name in arrays):
         return constants, None
+    arrays.setdefault("deviation.waves", np.zeros((0, 2, arrays["deviation.drift"].shape[-1])))  # not in older files
     given = _floats(arrays, "deviation", Deviation._fields)
     for name in ("tables", "rest"):
         given[name] = np.ascontiguousarray(np.swapaxes(given[name], 0, 1))
@@ -112,6 +113,7 @@ def _check_deviation(constants: Constants, deviation: Deviation) -> None:
         "inflation": (1,),
         "added": (3,),
         "margin": (1,),
+        "waves": (len(constants.harmonics), 2, kept),
     }
     _require_shapes(deviation._asdict(), shapes)
     if constants.linear[0] != 1.0 or deviation.tables.shape[1] < 4:

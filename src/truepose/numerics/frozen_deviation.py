@@ -45,6 +45,8 @@ class Deviation(NamedTuple):
         The variance that is added in each direction.
     margin : (1,) array [mm]
         What is added to the standard deviation for the error of the tables.
+    waves : (h, 2, m) array
+        The covariance with each combination of the sine and cosine of each of the constants' harmonics.
     """
 
     drift: FloatArray
@@ -58,6 +60,7 @@ class Deviation(NamedTuple):
     inflation: FloatArray
     added: FloatArray
     margin: FloatArray
+    waves: FloatArray
 
 
 def table_angles(points: int) -> FloatArray:
@@ -106,6 +109,11 @@ def _features(
             variance = deviation.prior_joint[j]
             if variance > 0.0:
                 _add_table(deviation.tables[j], q[i, j], lever, told[:, i])
+            for h in range(len(deviation.waves)):
+                if constants.harmonics[h, 0] == j:
+                    angle = constants.harmonics[h, 1] * q[i, j]
+                    _add_row(deviation.waves[h, 0], math.sin(angle), lever, told[:, i])
+                    _add_row(deviation.waves[h, 1], math.cos(angle), lever, told[:, i])
             for k in range(j, len(constants.mass)):
                 if deviation.prior_gravity[j, k] > 0.0:
                     horizontal = horizontal_lever(nominal[j + 1], memory.masses[k])

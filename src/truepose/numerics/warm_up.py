@@ -71,7 +71,7 @@ def _frozen() -> None:
     frozen.predict(np.zeros((1, 1)), np.zeros((1, 3)), constants, frozen.scratch(constants))
     flat = {name: np.zeros(1) for name in ("prior_joint", "prior_rest", "inflation", "added", "margin")}
     wide = {"drift": np.zeros((12, 1)), "gravity": np.zeros((1, 2, 1)), "tables": np.zeros((1, 4, 1))}
-    prior = {"prior_drift": np.zeros((12, 12)), "prior_gravity": np.zeros((1, 2))}
+    prior = {"prior_drift": np.zeros((12, 12)), "prior_gravity": np.zeros((1, 2)), "waves": np.zeros((1, 2, 1))}
     deviation = frozen_deviation.Deviation(**flat, **wide, **prior, rest=np.zeros((3, 16, 1)))
     frozen_deviation.deviations(np.zeros((1, 1)), constants, deviation)
 

@@ -56,7 +56,7 @@ class Prior:
         noise : float [mm]
             The standard deviation of repeatability and reading noise together, in each direction.
         """
-        terms = Terms(robot, tf_flange_tool)
+        terms = Terms(robot, tf_flange_tool, gears=False)
         joints = terms.seen(terms.at(anchors))
         elastic = robot.maker.lower() in _STRAIN_WAVE
         start = Hyperparameters.start(len(joints), len(terms.range_names))
@@ -81,6 +81,7 @@ class Prior:
             geometry=model.geometry,
             compliance=model.compliance,
             residual=model.residual,
+            gears=model.gear_harmonics,
         )
         before = cls._before(terms, model.joints_, model.hyper_, anchors)
         return before.given(np.asarray(q, float))

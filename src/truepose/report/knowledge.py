@@ -13,6 +13,7 @@ from truepose.error_map import ErrorMap
 from truepose.predictors import KinematicKriging
 from truepose.predictors.abilities import JointlyPredicting, ParameterEstimating
 from truepose.predictors.kinematic import JointCurve
+from truepose.predictors.kinematic.gears import amplitudes
 from truepose.report.evaluated_poses import evaluated_poses
 from truepose.samples import Poses
 
@@ -65,8 +66,9 @@ class Knowledge:
 
     @property
     def effects(self) -> list[dict[str, Any]]:
-        """The parameters of backlash and thermal expansion, a part of `parameters`."""
-        return [row for row in self.parameters if row.get("group") in ("backlash", "expansion")]
+        """The parameters of backlash and expansion, and the amplitudes of the gears' harmonics if the map has them."""
+        linear = [row for row in self.parameters if row.get("group") in ("backlash", "expansion")]
+        return linear + amplitudes([row for row in self.parameters if row.get("group") == "gear"])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as plain values, with units in the names."""

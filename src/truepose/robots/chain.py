@@ -48,6 +48,7 @@ class Chain:
     beta: FloatArray = field(default_factory=_not_given)
     sign: FloatArray = field(default_factory=_not_given)
     limits: FloatArray = field(default_factory=_not_given)
+    gear_ratio: FloatArray = field(default_factory=_not_given)
     convention: LinkConvention = "mdh"
     tf_base_first: FloatArray = field(default_factory=_not_given)
     tf_last_flange: FloatArray = field(default_factory=_not_given)
@@ -65,7 +66,7 @@ class Chain:
             "tf_base_first": np.eye(4),
             "tf_last_flange": np.eye(4),
         }
-        for key in ("alpha", "a", "d", "offset", *absent):
+        for key in ("alpha", "a", "d", "offset", "gear_ratio", *absent):
             given = np.array(getattr(self, key), dtype=np.float64)
             array = given if given.size else absent.get(key, given)
             array.setflags(write=False)
@@ -82,6 +83,7 @@ class Chain:
             array = getattr(self, key)
             if array.shape != (dof,) or not np.isfinite(array).all():
                 raise RobotError(f"{self.name}: {key} must be {dof} finite numbers, one for each joint; got {array}")
+        self._check_gears(dof)
         if not np.isin(self.sign, (-1.0, 1.0)).all():
             raise RobotError(f"{self.name}: sign must be -1 or +1 for each joint; got {self.sign}")
         if self.convention == "dh" and self.beta.any():
@@ -99,6 +101,16 @@ class Chain:
                 check_transforms(key, getattr(self, key)[None])
             except DataError as error:
                 raise RobotError(f"{self.name}: {error}") from None
+
+    def _check_gears(self, dof: int) -> None:
+        ratio = self.gear_ratio
+        if ratio.size and ratio.shape != (dof,):
+            raise RobotError(f"{self.name}: gear_ratio must be {dof} numbers, one for each joint; got {ratio}")
+        if len(wrong := np.flatnonzero(~((ratio > 0.0) & np.isfinite(ratio)))):
+            raise RobotError(
+                f"{self.name}: joint {wrong[0] + 1}: gear_ratio is {ratio[wrong[0]]:g}; expected the motor turns "
+                "for one turn of the joint, above 0; leave gear_ratio out if the gears are not known"
+            )
 
     def __repr__(self) -> str:
         plate = f": {self.maker} {self.model}".rstrip(": ")

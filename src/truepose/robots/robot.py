@@ -41,6 +41,8 @@ class Robot(Chain):
         The senses of rotation; all +1 when not given.
     limits : (dof, 2) array [rad], optional
         The lower and upper limits of the joints; infinite when not given.
+    gear_ratio : (dof,) array, optional
+        The motor turns for one turn of each joint, above 0; empty when not known.
     convention : {"mdh", "dh"}
         The convention of the parameters.
     tf_base_first, tf_last_flange : (4, 4) array [mm], optional

@@ -9,9 +9,10 @@ import truepose as tp
 from truepose.predictors import KinematicKriging, make_predictor
 from truepose.predictors.kinematic import kriging
 from truepose.predictors.kinematic.covariance_form import Likelihood
+from truepose.predictors.kinematic.design import take
 from truepose.predictors.kinematic.fitting import Start, search, search_near, spread_starts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.terms import Terms, take
+from truepose.predictors.kinematic.terms import Terms
 
 
 @pytest.fixture(scope="module")

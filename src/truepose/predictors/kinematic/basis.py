@@ -15,9 +15,10 @@ from scipy.spatial.distance import cdist
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.kinematic.covariance_form import tolerances
+from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
-from truepose.predictors.kinematic.terms import GROUPS, Design, Terms
+from truepose.predictors.kinematic.terms import GROUPS, Terms
 from truepose.predictors.kinematic.visits import with_shared
 
 _KNOTS: Final = 8.0  # per length l of a joint; they miss less than 0.1 % of the variance of f_j

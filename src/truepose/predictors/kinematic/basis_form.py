@@ -20,9 +20,10 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.kinematic.basis import Basis
+from truepose.predictors.kinematic.design import Design, parts, take
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32
-from truepose.predictors.kinematic.terms import GROUPS, Design, parts, take
+from truepose.predictors.kinematic.terms import GROUPS
 from truepose.predictors.kinematic.visits import with_shared
 
 _CHUNK: Final = 2048  # configurations per block of columns in memory

@@ -18,9 +18,10 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import KrigingError
 from truepose.numerics.kinematic import add_joints_and_rest, slopes
 from truepose.predictors.folds import blocks_by_size
+from truepose.predictors.kinematic.design import Design, parts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
-from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Design, Terms, parts
+from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Terms
 from truepose.predictors.kinematic.visits import add_shared, pairs_of
 
 _CHUNK: Final = 256  # configurations per block of cross-covariances in memory

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
+from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.frozen import constants_of
 from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.summary import Form, JointCurve, joint_curve
-from truepose.predictors.kinematic.terms import Design, Terms
+from truepose.predictors.kinematic.terms import Terms
 from truepose.predictors.kinematic.turns import unknown_turns
 from truepose.predictors.orientation import PosePredictor, at_offset
 

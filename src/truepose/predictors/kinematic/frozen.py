@@ -40,7 +40,7 @@ def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparamet
         limits=limits_of(robot.limits),
         twist=twists @ (estimate[:p] - terms.shift[:p]) + growth @ estimate[len(estimate) - growth.shape[2] :],
         tables=tables,
-        harmonics=np.empty((0, 4)),
+        harmonics=np.concatenate([terms.wave_rows, estimate[terms.waves].reshape(-1, 2)], axis=1),
         moment=terms.moments(estimate),
         mass=mass,
         anchors=anchors,

@@ -76,6 +76,8 @@ def deviation_of(
     prior_joint[joints] = hyper.joint_std**2
     if "approach" in terms.conditions:
         prior_joint += effect[: len(effect) - g] ** 2 / inflation
+    of_wave = terms.wave_rows[:, 0].astype(int)
+    np.add.at(prior_joint, of_wave, (std[terms.waves] ** 2)[::2])  # sin² + cos² = 1
     wide = np.zeros((3, constants.anchors.shape[0] * constants.anchors.shape[2], kept))
     if len(hyper.rest_range):
         wide[:, : rest.shape[1]] = rest
@@ -91,6 +93,7 @@ def deviation_of(
         inflation=np.array([inflation]),
         added=np.array(added),
         margin=np.zeros(1),
+        waves=(terms.prior_std[terms.waves, None] * drift[terms.waves]).reshape(len(of_wave), 2, kept),
     )
 
 

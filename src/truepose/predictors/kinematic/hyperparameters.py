@@ -2,23 +2,86 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from truepose._typing import FloatArray
 
-# centre and standard deviation of the weak normal priors of the logarithms, and bounds in standard units
-_JOINT_STD: Final = (3e-4, 1.5)  # s_j [rad]
-_JOINT_LENGTH: Final = (0.2, 1.0)  # l_j [rad, chord]
-_TOLERANCE: Final = (1.0, 1.0)
-_CONDITION: Final = (1.0, 1.5)  # the tolerance scale of a condition's effect
-_NOISE: Final = (0.03, 1.5)  # mm
-_REST_STD: Final = (0.1, 2.0)  # mm
-_REST_RANGE: Final = (1.5, 1.0)  # rad (chord), or m
 _BOUND: Final = 4.0  # prior standard deviations
-_SHORTEST: Final = 0.02  # rad: the smallest joint length
+_DECIMALS: Final = 5
+_NEIGHBOURS: Final = 0.5  # the quantile of the distances of angles to their nearest neighbour
+_SHORTEST: Final = (0.003, 0.02)  # rad: the range of the smallest joint lengths; the larger one without data
+
+
+class Weak(NamedTuple):
+    """A weak normal prior of a logarithm: the centre of the value itself, and the standard deviation of its logarithm.
+
+    Both are one number for all joints (conditions, ranges), or one for each.
+    """
+
+    centre: float | FloatArray
+    std: float | FloatArray
+
+
+_JOINT_STD: Final = Weak(3e-4, 1.5)
+_JOINT_LENGTH: Final = Weak(0.2, 1.2)
+_TOLERANCE: Final = Weak(1.0, 1.0)
+_CONDITION: Final = Weak(1.0, 1.5)
+_NOISE: Final = Weak(0.03, 1.5)
+_REST_STD: Final = Weak(0.1, 2.0)
+_REST_RANGE: Final = Weak(1.5, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class HyperPrior:
+    """The weak priors of `Hyperparameters`, and the bounds of a search.
+
+    Attributes
+    ----------
+    joint_std, joint_length : Weak [rad]
+        Those of s_j and l_j. Robots that were measured show lengths from 0.02 rad; those of smooth gears reach 0.6.
+    tolerance, condition : Weak
+        Those of the tolerance scales of geometry and compliance, and of the other effects.
+    noise, rest_std : Weak [mm]
+        Those of the noise and of the standard deviation of Z.
+    rest_range : Weak [rad, m]
+        That of the ranges of Z.
+    shortest : float or (k,) array [rad]
+        The lower bounds of the lengths l_j.
+    """
+
+    joint_std: Weak = _JOINT_STD
+    joint_length: Weak = _JOINT_LENGTH
+    tolerance: Weak = _TOLERANCE
+    condition: Weak = _CONDITION
+    noise: Weak = _NOISE
+    rest_std: Weak = _REST_STD
+    rest_range: Weak = _REST_RANGE
+    shortest: float | FloatArray = _SHORTEST[1]
+
+    def for_angles(self, q: FloatArray) -> HyperPrior:
+        """Return the prior with the shortest lengths that samples at angles q (n, k) [rad] can tell.
+
+        These are the median distances of an angle to its nearest neighbour, within 0.003 and 0.02 rad; angles that are
+        equal to rounding count once.
+
+        Examples
+        --------
+        >>> HyperPrior().for_angles(np.linspace(-1, 1, 201)[:, None]).shortest
+        array([0.01])
+        """
+        return replace(self, shortest=np.array([np.clip(_spacing(angle), *_SHORTEST) for angle in q.T]))
+
+
+def _spacing(angle: FloatArray) -> float:
+    """Return the median distance of angles (n,) [rad] to their nearest neighbour on the circle."""
+    known = np.unique(np.round(np.mod(angle, 2.0 * np.pi), _DECIMALS))
+    if len(known) < 3:
+        return np.inf
+    gap = np.diff(known, append=known[0] + 2.0 * np.pi)
+    return float(np.quantile(np.minimum(gap, np.roll(gap, 1)), _NEIGHBOURS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +100,8 @@ class Hyperparameters:
         The standard deviation of Z in each direction; 0 without Z.
     rest_range : (g,) array
         The ranges of Z: chords of the joint angles [rad], and metres for the position.
+    weak : HyperPrior
+        Their priors and the bounds of a search; files do not keep it.
     """
 
     joint_std: FloatArray
@@ -45,17 +110,22 @@ class Hyperparameters:
     noise: float
     rest_std: float
     rest_range: FloatArray
+    weak: HyperPrior = field(default_factory=HyperPrior)
 
     @classmethod
-    def start(cls, joints: int, ranges: int, conditions: int = 0, noise: float = 0.05) -> Self:
-        """Return the starting point of a search."""
+    def start(
+        cls, joints: int, ranges: int, conditions: int = 0, noise: float = 0.05, weak: HyperPrior | None = None
+    ) -> Self:
+        """Return the starting point of a search: the centres of the priors, and of the noise 0.05 mm."""
+        weak = HyperPrior() if weak is None else weak
         return cls(
-            joint_std=np.full(joints, _JOINT_STD[0]),
-            joint_length=np.full(joints, _JOINT_LENGTH[0]),
-            tolerance=np.full(2 + conditions, _TOLERANCE[0]),
+            joint_std=np.full(joints, weak.joint_std.centre),
+            joint_length=np.full(joints, weak.joint_length.centre),
+            tolerance=np.r_[np.full(2, weak.tolerance.centre), np.full(conditions, weak.condition.centre)],
             noise=noise,
-            rest_std=_REST_STD[0] if ranges else 0.0,
-            rest_range=np.full(ranges, _REST_RANGE[0]),
+            rest_std=float(weak.rest_std.centre) if ranges else 0.0,
+            rest_range=np.full(ranges, weak.rest_range.centre),
+            weak=weak,
         )
 
     def to_vector(self) -> FloatArray:
@@ -75,24 +145,25 @@ class Hyperparameters:
             float(value[noise]),
             float(rest[0]) if len(rest) else 0.0,
             rest[1:],
+            self.weak,
         )
 
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Return the means and standard deviations of the priors of the logarithms."""
-        k = len(self.joint_std)
-        kinds = [_JOINT_STD] * k + [_JOINT_LENGTH] * k + [_TOLERANCE] * 2
-        kinds += [_CONDITION] * (len(self.tolerance) - 2) + [_NOISE]
+        k, weak = len(self.joint_std), self.weak
+        kinds = [(weak.joint_std, k), (weak.joint_length, k), (weak.tolerance, 2)]
+        kinds += [(weak.condition, len(self.tolerance) - 2), (weak.noise, 1)]
         if len(self.rest_range):
-            kinds += [_REST_STD] + [_REST_RANGE] * len(self.rest_range)
-        centre, std = np.array(kinds).T
-        return np.log(centre), std
+            kinds += [(weak.rest_std, 1), (weak.rest_range, len(self.rest_range))]
+        centre = np.concatenate([np.full(count, one.centre) for one, count in kinds])
+        return np.log(centre), np.concatenate([np.full(count, one.std) for one, count in kinds])
 
     def bounds(self) -> list[tuple[float, float]]:
         """Return the bounds of the logarithms."""
         centre, std = self.prior()
         low, high = centre - _BOUND * std, centre + _BOUND * std
         k = len(self.joint_std)
-        low[k : 2 * k] = np.maximum(low[k : 2 * k], np.log(_SHORTEST))
+        low[k : 2 * k] = np.log(self.weak.shortest)
         return list(zip(low.tolist(), high.tolist(), strict=True))
 
     @property
@@ -103,7 +174,7 @@ class Hyperparameters:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for a file."""
-        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items() if name != "weak"}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:

@@ -15,8 +15,9 @@ from truepose._typing import FloatArray, IntArray
 from truepose.predictors.folds import random_folds
 from truepose.predictors.kinematic.checks import FEWEST
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
+from truepose.predictors.kinematic.design import Design, take
 from truepose.predictors.kinematic.fitting import Start, search_near
-from truepose.predictors.kinematic.terms import Design, Terms, take
+from truepose.predictors.kinematic.terms import Terms
 from truepose.predictors.reflectors import whole_poses
 
 FOLDS: Final = 5

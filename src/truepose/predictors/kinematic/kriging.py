@@ -17,12 +17,13 @@ from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
+from truepose.predictors.kinematic.design import Design, take
 from truepose.predictors.kinematic.fitted import FittedKriging
 from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts, without_effects
-from truepose.predictors.kinematic.hyperparameters import Hyperparameters
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
 from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
 from truepose.predictors.kinematic.summary import drift_table
-from truepose.predictors.kinematic.terms import Design, Residual, Terms, take
+from truepose.predictors.kinematic.terms import Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
@@ -56,6 +57,8 @@ class KinematicKriging(FittedKriging):
         Whether the model has these terms in addition to registration.
     residual : {"joint", "cartesian", "both", "none"}
         The coordinates of Z.
+    gear_harmonics : bool
+        Whether harmonics of the motors' angles are modelled if the likelihood gains; needs the robot's gear ratios.
     conditions : sequence of str
         The conditions after the joints in X (`truepose.predictors.conditions`), each modelled if the likelihood gains.
     work : mapping of str to float, optional
@@ -128,6 +131,7 @@ class KinematicKriging(FittedKriging):
         compliance: bool = True,
         joint_errors: bool = True,
         residual: Residual = "joint",
+        gear_harmonics: bool = True,
         conditions: Sequence[str] = (),
         work: Mapping[str, float] | None = None,
         reflectors: Reflectors | None = None,
@@ -146,6 +150,7 @@ class KinematicKriging(FittedKriging):
         self.compliance = compliance
         self.joint_errors = joint_errors
         self.residual = residual
+        self.gear_harmonics = gear_harmonics
         self.conditions = conditions
         self.work = work
         self.reflectors = reflectors
@@ -189,6 +194,7 @@ class KinematicKriging(FittedKriging):
             geometry=self.geometry,
             compliance=self.compliance,
             residual=self.residual,
+            gears=self.gear_harmonics,
             conditions=self.conditions,
             usual=Usual.of(X, self.conditions, self.robot.dof),
             work=self.work,
@@ -339,7 +345,8 @@ class KinematicKriging(FittedKriging):
         if self._known is not None and np.array_equal(self._known[0], self.joints_):
             return self._known[1]
         conditions = len(self._terms.scaled_groups) - 2
-        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names), conditions)
+        weak = HyperPrior().for_angles(design.q[:, self.joints_])
+        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names), conditions, weak=weak)
         return search(self._likelihood(design, rows), spread_starts(hyper) if len(self.joints_) else [hyper])[1]
 
     def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:

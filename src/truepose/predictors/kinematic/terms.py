@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.conditions import Usual, separated
+from truepose.predictors.kinematic.design import Design
+from truepose.predictors.kinematic.gears import RIPPLE_STD, Gears
 from truepose.predictors.kinematic.growing import growing
 from truepose.predictors.orientation import at_offset, rotation_per_mm
 from truepose.predictors.reflectors import REFLECTOR, Reflectors
@@ -25,8 +26,8 @@ from truepose.robots.jacobian import Outputs, columns, count_rows, joint_columns
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING = range(7)
-GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion", "warming")
+REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING, GEAR = range(8)
+GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion", "warming", "gear")
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
 _EFFECTS: Final = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperature", WARMING: "time"}
@@ -45,61 +46,6 @@ _APART: Final = 1e6  # coordinates of Z: nothing is that near
 _GOES_ON: Final = 1.6
 _USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """All columns at n configurations.
-
-    Attributes
-    ----------
-    q : (n, dof) array [rad]
-        The joints.
-    p : (n, 3) array [mm], base frame
-        The nominal positions of the measured point.
-    drift : (n, r, p) array
-        The drift columns [mm, rad] per prior standard deviation of each parameter; r is 3, or 6 with orientation.
-    lever : (n, r, dof) array [mm/rad], [rad/rad], base frame
-        The levers ∂P/∂q_j, and the joint axes in the rows of orientation.
-    place : (n, d) array
-        The coordinates of the rest Z: cosine and sine of each joint angle, and metres for positions.
-    unknown : (n, r, c) array
-        The columns of the last c drift columns, those of conditions, where the condition is not known [mm, rad].
-    away : (n, 3) array [mm], tool frame
-        The vectors from the tool point to the measured point.
-    visit : (n,) array
-        The visit to the pose; NaN where each row is one of its own.
-    turn : (n,) array [mm]
-        The lengths by which rows of orientation are multiplied, see `Terms.at`; 0 for rows of position.
-    """
-
-    q: FloatArray
-    p: FloatArray
-    drift: FloatArray
-    lever: FloatArray
-    place: FloatArray
-    unknown: FloatArray
-    away: FloatArray
-    visit: FloatArray
-    turn: FloatArray
-
-    @property
-    def rows(self) -> int:
-        """The number of rows: 3 for positions, 6 for poses."""
-        return int(self.lever.shape[1])
-
-
-_ARRAYS: Final = ("q", "p", "drift", "lever", "place", "unknown", "away", "visit", "turn")
-
-
-def take(design: Design, rows: slice | IntArray) -> Design:
-    """Return some configurations of a design."""
-    return Design(*(getattr(design, name)[rows] for name in _ARRAYS))
-
-
-def parts(design: Design, size: int) -> list[Design]:
-    """Return the design in parts of at most `size` configurations."""
-    return [take(design, slice(start, start + size)) for start in range(0, len(design.q), size)]
 
 
 class _Column(NamedTuple):
@@ -126,6 +72,8 @@ class Terms:
         Whether these drift columns are included; registration always is.
     residual : {"joint", "cartesian", "both", "none"}
         The coordinates of Z.
+    gears : bool
+        Whether harmonics of the motors' angles are included, if the robot states its gear ratios.
     conditions : sequence of str
         The conditions whose effects are included, see `truepose.predictors.conditions`.
     usual : Usual
@@ -160,6 +108,7 @@ class Terms:
         geometry: bool = True,
         compliance: bool = True,
         residual: Residual = "joint",
+        gears: bool = True,
         conditions: Sequence[str] = (),
         usual: Usual = _USUAL,
         work: Mapping[str, float] | None = None,
@@ -170,6 +119,7 @@ class Terms:
         self.robot = robot
         self.tf_flange_tool = np.asarray(tf_flange_tool, float)
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
+        self._gears = Gears(robot.gear_ratio if gears else np.empty(0))
         self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
         self.share = share
         self.reflectors = reflectors if REFLECTOR in self.conditions else None
@@ -191,7 +141,7 @@ class Terms:
         self._steps = len(usual.times) - 1 if "time" in self.conditions else 0
         lengths = _lengths(growth.shape[2] if "temperature" in self.conditions else 0)
         warming = [_Column(WARMING, f"warming {step + 1}", "1", _WARMING_STD) for step in range(self._steps)]
-        moving = [*self._walk(), *self._places()]
+        moving = [*self._walk(), *self._places(), *self._waves()]
         parts = [self._arm(), self._masses(), moving, self._reversals(), lengths, warming]
         self._counts = [len(part) for part in parts]
         every = [column for part in parts for column in part]
@@ -266,6 +216,20 @@ class Terms:
         joints = range(self.robot.dof) if "approach" in self.conditions else ()
         return [_Column(BACKLASH, f"backlash q{j + 1}", "rad", _BACKLASH_STD) for j in joints]
 
+    def _waves(self) -> list[_Column]:
+        return [_Column(GEAR, name, "rad", RIPPLE_STD) for name in self._gears.names]
+
+    @property
+    def waves(self) -> slice:
+        """The drift columns of the gears' harmonics, in the order of `truepose.predictors.kinematic.gears.Gears`."""
+        end = sum(self._counts[:3])
+        return slice(end - len(self._gears.names), end)
+
+    @property
+    def wave_rows(self) -> FloatArray:
+        """The joint and the factor of its angle of each pair of columns of `waves`, (h, 2)."""
+        return self._gears.rows
+
     @property
     def linearised(self) -> tuple[FloatArray, FloatArray, int]:
         """The links (dof + 1, 4, 4) [mm] and the twists (dof + 1, 6, p) of the p columns of the arm itself; p."""
@@ -336,6 +300,7 @@ class Terms:
             geometry=self.geometry,
             compliance=self.compliance,
             residual=self.residual,
+            gears=self._gears.known,
             conditions=self.conditions,
             usual=self.usual,
             work=self.work,
@@ -368,7 +333,8 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        return [GEOMETRY, COMPLIANCE, *(group for group, name in _EFFECTS.items() if name in self.conditions)]
+        effects = [group for group, name in _EFFECTS.items() if name in self.conditions]
+        return [GEOMETRY, COMPLIANCE, *effects, *([GEAR] if self._gears.known else [])]
 
     def models(self, condition: str, above_least: FloatArray) -> bool:
         """Return whether the effect of a condition counts, from the scales of `scaled_groups` over their least (g,)."""
@@ -423,6 +389,8 @@ class Terms:
             mounting = np.zeros((*lever.shape[:2], 3))
             mounting[:, :3] = turn[:, None, None] * ends[:, :3, :3]
             parts.append(mounting)
+        if self._gears.known:
+            parts.append(self._gears.columns(q, lever))
         if "approach" in given:
             signs = given["approach"][:, None, :]
             parts.append(lever * signs)

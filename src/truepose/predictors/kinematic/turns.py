@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from truepose._typing import FloatArray
+from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
-from truepose.predictors.kinematic.terms import Design
 from truepose.predictors.orientation import rotation_per_mm, unknown_rotations
 
 

@@ -24,13 +24,13 @@ from truepose.robots.robot import Robot
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "quaternion_wxyz")
 KEYS: Final = {
     "": ("name", "maker", "model", "source", "kinematics", "limits", "data_sheet", "base", "flange"),
-    "kinematics": ("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign"),
+    "kinematics": ("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign", "gear_ratio"),
     "limits": ("lower_deg", "upper_deg"),
     "data_sheet": tuple(field.name for field in fields(DataSheet)),
     "base": _POSE,
     "flange": _POSE,
 }
-_OPTIONAL: Final = ("beta_deg", "sign", "lower_deg", "upper_deg")
+_OPTIONAL: Final = ("beta_deg", "sign", "gear_ratio", "lower_deg", "upper_deg")
 _THETA: Final = (
     'use "offset_deg", the angle theta [deg] when the controller shows 0 (theta = sign q + offset); '
     'a table may have "offset_rad"'
@@ -87,7 +87,7 @@ def parse_table(table: Mapping[str, Any], path: str | Path) -> Robot:
 
     columns = _columns(path, table)
     optional: dict[str, Any] = {key: str(table[key]) for key in ("maker", "model", "source") if key in table}
-    optional |= {"sign": columns["sign"]} if "sign" in columns else {}
+    optional |= {key: columns[key] for key in ("sign", "gear_ratio") if key in columns}
     optional |= {"beta": np.deg2rad(columns["beta_deg"])} if "beta_deg" in columns else {}
     if "limits" in table:
         if not {"lower_deg", "upper_deg"} <= columns.keys():
@@ -129,6 +129,7 @@ def to_toml(robot: Chain) -> str:
         "beta_deg": np.rad2deg(robot.beta),
         "sign": robot.sign,
     }
+    columns |= {"gear_ratio": robot.gear_ratio} if robot.gear_ratio.size else {}
     lines = [f"{key} = {_quoted(getattr(robot, key))}" for key in ("name", "maker", "model", "source")]
     lines += ["", "[kinematics]", f"convention = {_quoted(robot.convention)}"]
     lines += [f"{key} = {_listed(column)}" for key, column in columns.items()]
