@@ -46,7 +46,7 @@ class Processes:
             if self._ready and self._spare is None:
                 try:
                     self._spare = CommandProcess(threads=self._threads(), ready=True)
-                except OSError:  # the next job tries again, and tells why
+                except OSError:  # the next job tries again and reports the error
                     self._spare = None
 
     def close(self) -> None:

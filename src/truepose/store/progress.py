@@ -10,30 +10,30 @@ _Row = TypeVar("_Row")
 
 
 class Progress(Protocol):
-    """What is told of the work; a line on the terminal, or nothing."""
+    """Shows how far the work is: in a line on the terminal, or nowhere."""
 
     def __call__(self, step: str) -> object:
-        """Take the step that begins."""
+        """Show the name of the step that begins."""
 
     def count(self, done: int, total: int) -> object:
-        """Take how much of the step is done."""
+        """Show how many rows of the step are done, of how many."""
 
 
 class Silent:
-    """Progress that nobody sees."""
+    """Progress that is not shown."""
 
     def __call__(self, step: str) -> None:
-        """Leave the step."""
+        """Show nothing."""
 
     def count(self, done: int, total: int) -> None:
-        """Leave the count."""
+        """Show nothing."""
 
 
 SILENT: Final[Progress] = Silent()
 
 
 def counted(rows: Iterable[_Row], total: int, progress: Progress) -> Iterator[_Row]:
-    """Yield rows, and tell every some thousand rows how many have passed."""
+    """Yield rows, and report their number after each 20,000."""
     for number, row in enumerate(rows, 1):
         if number % _EVERY == 0:
             progress.count(number, max(number, total))
