@@ -1,7 +1,8 @@
-"""Accuracy under conditions that change: backlash, temperature, a moving station, payload, on virtual cells."""
+"""Accuracy under conditions that change and with ripple of gears: backlash, temperature, station, payload, motors."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,8 @@ from benchmarks.held_out import Page
 from truepose import ErrorMap, Samples, VirtualCell, fit_cell
 from truepose.cell import Cell
 from truepose.geometry import apply_transform, invert_transform
+from truepose.robots import load_robot
+from truepose.robots.io.toml import to_toml
 from truepose.samples import Poses
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +24,7 @@ PAGE = "conditions"
 PREDICTOR = "kinematic-kriging"
 WITHOUT = f"{PREDICTOR}:conditions=none"
 SAMPLES, TARGETS = 100, 200
+GEAR_SAMPLES = 150
 PAYLOADS, THIRD, OTHER = (20.0, 120.0), 70.0, 30.0  # kg
 
 
@@ -74,6 +78,7 @@ def cases(seed: int) -> Iterator[Case]:
     yield from _cold_start(seed)
     yield from _creep(seed)
     yield from _payload(seed)
+    yield from _ripple(seed)
 
 
 def _backlash(seed: int) -> Iterator[Case]:
@@ -138,6 +143,27 @@ def _payload(seed: int) -> Iterator[Case]:
         yield Case(group, name, left(cell, error_map, Poses(q=q), payload_kg=OTHER))
     own = cell.measure(measured, seed=seed, payload_kg=OTHER)
     yield Case(group, "floor", left(cell, fit_cell(cell.cell, own, PREDICTOR), Poses(q=q), payload_kg=OTHER))
+
+
+def _ripple(seed: int) -> Iterator[Case]:
+    """Yield the rows of an arm whose file states the gear ratios, one of them for the term without ripple."""
+    group, without = f"ripple of 20–50 µrad, {GEAR_SAMPLES} samples", f"{PREDICTOR}:gear_harmonics=no"
+    arm = load_robot(VirtualCell("ripple").preset.robot)
+    ratio = np.random.default_rng(seed).uniform(80.0, 250.0, arm.dof).round(1)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.toml"
+        path.write_text(to_toml(replace(arm, gear_ratio=ratio)), "utf-8")
+        cell = VirtualCell("ripple", robot=path, seed=seed)
+        plain = VirtualCell("ripple", robot=path, seed=seed, effects=cell.effects - {"ripple"})
+        q = cell.design(TARGETS, seed=seed + 999)
+        for one, name, predictor in (
+            (cell, "gear ratios stated", PREDICTOR),
+            (cell, "gear_harmonics=no", without),
+            (plain, "gear ratios stated, no ripple", PREDICTOR),
+            (plain, "floor", without),
+        ):
+            samples = one.measure(one.design(GEAR_SAMPLES, seed=seed), seed=seed)
+            yield Case(group, name, left(one, fit_cell(one.cell, samples, predictor), Poses(q=q)))
 
 
 def left(cell: VirtualCell, error_map: ErrorMap, poses: Poses, **conditions: Any) -> Left:

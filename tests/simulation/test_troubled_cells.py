@@ -6,7 +6,7 @@ from truepose.errors import DataError
 from truepose.geometry import apply_transform
 from truepose.simulation import EFFECTS, PRESETS, TROUBLES, VirtualCell
 
-KINDS = (*TROUBLES, "cold-start", "backlash", "other-payload")
+KINDS = (*TROUBLES, "cold-start", "backlash", "ripple", "other-payload")
 PAPER = [2792.9308248, -2341.5034218, 893.1016301]
 HARD = [2845.3698573, -2513.1782356, 869.5178771]
 

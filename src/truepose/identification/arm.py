@@ -93,7 +93,7 @@ class ParametricArm:
         load : Load, optional
             The masses for compliance.
         gear_ratio : (dof,) array, optional
-            The motor turns for one turn of each joint.
+            The motor turns for one turn of each joint; default: those of the robot.
         outputs : {"position", "pose"}
             The measured quantity.
 

@@ -73,7 +73,7 @@ class KinematicCalibration(PosePredictor):
     link_kg : (dof,) sequence, optional
         The masses of the links [kg], for compliance; default: a rough estimate.
     gear_ratio : (dof,) sequence, optional
-        The gear ratios, for "gearsin1" ….
+        The gear ratios, for "gearsin1" …; default: those of the robot.
     misfit_std : float [mm], optional
         The standard deviation of unmodelled errors and repeatability; default: estimated.
     identified : (p,) sequence, optional

@@ -180,7 +180,7 @@ def joint_terms(
     load : Load, optional
         The masses for compliance.
     gear_ratio : (dof,) array, optional
-        The motor turns for one turn of each joint; required by "gearsin" and "gearcos".
+        The motor turns for one turn of each joint, for "gearsin" and "gearcos"; default: those of the robot.
 
     Raises
     ------
@@ -194,6 +194,8 @@ def joint_terms(
     >>> [parameter.name for parameter in terms.parameters][-2:]
     ['sin1 q6', 'backlash q2']
     """
+    if gear_ratio is None and robot.gear_ratio.size:
+        gear_ratio = robot.gear_ratio
     found: dict[str, tuple[Parameter, int]] = {}
     for name in names:
         match = _NAME.fullmatch(name)

@@ -77,7 +77,7 @@ class Preset:
     ripple : range [rad]
         The amplitude of the error that repeats with each turn of a motor.
     gear_ratio : range
-        The motor turns for one turn of the joint.
+        The motor turns for one turn of the joint, where the robot does not state them.
     backlash : range [rad]
         The lost motion between the two directions of approach.
     expansion : range [1/K]
@@ -191,5 +191,6 @@ PRESETS: Final[dict[str, Preset]] = {
     **{name: replace(_HARD, effects=_HARD.effects | {name}) for name in TROUBLES},
     "cold-start": replace(_HARD, first_reading_s=0.0, work_s=4.0 * _HARD.warm_up_s),
     "backlash": replace(_HARD, backlash=(0.1e-3, 1e-3), approach="order"),
+    "ripple": replace(_HARD, ripple=(20e-6, 50e-6)),
     "other-payload": replace(_HARD, work_payload_kg=0.25 * _HARD.payload_kg),
 }

@@ -176,6 +176,7 @@ def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.
         rng.uniform(*preset.transmission, dof), rng.uniform(*preset.transmission_length, dof), rng
     )
     gear_ratio = rng.uniform(*preset.gear_ratio, (dof, 1)).round()
+    gear_ratio = robot.gear_ratio[:, None] if robot.gear_ratio.size else gear_ratio
     ripple = JointCurves.waves(gear_ratio, rng.uniform(*preset.ripple, (dof, 1)), rng)
     return {
         "ripple": ripple * on["ripple"],

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from truepose import VirtualCell
 from truepose.errors import FileError
 from truepose.numerics.frozen import predict, scratch
 from truepose.numerics.frozen_deviation import deviations
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kinematic.gears import amplitudes
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior, Weak
-from truepose.robots import load_robot
+from truepose.robots import joint_terms, load_robot
 from truepose.robots.io.toml import parse_robot, to_toml
 
 RATIO = np.array([141.0, 153.5, 120.0, 101.0, 80.0, 51.0])
@@ -97,6 +98,22 @@ def test_the_term_is_left_out_where_the_samples_do_not_show_it(grid):
 def test_a_robot_file_states_gear_ratios():
     np.testing.assert_array_equal(parse_robot(to_toml(ROBOT)).gear_ratio, RATIO)
     assert "gear_ratio" not in to_toml(replace(ROBOT, gear_ratio=np.empty(0)))
+
+
+def test_calibration_takes_the_gear_ratios_of_the_robot():
+    q = simulate(5, 6)[0]
+    stated, own = (joint_terms(ROBOT, ["gearsin1"], gear_ratio=ratio).basis(q) for ratio in (RATIO, None))
+    np.testing.assert_array_equal(own, stated)
+
+
+def test_a_virtual_robot_has_the_ripple_of_its_file(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(to_toml(ROBOT), "utf-8")
+    cell = VirtualCell("ripple", robot=path, seed=1)
+    np.testing.assert_array_equal(cell.truth.ripple.order[:, 0], RATIO)
+    size = np.hypot(cell.truth.ripple.sine, cell.truth.ripple.cosine)
+    assert ((size >= 20e-6) & (size <= 50e-6)).all()
+    np.testing.assert_array_equal(cell.cell.load_robot().gear_ratio, RATIO)
 
 
 @pytest.mark.parametrize(
