@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
@@ -83,7 +83,8 @@ class Prior:
             residual=model.residual,
             gears=model.gear_harmonics,
         )
-        before = cls._before(terms, model.joints_, model.hyper_, anchors)
+        tolerance = model.hyper_.tolerance[[0, 1, -1][: len(terms.scaled_groups)]]  # effects of conditions are left out
+        before = cls._before(terms, model.joints_, replace(model.hyper_, tolerance=tolerance), anchors)
         return before.given(np.asarray(q, float))
 
     @classmethod

@@ -6,6 +6,7 @@ import pytest
 from truepose.errors import DataError
 from truepose.numerics.frozen import predict, scratch
 from truepose.numerics.frozen_deviation import deviations
+from truepose.planning.prior import Prior
 from truepose.predictors.conditions import joined, separated
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.robots import load_robot
@@ -68,6 +69,13 @@ def test_the_covariance_of_an_unknown_direction_agrees_with_its_deviation(fitted
     q = simulate(5, 4)[0]
     _, covariance = fitted.predict_covariance(q)
     np.testing.assert_allclose(np.sqrt(np.einsum("naa->na", covariance)), fitted.predict(q, return_std=True)[1])
+
+
+def test_a_plan_after_a_map_with_conditions_is_made_without_them(fitted):
+    q = simulate(20, 6)[0]
+    std = np.sqrt(np.einsum("naa->n", Prior.after(fitted, simulate(80, 0)[0], q).covariance(q)))
+    known = fitted.predict(reversing(q, np.ones_like(q)), return_std=True)[1] / np.sqrt(fitted.inflation_)
+    assert 0.6 < std.mean() / np.linalg.norm(known, axis=1).mean() < 1.2
 
 
 def test_contributions_sum_to_the_prediction(fitted):

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from truepose import VirtualCell
+from truepose.error_map.frozen_parts import from_arrays, to_arrays
 from truepose.errors import FileError
 from truepose.numerics.frozen import predict, scratch
 from truepose.numerics.frozen_deviation import deviations
+from truepose.planning.prior import Prior
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kinematic.gears import amplitudes
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior, Weak
@@ -81,6 +83,29 @@ def test_a_frozen_map_knows_the_gears(fitted):
     found = deviations(q, constants, fitted.deviation(constants, q, np.zeros(3)))
     assert (found > std * 0.999).all()
     np.testing.assert_allclose(found, std, rtol=0.03)
+
+
+def test_files_of_frozen_maps_from_before_the_term_still_load(fitted):
+    q = simulate(20, 3)[0]
+    model = KinematicKriging(replace(ROBOT, gear_ratio=[]), TOOL, joint_errors=False, residual="none", robust=False)
+    constants = model.fit(*simulate(20, 7)).constants()
+    deviation = model.deviation(constants, q, np.zeros(3))
+    old = to_arrays(constants, deviation)
+    assert old.pop("deviation.waves").size == 0
+    again = from_arrays(old)
+    np.testing.assert_array_equal(deviations(q, *again), deviations(q, constants, deviation))
+    damaged = to_arrays(fitted.constants(), fitted.deviation(fitted.constants(), q, np.zeros(3)))
+    damaged.pop("deviation.waves")
+    with pytest.raises(ValueError, match="waves has shape"):
+        from_arrays(damaged)
+
+
+def test_a_plan_after_a_map_with_gears_expects_what_the_map_does(fitted):
+    q = simulate(60, 8)[0]
+    covariance = Prior.after(fitted, simulate(120, 0)[0], q).covariance(q)
+    std = np.sqrt(np.einsum("naa->na", covariance))
+    expected = fitted.predict(q, return_std=True)[1] / np.sqrt(fitted.inflation_)
+    assert 0.7 < std.mean() / expected.mean() < 1.3
 
 
 @pytest.mark.parametrize("grid", [None, 2 * np.pi / 120])
