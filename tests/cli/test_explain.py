@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import truepose as tp
+from truepose.cli.explain import _effect
 from truepose.report.knowledge import knowledge
 from truepose.samples import write_samples
 
@@ -82,3 +83,9 @@ def test_other_predictors_say_what_they_know(run, cell_files, tmp_path, predicto
 def _wide(virtual):
     q = virtual.design(60, seed=1) + np.random.default_rng(0).uniform(-0.3, 0.3, (60, 6))
     return virtual.measure(q)
+
+
+def test_an_amplitude_is_not_negative():
+    row = {"name": "gear 1 q2", "group": "gear", "estimate": 3e-6, "std": 2e-6, "unit": "rad"}
+    assert _effect(row) == ("gear 1 q2", "3.0", "0.0", "6.9", "µrad")
+    assert _effect({**row, "group": "backlash"})[2] == "-0.9"
