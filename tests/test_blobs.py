@@ -94,6 +94,20 @@ def test_a_full_disk_leaves_nothing(blobs: BlobFolder, monkeypatch: pytest.Monke
     assert [path for path in blobs.root.rglob("*") if path.is_file()] == []
 
 
+def test_folders_of_many_blobs_are_flushed_once_before_the_block_ends(
+    blobs: BlobFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flushed: list[Path] = []
+    monkeypatch.setattr("truepose._io.blobs.sync_folder", flushed.append)
+    with blobs.synced_at_end():
+        shas = [blobs.put(b"%d" % i) for i in range(600)]
+        assert flushed == []
+    assert flushed == sorted({blobs.root, *(blobs.path(sha).parent for sha in shas)})
+    flushed.clear()
+    blobs.put(DATA)
+    assert blobs.path(SHA).parent in flushed  # at once again
+
+
 def test_drafts_of_a_process_that_was_killed_are_no_blobs(blobs: BlobFolder) -> None:
     blobs.put(DATA)
     (blobs.root / ".draft-abc").write_bytes(b"half")

@@ -59,6 +59,19 @@ def test_a_backup_restores_on_every_engine(
         assert restored.read_blob(sha) == bytes(range(256))
 
 
+@pytest.mark.parametrize("part", [1, 7, 2**20])
+def test_lines_of_a_backup_may_end_anywhere_in_a_part(
+    tmp_path: Path, part: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("truepose.store.backup._PART", part)
+    with Store.open(tmp_path / "store", create=True) as store:
+        fill(store)
+        backup(store, tmp_path / "backup.zip")
+        restore(tmp_path / "backup.zip", tmp_path / "restored")
+        with Store.open(tmp_path / "restored") as restored:
+            assert all_rows(restored) == all_rows(store)
+
+
 def test_a_backup_during_writes_is_of_one_moment(store: Store, tmp_path: Path) -> None:
     stop, written = threading.Event(), threading.Event()
 

@@ -11,7 +11,7 @@ import pytest
 
 from truepose.store import schema
 from truepose.store.audit import entry_hash, row_hash
-from truepose.store.hashing import canonical, canonical_list, row_hasher
+from truepose.store.hashing import canonical, canonical_list, line_writer, row_hasher
 
 TEXTS = ("", "Zelle ö", 'a "quoted" \\ text', "tab\tline\nnul\x01", "\U0001f916", "ß\u2028", "null", "</script>")
 
@@ -30,6 +30,16 @@ def test_rows_of_all_tables(table: Any) -> None:
     for _ in range(100):
         row = {column.name: choose.choice(values) for column in table.columns}
         assert row_hasher(table)(list(row.values())) == row_hash(table, row) == plainly(table, row)
+
+
+def test_lines_of_a_backup_are_those_of_json() -> None:
+    values = (*TEXTS, None, True, False, 0, -7, 10**18, 0.1)
+    names = [f"column {text}" for text in TEXTS]
+    for first in range(len(values)):
+        row = [values[(first + i) % len(values)] for i in range(len(names))]
+        expected = json.dumps(dict(zip(names, row, strict=True)), ensure_ascii=False)
+        assert json.loads(line_writer(names)(row)) == json.loads(expected)
+    assert line_writer(["a", "ö"])(["ß", 1]) == '{"a": "ß", "\\u00f6": 1}'
 
 
 def test_entries() -> None:

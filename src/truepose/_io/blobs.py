@@ -38,6 +38,7 @@ class BlobFolder:
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)
+        self._unsynced: set[Path] | None = None  # folders with new names, in `synced_at_end`
 
     def __contains__(self, sha: object) -> bool:
         return isinstance(sha, str) and _SHA.fullmatch(sha) is not None and self.path(sha).is_file()
@@ -86,6 +87,23 @@ class BlobFolder:
             if not self._has(sha := found.hexdigest(), file.tell()):
                 self._keep(file, draft, sha)
         return sha
+
+    @contextlib.contextmanager
+    def synced_at_end(self) -> Iterator[None]:
+        """Flush the folders once, at the end of a block that stores many blobs; each blob is still flushed at once.
+
+        Until then a loss of power may remove names of blobs. The block belongs to one thread.
+        """
+        self._unsynced = unsynced = set[Path]()
+        try:
+            yield
+        finally:
+            self._unsynced = None
+        try:
+            for folder in sorted(unsynced):
+                sync_folder(folder)
+        except OSError as error:
+            raise FileError(self.root, f"a blob cannot be written: {error.strerror or error}") from error
 
     def read(self, sha: str) -> bytes:
         """Return the content of a blob after a check of its hash.
@@ -140,7 +158,14 @@ class BlobFolder:
         goal = self.path(sha)
         if not goal.parent.is_dir():
             goal.parent.mkdir(exist_ok=True)
-            sync_folder(self.root)
+            self._sync(self.root)
         draft.chmod(0o644)
         draft.replace(goal)
-        sync_folder(goal.parent)
+        self._sync(goal.parent)
+
+    def _sync(self, folder: Path) -> None:
+        """Flush the names in a folder, now or at the end of `synced_at_end`."""
+        if self._unsynced is None:
+            sync_folder(folder)
+        else:
+            self._unsynced.add(folder)

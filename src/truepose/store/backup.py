@@ -7,7 +7,6 @@ written meanwhile; blobs never change.
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import os
 import re
@@ -15,10 +14,10 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import IO, Any, BinaryIO, Final
 
 import sqlalchemy as sa
 
@@ -29,6 +28,7 @@ from truepose.errors import FileError
 from truepose.store import audit, migrate, schema
 from truepose.store.audit import Head
 from truepose.store.change import Change
+from truepose.store.hashing import line_writer
 from truepose.store.progress import SILENT, Progress
 from truepose.store.store import Store, blob_content
 from truepose.store.verify import check_trail
@@ -151,8 +151,9 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
             migrate.upgrade(connection, manifest["schema"])
             change = Change(connection, "truepose", store.blobs)
             progress("Restoring blobs")
-            for sha in _members(archive):
-                change.blob(archive.read(f"blobs/{sha}"))
+            with nullcontext() if store.blobs is None else store.blobs.synced_at_end():
+                for sha in _members(archive):
+                    change.blob(archive.read(f"blobs/{sha}"))
             with _indexed_after(connection):
                 for table in _TABLES[1:]:
                     progress(f"Restoring {table.name}")
@@ -180,12 +181,12 @@ def _write_rows(
     digest, count = hashlib.sha256(), 0
     columns = [column for column in table.columns if column is not schema.blob.c.content]
     query = sa.select(*columns).order_by(*table.primary_key.columns)
-    names, encode = [column.name for column in columns], json.JSONEncoder(ensure_ascii=False).encode
+    line = line_writer([column.name for column in columns])
     total = int(connection.execute(sa.select(sa.func.count()).select_from(table)).scalar() or 0)
     with archive.open(_member(table.name), "w", force_zip64=True) as out:
         found = connection.execute(query, execution_options={"yield_per": _MANY})
         for rows in found.partitions():
-            lines = [encode(dict(zip(names, row, strict=True))) for row in rows]
+            lines = [line(row) for row in rows]
             data = "\n".join([*lines, ""]).encode()
             digest.update(data)
             out.write(data)
@@ -208,14 +209,25 @@ def _indexed_after(connection: sa.Connection) -> Iterator[None]:
 
 def _read_rows(archive: zipfile.ZipFile, store: Store, connection: sa.Connection, name: str) -> Iterator[int]:
     """Insert the rows of a table as they are, in the version of the schema that the backup has; yield their numbers."""
-    with archive.open(_member(name)) as lines:
-        while batch := list(itertools.islice(lines, _MANY)):
+    with archive.open(_member(name)) as member:
+        for batch in _lines(member):
             rows = json.loads(b"[%s]" % b",".join(batch))
             columns = list(rows[0])
             if not all(list(row) == columns for row in rows):
                 raise FileError(archive.filename or "", f"has rows of {name} with different columns; {_DAMAGED}")
             store.backend.insert_rows(connection, name, columns, [tuple(row.values()) for row in rows])
             yield len(rows)
+
+
+def _lines(member: IO[bytes]) -> Iterator[list[bytes]]:
+    """Yield the lines of a member, some thousand at a time."""
+    rest = b""
+    while part := member.read(_PART):
+        *lines, rest = (rest + part).split(b"\n")
+        if lines:
+            yield lines
+    if rest:
+        yield [rest]
 
 
 def _shas(connection: sa.Connection) -> Iterator[str]:

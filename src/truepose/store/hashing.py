@@ -11,6 +11,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 _quoted = json.encoder.encode_basestring_ascii
+_as_it_is = json.encoder.encode_basestring
 _WORDS: Final = {None: "null", True: "true", False: "false"}
 
 
@@ -33,7 +34,8 @@ def canonical_list(values: Sequence[Any]) -> str:
     >>> canonical_list(["a", 1, None, True])
     '["a",1,null,true]'
     """
-    return f"[{','.join([_quoted(one) if type(one) is str else _other(one) for one in values])}]"
+    texts = [_quoted(one) if type(one) is str else str(one) if type(one) is int else _other(one) for one in values]
+    return f"[{','.join(texts)}]"
 
 
 @lru_cache(maxsize=64)
@@ -48,7 +50,7 @@ def row_hasher(table: sa.Table) -> Callable[[Sequence[Any]], str]:
 
     def hashed(row: Sequence[Any]) -> str:
         parts = [
-            name + (_quoted(value) if type(value) is str else _other(value))
+            name + (_quoted(value) if type(value) is str else str(value) if type(value) is int else _other(value))
             for at, name in columns
             if (value := row[at]) is not None
         ]
@@ -57,13 +59,31 @@ def row_hasher(table: sa.Table) -> Callable[[Sequence[Any]], str]:
     return hashed
 
 
+def line_writer(names: Sequence[str]) -> Callable[[Sequence[Any]], str]:
+    """Return the function that writes a row as JSON with the names of its columns, as `json.dumps` does but faster.
+
+    Examples
+    --------
+    >>> line_writer(["id", "name"])([1, "Zürich"])
+    '{"id": 1, "name": "Zürich"}'
+    """
+    keys = [f"{_quoted(name)}: " for name in names]
+
+    def written(row: Sequence[Any]) -> str:
+        parts = [
+            key + (_as_it_is(value) if type(value) is str else str(value) if type(value) is int else _other(value))
+            for key, value in zip(keys, row, strict=True)
+        ]
+        return f"{{{', '.join(parts)}}}"
+
+    return written
+
+
 def sha256(text: str) -> str:
     """Return the SHA-256 of a text in ASCII."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
 def _other(value: Any) -> str:
-    """Return the text of a value that is no text."""
-    if type(value) is int:
-        return str(value)
+    """Return the text of a value that is neither text nor a whole number."""
     return _WORDS[value] if value is None or value is True or value is False else canonical(value)

@@ -50,7 +50,7 @@ class Backend(Protocol):
         """Hold the lock of the one server that may use the database; other engines allow several servers."""
 
     def insert_rows(
-        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[tuple[Any, ...]]
     ) -> None:
         """Insert many rows as they are, in the fastest way that the engine has."""
 

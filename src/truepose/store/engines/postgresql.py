@@ -83,7 +83,7 @@ class PostgresqlBackend:
         yield
 
     def insert_rows(
-        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[tuple[Any, ...]]
     ) -> None:
         """Insert many rows as they are, by COPY."""
         quote = connection.dialect.identifier_preparer.quote

@@ -107,14 +107,14 @@ class SqliteBackend:
             os.close(descriptor)
 
     def insert_rows(
-        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+        self, connection: sa.Connection, table: str, columns: Sequence[str], rows: Sequence[tuple[Any, ...]]
     ) -> None:
         """Insert many rows as they are; indexes in no order need the larger cache."""
         connection.exec_driver_sql(f"PRAGMA cache_size=-{_LARGE_CACHE_KIB}")
         names = ", ".join(map(connection.dialect.identifier_preparer.quote, columns))
         places = ", ".join("?" * len(columns))
         quoted = connection.dialect.identifier_preparer.quote(table)
-        connection.exec_driver_sql(f"INSERT INTO {quoted} ({names}) VALUES ({places})", [tuple(row) for row in rows])
+        connection.exec_driver_sql(f"INSERT INTO {quoted} ({names}) VALUES ({places})", list(rows))
 
     def grant(self, connection: sa.Connection, role: str) -> None:
         """Refuse: a file has no roles."""
