@@ -16,9 +16,11 @@ from truepose.errors import DataError, FileError, RobotError
 from truepose.geometry import register
 from truepose.planning import METHODS, plan, work_region
 from truepose.planning.collision import CollisionModel
+from truepose.planning.forecast import Forecast
 from truepose.planning.greedy import Posterior, lowest_largest, lowest_mean, most_observable
 from truepose.planning.planner import shortest_tour
 from truepose.planning.prior import Prior
+from truepose.robots import load_robot
 from truepose.samples import read_poses
 
 QUIET = lambda done, of: None  # noqa: E731
@@ -155,6 +157,34 @@ def test_expected_is_what_is_found():
         model = tp.KinematicKriging(virtual.robot, virtual.tf_flange_tool).fit(samples.q, e)
         found.append(np.linalg.norm(e_test - model.predict(test.q), axis=1).mean())
     assert made.expected_mm == pytest.approx(np.median(found), rel=0.2)
+
+
+def test_the_forecast_agrees_in_both_forms():
+    """Covariances of readings and columns give the same lengths; earlier readings count, and fewer tell less."""
+    cell = cell_of()
+    q = plan(cell, 60, "sobol").q
+    robot, targets = cell.load_robot(), q[40:]
+    forecast = Forecast.of(Prior.of(robot, cell.tf_flange_tool, q), targets, q[:10])
+    hyper = forecast.draws[0]
+    exact = forecast._exactly(hyper, q[10:40], [5, 30])
+    np.testing.assert_allclose(exact, forecast._by_columns(hyper, q[10:40], [5, 30]), rtol=0.02)
+    assert exact[0] > exact[1]
+    alone = Forecast(forecast.prior, forecast.draws, targets, q[:0])
+    assert alone._exactly(hyper, q[10:40], [5])[0] > exact[0]
+
+
+def test_a_forecast_has_an_interval_and_leaves_out_measured_targets():
+    cell = cell_of()
+    q = plan(cell, 40, "sobol").q
+    prior = Prior.of(cell.load_robot(), cell.tf_flange_tool, q)
+    row = Forecast.of(prior, q, q[:0]).after(q[:20], [20])[0]
+    assert 0.0 < row["low_mm"] < row["mean_mm"] < row["high_mm"]
+    assert row["mean_mm"] == pytest.approx(Forecast.of(prior, q[20:], q[:0]).after(q[:20], [20])[0]["mean_mm"])
+    strain_wave = load_robot("universal-robots-ur10")
+    draws = Forecast.of(Prior.of(strain_wave, np.eye(4), q), q, q[:0]).draws
+    lengths = np.array([one.joint_length for one in draws])
+    assert 0.02 <= lengths.min() < 0.03
+    assert 0.1 < lengths.max() <= 0.15
 
 
 def test_after_a_first_series_other_poses_are_chosen():

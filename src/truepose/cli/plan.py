@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from truepose.cli.options import CellPath, Force, Json
 from truepose.cli.output import emit_json, overwrite, say, table, working
+
+_FIGURES: Final = ("mean", "low", "high")
 
 
 def plan(
@@ -59,8 +61,11 @@ def plan(
     say(
         table(
             "Expected accuracy in the work region, noise included",
-            ["poses", "mean [mm]"],
-            [(f"{row['n']:.0f}{' (this plan)' if row['n'] == n else ''}", row["mean_mm"]) for row in found.expected],
+            ["poses", "mean [mm]", "10 %", "90 %"],
+            [
+                (f"{row['n']:.0f}{' (this plan)' if row['n'] == n else ''}", *(row[f"{k}_mm"] for k in _FIGURES))
+                for row in found.expected
+            ],
         )
     )
     if inseparable := found.observability.describe():

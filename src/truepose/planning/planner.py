@@ -17,10 +17,11 @@ from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
 from truepose.planning.designs import METHODS, DesignProblem
+from truepose.planning.forecast import Forecast
 from truepose.planning.greedy import Progress, lowest_mean
 from truepose.planning.measurement_space import MeasurementSpace, Reach, configuration_list, work_region
 from truepose.planning.measuring import measuring_program, write_measurement
-from truepose.planning.prior import Prior, posterior_root
+from truepose.planning.prior import Prior
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
 from truepose.samples import Poses
@@ -53,7 +54,8 @@ class Plan:
         The measurable part of the work region.
     expected : list of dict
         The mean length ``mean_mm`` by which a reading in the work region differs from its prediction after ``n`` poses,
-        noise included. Beyond the plan's own n: with additional poses of the lowest mean variance.
+        noise included, and ``low_mm`` and ``high_mm``, between which it lies with 80 % probability: arms of one type
+        differ. Beyond the plan's own n: with additional poses of the lowest mean variance.
     observability : Observability
         The observability of registration and geometry.
     """
@@ -185,7 +187,7 @@ def plan(
         q=q,
         way=space.collision.way_touches(previous, space.approach_start(q)).tolist(),
         reach=reach,
-        expected=_expected(prior, q, targets, space, rng),
+        expected=_expected(prior, q, targets, space, rng, _measured(after, q)),
         observability=observability(columns, names.tolist(), np.ones(len(names))),
     )
 
@@ -223,7 +225,8 @@ def expected_accuracy(cell: Cell, q: ArrayLike, *, rng: int = 0) -> list[dict[st
     space = work_region(cell)
     targets = space.spread(_TARGETS, rng + 1).q
     joints = space.collision.robot.check_joints(q)
-    return _expected(_prior(cell, space, targets, rng, None), joints, targets, space, rng)
+    prior = _prior(cell, space, targets, rng, None)
+    return _expected(prior, joints, targets, space, rng, _measured(None, joints))
 
 
 def _prior(cell: Cell, space: MeasurementSpace, targets: FloatArray, rng: int, after: ErrorMap | None) -> Prior:
@@ -239,6 +242,11 @@ def _prior(cell: Cell, space: MeasurementSpace, targets: FloatArray, rng: int, a
     return Prior.after(model, after.samples.q, anchors)
 
 
+def _measured(after: ErrorMap | None, q: FloatArray) -> FloatArray:
+    """Return the joints of the samples that a plan continues, (k, dof) [rad]."""
+    return q[:0] if after is None or after.samples.q is None else after.samples.q
+
+
 def _reading_std(cell: Cell, targets: FloatArray) -> float:
     """Return the standard deviation of readings at joints (m, dof) [rad], in each direction [mm], by the cell file."""
     p = cell.load_robot().forward(targets, tool=cell.tf_flange_tool)[:, :3, 3]
@@ -249,25 +257,18 @@ def _reading_std(cell: Cell, targets: FloatArray) -> float:
 
 
 def _expected(
-    prior: Prior, q: FloatArray, targets: FloatArray, space: MeasurementSpace, rng: int
+    prior: Prior, q: FloatArray, targets: FloatArray, space: MeasurementSpace, rng: int, known: FloatArray
 ) -> list[dict[str, float]]:
     """Return the accuracy after the plan, and after fewer and more greedily chosen poses."""
     counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)})
     offered = space.spread(max(_TARGETS, 2 * counts[-1]), rng).q
     columns, left_out = prior.at(offered)
-    noise = prior.noise(left_out)
-    seen, not_seen = prior.at(targets)
-    rows = seen.reshape(-1, columns.shape[2])
-    most = min(counts[-1], len(offered))
-    order = lowest_mean(columns, noise, rows.T @ rows / len(targets), most, lambda done, of: None, passes=0)
-
-    def after(columns: FloatArray, noise: FloatArray) -> float:
-        return prior.expected((rows @ posterior_root(columns, noise)).reshape(seen.shape), not_seen)
-
-    found = {k: after(columns[order[:k]], noise[order[:k]]) for k in counts if k <= most}
-    columns, left_out = prior.at(q)
-    found[len(q)] = after(columns, prior.noise(left_out))
-    return [{"n": k, "mean_mm": found[k]} for k in sorted(found)]
+    rows = prior.at(targets)[0].reshape(-1, columns.shape[2])
+    most, aim = min(counts[-1], len(offered)), rows.T @ rows / len(targets)
+    order = lowest_mean(columns, prior.noise(left_out), aim, most, lambda done, of: None, passes=0)
+    forecast = Forecast.of(prior, targets, known, rng)
+    found = forecast.after(offered[order], [k for k in counts if k <= most]) + forecast.after(q, [len(q)])
+    return sorted(found, key=lambda row: row["n"])
 
 
 def shortest_tour(q: ArrayLike, home: ArrayLike) -> IntArray:

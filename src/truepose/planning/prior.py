@@ -58,7 +58,7 @@ class Prior:
         """
         terms = Terms(robot, tf_flange_tool, gears=False)
         joints = terms.seen(terms.at(anchors))
-        elastic = robot.maker.lower() in _STRAIN_WAVE
+        elastic = is_elastic(robot)
         start = Hyperparameters.start(len(joints), len(terms.range_names))
         hyper = Hyperparameters(
             np.full(len(joints), _JOINT_STD[elastic]),
@@ -117,12 +117,31 @@ class Prior:
 
         The expected length of normal vectors with the predicted covariance, repeatability and reading noise included.
         """
-        factor = np.linalg.cholesky(self.noise(columns @ np.swapaxes(columns, 1, 2) + left_out))
-        from scipy.stats import qmc  # takes longer to import than the rest of the package
+        return float(self.lengths(columns, left_out).mean())
 
-        uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]
-        white = ndtri(uniform + 0.5 / _DRAWS)
-        return float(np.linalg.norm(np.einsum("nab,db->nda", factor, white), axis=2).mean())
+    def lengths(self, columns: FloatArray, left_out: FloatArray) -> FloatArray:
+        """Return the expected length [mm] of each difference, see `expected`: (n,)."""
+        return mean_lengths(self.noise(columns @ np.swapaxes(columns, 1, 2) + left_out))
+
+    def redrawn(self, hyper: Hyperparameters) -> Self:
+        """Return the prior with other hyperparameters, before any sample; its rest has the same anchors."""
+        basis = Basis.of(self.basis.terms, self.basis.joints, hyper, self.basis.anchor)
+        return type(self)(basis, hyper, np.diag(np.sqrt(basis.prior(hyper))))
+
+
+def is_elastic(robot: Robot) -> bool:
+    """Return whether the robot's joints have strain-wave gears, by its maker."""
+    return robot.maker.lower() in _STRAIN_WAVE
+
+
+def mean_lengths(covariance: FloatArray) -> FloatArray:
+    """Return the expected lengths of normal vectors with covariances (n, 3, 3): (n,)."""
+    from scipy.stats import qmc  # takes longer to import than the rest of the package
+
+    uniform = qmc.Sobol(3, scramble=False).random_base2(8)[:_DRAWS]
+    white = ndtri(uniform + 0.5 / _DRAWS)
+    factor = np.linalg.cholesky(covariance)
+    return np.asarray(np.linalg.norm(factor @ white.T, axis=1).mean(axis=1))
 
 
 def posterior_root(columns: FloatArray, noise: FloatArray) -> FloatArray:

@@ -108,6 +108,8 @@ class ExpectedRow(BaseModel):
 
     n: int
     mean_mm: float
+    low_mm: float
+    high_mm: float
 
 
 class ExpectedAccuracy(BaseModel):
@@ -267,7 +269,7 @@ def _listed(values: FloatArray | None, n: int, unit: Callable[[FloatArray], Floa
 def expected(cell: InCell, file: str, cache: InCache) -> ExpectedAccuracy:
     """Return the accuracy to expect after a plan, and after fewer or more poses."""
     q, settings = _joints(cell.get(file, "plan")), cell.load()
-    key = ("expected", settings.to_toml(), to_toml(settings.load_robot()), q.tobytes())
+    key = ("expected-interval", settings.to_toml(), to_toml(settings.load_robot()), q.tobytes())
     rows = cache.json(key, lambda: expected_accuracy(settings, q))
     return ExpectedAccuracy.model_validate({"n": len(q), "rows": rows})
 
