@@ -77,3 +77,23 @@ def test_compiling_is_announced_once_and_loading_never(tmp_path: Path) -> None:
     assert again.stderr == ""
     quiet = fresh(tmp_path / "other", "-c", code.format((True,)))
     assert (quiet.stdout, quiet.stderr) == ("1.0 1.0\n", "")
+
+
+NOWHERE = """
+import warnings
+from numba.core import caching
+caching.CacheImpl._locator_classes = []  # as where no folder can be written
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("default")
+    from truepose.numerics.kernels import np, squared_distances
+out = np.zeros(2)
+squared_distances(np.array([3.0, 4.0, 0.0]), np.zeros((3, 2)), out)
+print(len(said), out.tolist(), said[0].message)
+"""
+
+
+def test_without_a_folder_for_the_cache_kernels_compile_with_one_warning() -> None:
+    done = subprocess.run([sys.executable, "-c", NOWHERE], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("1 [25.0, 25.0] compiled loops cannot be kept")
+    assert "NUMBA_CACHE_DIR" in done.stdout

@@ -10,6 +10,7 @@ entry in both switches, and an entry in `truepose.similarity.structure.FAMILIES`
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 
@@ -61,6 +62,10 @@ TARGETS: Final = 16
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+_NOT_KEPT: Final = (
+    "compiled loops cannot be kept: each start compiles them anew; set NUMBA_CACHE_DIR to a folder that may be written"
+)
+
 REORDER: Final = {"reassoc", "contract", "nsz"}
 """Fast-math flags that let a sum be vectorised; NaN and infinity keep their meaning."""
 
@@ -70,8 +75,15 @@ BLOCK: Final = 256
 
 def compiled(**options: Any) -> Callable[[F], F]:
     """Return numba's `njit` with this project's options, typed; `truepose.numerics.warm_up` calls each kernel."""
-    made = numba.njit(cache=True, error_model="numpy", **options)
-    return cast("Callable[[F], F]", lambda function: register(made(function)))
+
+    def decorated(function: F) -> Any:
+        try:
+            return register(numba.njit(cache=True, error_model="numpy", **options)(function))
+        except RuntimeError:  # there is no folder that it may write
+            warnings.warn(_NOT_KEPT, stacklevel=1)  # once for all kernels
+            return register(numba.njit(error_model="numpy", **options)(function))
+
+    return cast("Callable[[F], F]", decorated)
 
 
 def pack(columns: FloatArray) -> FloatArray:
