@@ -59,15 +59,15 @@ class Search:
     log_likelihood : float
         The marginal log likelihood at `hyper`: the logarithm of the normal density of all 3n errors [mm] with its
         constant, the drift integrated out under its normal priors; without the priors of the hyperparameters.
-    bounds_hit : list of str
-        The hyperparameters at a bound.
+    bounds_hit : tuple of int
+        The places of the hyperparameters at a bound, see `Hyperparameters.names`.
     evaluations : int
         The number of evaluations of the likelihood.
     """
 
     hyper: Hyperparameters
     log_likelihood: float
-    bounds_hit: list[str]
+    bounds_hit: tuple[int, ...]
     evaluations: int
 
 
@@ -255,23 +255,13 @@ class _Objective:
                 "kinematic Kriging found no hyperparameters with a finite likelihood; are the samples repeated?"
             )
         hyper, pull = self._shape.with_vector(theta), (theta - self._centre) / self._std
-        hit = [
-            name
-            for name, at, (low, high) in zip(_names(hyper), theta, self.bounds, strict=True)
-            if not low + 1e-9 < at < high - 1e-9
-        ]
-        return Search(hyper, 0.5 * float(pull @ pull) - value - constant, hit, self.evaluations)
+        low, high = self.bounds.T
+        hit = np.flatnonzero((theta <= low + 1e-9) | (theta >= high - 1e-9))
+        log_likelihood = 0.5 * float(pull @ pull) - value - constant
+        return Search(hyper, log_likelihood, tuple(hit.tolist()), self.evaluations)
 
 
 def _positive(matrix: FloatArray) -> FloatArray:
     """Return a symmetric matrix with 0 for its negative eigenvalues."""
     value, vector = np.linalg.eigh(matrix)
     return np.asarray((vector * np.maximum(value, 0.0)) @ vector.T)
-
-
-def _names(hyper: Hyperparameters) -> list[str]:
-    k, g = len(hyper.joint_std), len(hyper.rest_range)
-    names = [f"joint std {i + 1}" for i in range(k)] + [f"joint length {i + 1}" for i in range(k)]
-    names += ["tolerance of geometry", "tolerance of compliance"]
-    names += [f"tolerance of condition {i + 1}" for i in range(len(hyper.tolerance) - 2)] + ["noise"]
-    return names + (["rest std", *(f"rest range {i + 1}" for i in range(g))] if g else [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, Self
 
@@ -147,6 +148,28 @@ class Hyperparameters:
             rest[1:],
             self.weak,
         )
+
+    def names(self, joints: Sequence[int], groups: Sequence[str], ranges: Sequence[str]) -> list[str]:
+        """Return the names of the logarithms of `to_vector`.
+
+        Parameters
+        ----------
+        joints : sequence of int
+            The visible joints, counted from 0.
+        groups : sequence of str
+            The kinds of drift columns with a tolerance scale.
+        ranges : sequence of str
+            The ranges of Z.
+
+        Examples
+        --------
+        >>> Hyperparameters.start(1, 0, 1).names([3], ["geometry", "compliance", "backlash"], [])[2:]
+        ['tolerance of geometry', 'tolerance of compliance', 'tolerance of backlash', 'noise']
+        """
+        numbers = [int(joint) + 1 for joint in joints]
+        names = [f"std of joint {number}" for number in numbers] + [f"length of joint {number}" for number in numbers]
+        names += [*(f"tolerance of {group}" for group in groups), "noise"]
+        return names + (["std of the rest", *(f"range of {name}" for name in ranges)] if len(self.rest_range) else [])
 
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Return the means and standard deviations of the priors of the logarithms."""

@@ -23,7 +23,7 @@ from truepose.predictors.kinematic.fitting import Start, refine, search, search_
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
 from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
 from truepose.predictors.kinematic.summary import drift_table
-from truepose.predictors.kinematic.terms import Residual, Terms
+from truepose.predictors.kinematic.terms import GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
 from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
@@ -104,7 +104,7 @@ class KinematicKriging(FittedKriging):
         The log marginal likelihood of the errors used in the search, see
         `truepose.predictors.kinematic.fitting.Search`. NaN if hyperparameters were given.
     bounds_hit_ : list of str
-        The hyperparameters at a bound.
+        The hyperparameters at a bound, such as ``length of joint 4`` and ``tolerance of backlash``.
 
     Examples
     --------
@@ -328,7 +328,9 @@ class KinematicKriging(FittedKriging):
             if turn == 0 or self.solver_ == "covariance":
                 found, start = search_near(self._likelihood(design, np.sort(order[:SEARCHED])), start)
                 self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
-                self.bounds_hit_ = found.bounds_hit
+                groups = [GROUPS[group] for group in self._terms.scaled_groups]
+                names = found.hyper.names(self.joints_.tolist(), groups, self._terms.range_names)
+                self.bounds_hit_ = [names[place] for place in found.bounds_hit]
             self._form = self._solved(design, refining=turn == 0)
             if not self.robust:
                 break
