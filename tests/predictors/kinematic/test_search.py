@@ -121,7 +121,7 @@ def test_folds_start_from_the_fit_of_all_samples(errors, monkeypatch):
 
 
 def test_a_fit_names_the_hyperparameters_at_their_bounds():
-    """Joint errors alone, so that geometry is not wanted: its tolerance goes to the bound under its own name."""
+    """An arm without errors: hyperparameters go to their bounds."""
     virtual = tp.VirtualCell("paper", seed=0)
     q = virtual.design(40, seed=1)
     samples = virtual.measure(q, seed=1)
