@@ -20,7 +20,7 @@ from truepose.robots import nearest_branch
 from truepose.simulation import PRESETS
 
 FloatArray = NDArray[np.float64]
-KINDS = tuple(name for name in PRESETS if name != "ideal")
+KINDS = tuple(name for name in PRESETS if name not in ("ideal", "ripple"))  # ripple: in the study of conditions
 SAMPLES, TARGETS = 100, 100
 INSIDE_95 = 1.95996
 _WORK = 10_000  # added to a cell's seed: that of the work program's design

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import typer
 import yaml
+from tests.needs import needed
 
 from truepose.cli import app
 
@@ -165,7 +166,7 @@ def dask_lines(compose: dict[str, Any]) -> list[list[str]]:
 
 
 def test_options_of_dask_exist(compose: dict[str, Any]) -> None:
-    pytest.importorskip("distributed")
+    needed("distributed", "'truepose[scale]'")
     from distributed.cli import dask_scheduler, dask_worker
 
     commands: dict[str, Any] = {"scheduler": dask_scheduler.main, "worker": dask_worker.main}
