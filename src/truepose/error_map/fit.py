@@ -14,12 +14,12 @@ from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.map import ErrorMap
-from truepose.error_map.registration import wrong_tool_named
+from truepose.error_map.registration import with_tool_hint, wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration
 from truepose.numerics.executor import Executor
-from truepose.predictors import Choice, rank_predictors
+from truepose.predictors import Choice, KinematicKriging, rank_predictors
 from truepose.predictors.abilities import Conditional, OutlierWeighing
 from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.registry import conditions_wanted, for_many
@@ -123,6 +123,8 @@ def fit_cell(
             cell, measured.robot, samples, registration, tf_flange_tool, expansion="temperature" in known
         )
         _refuse(campaign, measured, known, accept_campaign)
+    if isinstance(choice.predictor, KinematicKriging) and cell.tool.fit != "none":
+        registration = with_tool_hint(registration, choice.predictor.parameters_)
     error_map = ErrorMap(
         cell=cell,
         robot=measured.robot,

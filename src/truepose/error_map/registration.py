@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,11 +28,13 @@ from truepose.geometry import (
     tool_suspected,
 )
 from truepose.geometry.plausibility import write_hint
+from truepose.geometry.station import TOOL_NAMES
 from truepose.predictors.reflectors import distance_from_line, on_a_line
 from truepose.robots import Robot
 from truepose.samples import Poses, Samples, check_not_compensated, reflector_index
 
 _ON_THE_LINE: Final = 1.0  # mm
+_TOOL_OFF: Final = 5.0  # mm
 _DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
 
 
@@ -92,6 +94,31 @@ def _with_names(registration: Registration, samples: Samples) -> Registration:
     if not by_row:
         return registration
     return replace(registration, hint=registration.hint.replace(by_row, write_hint(*found, samples.rows)))
+
+
+def with_tool_hint(registration: Registration, parameters: Sequence[dict[str, Any]]) -> Registration:
+    """Return a registration whose hint says how far errors of the arm moved the fitted tool, if by 5 mm or more.
+
+    The tool is fitted at the nominal arm; a model that estimates the arm as well knows better, and how well.
+
+    Parameters
+    ----------
+    registration : Registration
+        A registration with a fitted tool.
+    parameters : sequence of dict
+        Rows of name, estimate and std [mm], among them those of the tool, as
+        `truepose.predictors.KinematicKriging.parameters_`.
+    """
+    tool = [row for row in parameters if row["name"] in TOOL_NAMES]
+    moved = float(np.linalg.norm([row["estimate"] for row in tool]))
+    std = float(np.linalg.norm([row["std"] for row in tool]))
+    if np.hypot(moved, std) < _TOOL_OFF:
+        return registration
+    told = (
+        f"with the arm's own errors estimated too, the fitted tool is off by {moved:.0f} mm ± {std:.2g} mm: "
+        'predictions include it; if the tool is known, state it, with [tool] fit = "none"'
+    )
+    return replace(registration, hint="; ".join(filter(None, (registration.hint, told))))
 
 
 @contextmanager

@@ -29,6 +29,7 @@ _SETTLED: Final = 1e-6  # relative change of the log likelihood, about 0.002, th
 _NEAR: Final = 0.002  # expected decrease of the negative log likelihood that ends any other search
 _PAYS: Final = 2.0  # gain of the log likelihood from which the effect of a condition is in the model
 _DIFFERENCE: Final = 1e-4  # of the logarithms, for second derivatives
+_STILL: Final = 1e-6  # change of the logarithms: a search that ends this near its start did not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,10 @@ def search(likelihood: Likelihood, starts: list[Hyperparameters]) -> tuple[Searc
         If no start has a finite likelihood.
     """
     objective = _Objective(likelihood, starts[0])
-    found = [objective.descend(start.to_vector(), objective.bounds, _SHORT) for start in starts]
+    at = [start.to_vector() for start in starts]
+    found = [objective.descend(theta, objective.bounds, _SHORT) for theta in at]
+    if all(np.abs(moved - theta).max() < _STILL for (_, moved), theta in zip(found, at, strict=True)):
+        found += [objective.descend(theta, objective.bounds, _SHORT) for theta in objective.elsewhere()]
     theta = min(found, key=lambda one: one[0])[1]
     metric = _positive(objective.curvature(theta)) + objective.prior
     return objective.finish(theta, metric, likelihood, _NEAR)
@@ -204,6 +208,10 @@ class _Objective:
         pull = (theta - self._centre) / self._std
         return value + 0.5 * float(pull @ pull), gradient + pull / self._std
 
+    def elsewhere(self) -> list[FloatArray]:
+        """Return starts for a search that did not move: one prior standard deviation above and below the centres."""
+        return [np.clip(self._centre + sign * self._std, *self.bounds.T) for sign in (1.0, -1.0)]
+
     def descend(self, theta: FloatArray, bounds: FloatArray, iterations: int) -> tuple[float, FloatArray]:
         """Return the value and place that L-BFGS-B reaches from `theta`."""
         options: Any = {"maxiter": iterations, "ftol": _SETTLED}
@@ -220,7 +228,7 @@ class _Objective:
         """
         low, high = self.bounds.T
         value, gradient = self.at(theta)
-        for _ in range(_LONG):
+        for turn in range(_LONG):
             free = ~((theta <= low) & (gradient > 0.0) | (theta >= high) & (gradient < 0.0))
             step = np.zeros_like(theta)
             step[free] = -np.linalg.solve(metric[np.ix_(free, free)], gradient[free])
@@ -233,6 +241,8 @@ class _Objective:
                     break
                 step *= 0.4
             else:
+                if turn == 0:  # the metric does not suit: without one, the search may move
+                    value, theta = self.descend(theta, self.bounds, _LONG)
                 break
             change = next_gradient - gradient
             if moved @ change > 1e-9:

@@ -35,6 +35,7 @@ EXACT_UP_TO: Final = 500
 
 _FIRST: Final = 150  # samples for the comparison of starting points
 _ANCHORS: Final = 250  # samples that represent Z in a basis
+_LINEARISATIONS, _FAR = 8, 0.3  # the most, and the root mean square change in noise that asks for one more
 _ROUNDS, _SETTLED = 4, 0.1  # of robust weights: the most, and the change of their roots that ends them
 
 
@@ -175,10 +176,9 @@ class KinematicKriging(FittedKriging):
         if self.hyper is not None:
             self.hyper_ = Hyperparameters.from_dict(self.hyper)
             self._weight = np.ones(len(self._e)) if self.weight is None else np.asarray(self.weight, float)
+            self._solve()
         else:
-            curvature = self._estimate(design)
-            self._optimum = Start(self.hyper_, curvature)
-        self._solve()
+            self._optimum = self._search(design)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
@@ -187,7 +187,7 @@ class KinematicKriging(FittedKriging):
         """Set the samples and the terms at the nominal arm, and choose the solver."""
         assert self.robot is not None
         tool = np.eye(4) if self.tf_flange_tool is None else np.asarray(self.tf_flange_tool, float)
-        self._terms = Terms(
+        self._terms = self._nominal = Terms(
             self.robot,
             tool,
             convention=self.convention,
@@ -318,12 +318,25 @@ class KinematicKriging(FittedKriging):
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
         return self
 
-    def _estimate(self, design: Design) -> FloatArray:
-        """Search hyperparameters and robust weights alternately until the weights settle; return the curvature."""
-        n = len(self._e)
+    def _search(self, design: Design) -> Start:
+        """Solve with the best hyperparameters, found at the nominal arm, and again where the estimated one is far."""
+        found, searched_at = self._estimate(design, None), np.zeros_like(self._e)
+        for _ in range(_LINEARISATIONS):
+            self._solve()
+            curvature = self._terms.curvature(self._form.design)
+            if _size(curvature - searched_at) < _FAR * self.hyper_.noise:
+                return found
+            found, searched_at = self._estimate(self._form.design, found), curvature
+        self._solve()
+        return found
+
+    def _estimate(self, design: Design, start: Start | None) -> Start:
+        """Search hyperparameters and robust weights alternately until the weights settle; return the optimum."""
+        n, target = len(self._e), self._target(design)
         order = np.random.default_rng(self.random_state).permutation(n)
-        self._weight = first_weights(design.drift, self._e) if self.robust else np.ones(n)
-        start = self._first_start(design, np.sort(order[:_FIRST]))
+        if start is None:
+            self._weight = first_weights(design.drift, target) if self.robust else np.ones(n)
+            start = self._first_start(design, np.sort(order[:_FIRST]))
         for turn in range(_ROUNDS):
             if turn == 0 or self.solver_ == "covariance":
                 found, start = search_near(self._likelihood(design, np.sort(order[:SEARCHED])), start)
@@ -340,7 +353,7 @@ class KinematicKriging(FittedKriging):
             if change.max() < _SETTLED:
                 break
         self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:SEARCHED])), self.hyper_)
-        return start.curvature
+        return Start(self.hyper_, start.curvature)
 
     def _first_start(self, design: Design, rows: IntArray) -> Start:
         """Return the start of the search: that of `start_from` if it has the same joints, or the optimum of `rows`."""
@@ -352,8 +365,9 @@ class KinematicKriging(FittedKriging):
         return search(self._likelihood(design, rows), spread_starts(hyper) if len(self.joints_) else [hyper])[1]
 
     def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
+        target = self._target(design)[rows]
         return Likelihood(
-            self._terms, take(design, rows), self.joints_, self._e[rows], self._reading[rows], self._weight[rows]
+            self._terms, take(design, rows), self.joints_, target, self._reading[rows], self._weight[rows]
         )
 
     def _left_out_alone(self, *, poses: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -376,21 +390,30 @@ class KinematicKriging(FittedKriging):
         basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor, angles=design.q)
         if refining:
             found = refine(
-                basis, BasisSums.of(basis, design, self.hyper_, self._e, self._noise_variance()), self.hyper_
+                basis,
+                BasisSums.of(basis, design, self.hyper_, self._target(design), self._noise_variance()),
+                self.hyper_,
             )
             self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
         return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
 
     def _solve(self) -> None:
-        """Solve, and solve again at the estimated registration and geometry (Gauss–Newton)."""
-        design = self._terms.at(self._x)
-        self._form = self._solved(design)
-        self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
+        """Solve at the nominal arm, and at the estimated registration and geometry until these stand still."""
+        self._terms = self._nominal
         self._form = self._solved(self._terms.at(self._x))
+        before = np.zeros_like(self._e)
+        for _ in range(_LINEARISATIONS):
+            self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
+            design = self._terms.at(self._x)
+            self._form = self._solved(design)
+            curvature = self._terms.curvature(design)
+            if _size(curvature - before) < _FAR * self.hyper_.noise:
+                break
+            before = curvature
 
-    def _target(self, design: Design, rows: IntArray | slice = slice(None)) -> FloatArray:
-        """Return the errors of some samples minus the nonlinear part at the current linearisation."""
-        return self._e[rows] - self._terms.curvature(design)
+    def _target(self, design: Design) -> FloatArray:
+        """Return the errors of the samples minus the nonlinear part at the current linearisation."""
+        return self._e - self._terms.curvature(design)
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         return self._left(*self._form.left_out(labels[self._own]))
@@ -432,3 +455,8 @@ class KinematicKriging(FittedKriging):
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
         }
+
+
+def _size(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))

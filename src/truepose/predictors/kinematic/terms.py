@@ -317,6 +317,8 @@ class Terms:
 
     def curvature(self, design: Design) -> FloatArray:
         """Return F(ψ + shift) − F(ψ) − J shift, the nonlinear part of the shift's effect, (n, r) [mm, rad]."""
+        if not self.shift.any():
+            return np.zeros((len(design.q), design.rows))
         nominal = end_poses(self.robot.sign * design.q, self._nominal_links)
         moved: FloatArray = design.p - _points(nominal, design.away)
         if design.rows == 6 or design.turn.any():
