@@ -18,8 +18,8 @@ from tests.programs.joint_arms import FRAMES, MAKERS, TOOL, Maker, Sagging, forw
 from truepose.errors import RefusedError
 from truepose.programs import CorrectedProgram, Program, ReadOptions, correct_program, read_program
 from truepose.programs.core.joint_targets import in_degrees, in_pulses
-from truepose.robots import list_robots, load_robot
-from truepose.robots.pendant import from_ground, ground_objection, to_ground
+from truepose.robots import list_robots, load_robot, shown_joints
+from truepose.robots.pendant import ground_objection
 
 JOINTS = ReadOptions(joint_targets=True, whole_task=True)
 ALL = pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS.keys())
@@ -170,12 +170,11 @@ def test_fanuc_columns_are_kept(tmp_path: Path) -> None:
 
 
 def test_fanuc_counts_j3_from_the_ground(tmp_path: Path) -> None:
-    q = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
-    np.testing.assert_allclose(from_ground(to_ground(q)), q, atol=1e-15)
-    assert from_ground(np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0]))[2] == 20.0
     # the forearm stays level while J2 alone moves
     robot = MAKERS["fanuc"].robot
-    level = robot.forward(from_ground(np.radians([[0.0, a, 0.0, 0.0, 0.0, 0.0] for a in (0.0, 20.0, -35.0)])))
+    level = robot.forward(
+        shown_joints(robot).to_model(np.radians([[0.0, a, 0.0, 0.0, 0.0, 0.0] for a in (0.0, 20.0, -35.0)]))
+    )
     np.testing.assert_allclose(level[:, :3, :3], np.broadcast_to(level[0, :3, :3], (3, 3, 3)), atol=1e-9)
     assert all(not ground_objection(load_robot(name)) for name in list_robots() if name.startswith("fanuc"))
     other = replace(robot, name="turned", sign=np.array([1, 1, 1, -1, -1, -1]))
@@ -187,6 +186,33 @@ def test_fanuc_counts_j3_from_the_ground(tmp_path: Path) -> None:
         assert why in ground_objection(arm)
         with pytest.raises(RefusedError, match=f"J3 counts from the ground, and .*{why}"):
             correct_program(path, Sagging(arm), frames=FRAMES, options=JOINTS, other_maker=True)
+        stated = replace(arm, coupling=[[3, 2, 1.0]])  # the robot file knows better
+        read = correct_program(path, Sagging(stated), frames=FRAMES, options=JOINTS, other_maker=True, on_guard="skip")
+        assert "J3 counts" not in " ".join(target.reason for target in read.targets)
+
+
+@pytest.mark.parametrize("maker", [MAKERS["kuka"], MAKERS["fanuc"]], ids=["kuka", "fanuc"])
+def test_couplings_of_the_robot_file_hold_in_programs(tmp_path: Path, maker: Maker) -> None:
+    """A file written for the same arm with other couplings brings the tool to the same places."""
+    q = maker.joints(maker.some(6, 21))
+    coupling = [[3, 2, 0.5], [6, 5, -0.25], [5, 4, 0.125]]
+    robot = replace(maker.robot, coupling=coupling)
+    # by hand: model joints less what other joints add, from the first to the last
+    shown = q.copy()
+    shown[:, 2] -= 0.5 * shown[:, 1]
+    shown[:, 4] -= 0.125 * shown[:, 3]
+    shown[:, 5] += 0.25 * shown[:, 4]
+    path = maker.file(tmp_path, texts(np.degrees(shown), 3))
+    corrected = correct_program(path, Sagging(robot), frames=FRAMES, options=JOINTS)
+    written = np.radians(maker.read(after(corrected)))
+    written[:, 5] -= 0.25 * written[:, 4]
+    written[:, 4] += 0.125 * written[:, 3]
+    written[:, 2] += 0.5 * written[:, 1]
+    for angles, target, outcome in zip(written, q, corrected.targets, strict=True):
+        command, wanted = ((forward(robot, one) @ TOOL)[:3, 3] for one in (angles, target))
+        miss = np.linalg.norm(command + Sagging(robot).error(command) - wanted)
+        assert miss < 4 * np.radians(max(maker.step, 1e-3)) * 2500
+        assert outcome.verdict == "correct"
 
 
 def test_an_arm_of_seven_joints_or_none_is_refused(tmp_path: Path) -> None:

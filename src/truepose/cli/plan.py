@@ -43,12 +43,12 @@ def plan(
     from truepose.error_map import load_map
     from truepose.errors import FileError
     from truepose.planning import plan as make_plan
-    from truepose.samples import read_poses
+    from truepose.samples import on_arm, read_poses
 
     overwrite(force, out / "plan.csv")
     cell = load_cell(cell_path)
     known = None if after is None else load_map(after)
-    offered = None if candidates is None else read_poses(candidates).q
+    offered = None if candidates is None else on_arm(read_poses(candidates), cell.load_robot()).q
     if candidates is not None and offered is None:
         raise FileError(candidates, "has no joints (q1_deg …) to choose from")
     with working("Choosing poses", quiet=as_json) as progress:

@@ -105,6 +105,8 @@ def _show(robot: Robot) -> None:
     say(table(f"{plate} ({robot.convention})", columns, rows), f"Source: {robot.source or 'not stated'}")
     if robot.data_sheet is not None:
         say(f"Data sheet: {robot.data_sheet}")
+    for joint, other, factor in _coupling(robot):
+        say(f"Joint {joint} of the model: J{joint} + {factor:g} x J{other} of the controller's display")
     if robot.world_height_mm is not None:
         say(f"Base: the controller's world frame, {robot.world_height_mm:g} mm above the mounting face")
 
@@ -128,7 +130,18 @@ def _robot_data(robot: Robot) -> dict[str, Any]:
     ]
     named = {key: getattr(robot, key) for key in ("name", "maker", "model", "source", "convention")}
     sheet = None if robot.data_sheet is None else robot.data_sheet.to_dict()
-    return {**named, "joints": joints, "data_sheet": sheet}
+    return {**named, "joints": joints, "coupling": _coupling(robot), "data_sheet": sheet}
+
+
+def _coupling(robot: Robot) -> list[tuple[int, int, float]]:
+    """Return the coupling of a robot, its own or that of its maker; empty where that is not known."""
+    from truepose.errors import RobotError
+    from truepose.robots import shown_joints
+
+    try:
+        return list(shown_joints(robot).coupling)
+    except RobotError:
+        return []
 
 
 def init(
@@ -163,6 +176,9 @@ def check_point(
         str | None,
         typer.Option("--tool", help="Active tool, from frames.tools of the cell file; by default its \\[tool] table."),
     ] = None,
+    shown: Annotated[
+        bool, typer.Option("--shown", help="The joints are as the controller shows them: J3 of FANUC from the ground.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compare one taught point with the robot model and the tool; the active base must be the robot base."""
@@ -176,7 +192,7 @@ def check_point(
     cell = load_cell(cell_path)
     q, p = parse_numbers(joints, "--joints"), parse_numbers(position, "--position")
     rotation = None if angles is None else euler(_controller(cell), np.array(parse_numbers(angles, "--angles")))
-    found = arm_check.check_point(cell, np.deg2rad(q), p, rotation, tool=tool)
+    found = arm_check.check_point(cell, np.deg2rad(q), p, rotation, tool=tool, shown=shown)
     if as_json:
         emit_json(found.to_dict())
     else:

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Fit
-from truepose.errors import DataError, IdentifiabilityError
+from truepose.errors import DataError, IdentifiabilityError, RobotError
 from truepose.geometry import Registration, invert_transform, register_with_tool
-from truepose.robots import Robot
+from truepose.robots import Robot, shown_joints
 from truepose.samples import Poses
 
 _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors of a small one
@@ -184,6 +184,7 @@ def check_point(
     rotation_shown: Rotation | None = None,
     *,
     tool: int | str | None = None,
+    shown: bool = False,
 ) -> ArmCheck:
     """Compare the nominal arm and the cell's tool with one taught point, as the controller shows it.
 
@@ -199,6 +200,8 @@ def check_point(
         The orientation that the controller shows.
     tool : int or str, optional
         The active tool, from ``[frames.tools]``; by default that of ``[tool]``.
+    shown : bool
+        Whether the joints are as the controller shows them; see `truepose.robots.shown_joints`.
 
     Returns
     -------
@@ -222,21 +225,22 @@ def check_point(
     "The arm's model and the tool agree with one taught point within 0.000 mm."
     """
     robot = cell.load_robot()
-    joints, shown = np.atleast_2d(np.asarray(q, float)), np.asarray(p_shown, float)
-    if shown.shape != (3,) or not np.isfinite(shown).all():
-        raise DataError(f"expected a position of shape (3,) and finite, got shape {shown.shape}")
+    joints, display = np.atleast_2d(np.asarray(q, float)), np.asarray(p_shown, float)
+    if display.shape != (3,) or not np.isfinite(display).all():
+        raise DataError(f"expected a position of shape (3,) and finite, got shape {display.shape}")
     robot.check_joints(joints)
+    joints = shown_joints(robot).to_model(joints) if shown else joints
     tf_base_flange = robot.forward(joints)[0]
     tf_flange_tool = _tool_of(cell, tool)
     tf_base_tool = tf_base_flange @ tf_flange_tool
-    away = float(np.linalg.norm(tf_base_tool[:3, 3] - shown))
-    p_flange_tool = tf_base_flange[:3, :3].T @ (shown - tf_base_flange[:3, 3])
+    away = float(np.linalg.norm(tf_base_tool[:3, 3] - display))
+    p_flange_tool = tf_base_flange[:3, :3].T @ (display - tf_base_flange[:3, 3])
     if away > _ROUNDING_MM:
         raise DataError(
-            f"the controller shows {_point(shown)} where {robot.name} with the cell's tool has "
+            f"the controller shows {_point(display)} where {robot.name} with the cell's tool has "
             f"{_point(tf_base_tool[:3, 3])}, {away:.2f} mm apart; if the arm is right, the controller's tool is "
             f"{_point(p_flange_tool)} and the cell's {_point(tf_flange_tool[:3, 3])}: check the robot's model, "
-            "[tool], and that no base is active"
+            f"[tool], and that no base is active{_counted(robot, shown)}"
         )
     if rotation_shown is not None:
         turn = (Rotation.from_matrix(tf_base_tool[:3, :3]).inv() * rotation_shown).magnitude()
@@ -247,6 +251,18 @@ def check_point(
             )
     words = f"The arm's model and the tool agree with one taught point within {away:.3f} mm."
     return ArmCheck(True, words, 1, away, _rounded(p_flange_tool))
+
+
+def _counted(robot: Robot, shown: bool) -> str:
+    """Return what else to check where the controller shows other joints than those of the model."""
+    try:
+        if not shown_joints(robot).coupling:
+            return ""
+    except RobotError:
+        pass
+    if shown:
+        return "; the joints were taken as the controller shows them"
+    return "; the joints were taken as those of the model: state it if they are from the display (--shown)"
 
 
 def _tool_of(cell: Cell, tool: int | str | None) -> FloatArray:

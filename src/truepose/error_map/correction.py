@@ -18,7 +18,7 @@ from truepose.errors import DataError
 from truepose.geometry import check_transforms, make_transform
 from truepose.predictors.abilities import Differentiable
 from truepose.robots import Robot
-from truepose.samples import Poses
+from truepose.samples import Poses, on_arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +107,7 @@ class Targets:
 def _parts(robot: Robot, given: Poses | ArrayLike) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
     """Return joints, positions and poses of targets, each where it was given."""
     if isinstance(given, Poses):
+        given = on_arm(given, robot)
         if given.q is not None or given.rotation_cmd is None:
             return given.q, given.p_cmd, None
         return None, None, make_transform(given.rotation_cmd, given.p_cmd)

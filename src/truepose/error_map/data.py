@@ -27,7 +27,7 @@ from truepose.geometry import Registration, apply_transform
 from truepose.predictors import Predictor, predictor_spec
 from truepose.predictors.reflectors import whole_poses
 from truepose.robots import Robot
-from truepose.samples import Poses, Samples
+from truepose.samples import Poses, Samples, on_arm
 
 
 class StoredFile(NamedTuple):
@@ -136,7 +136,7 @@ class MapData:
         RobotError
             If joints are beyond the robot's limits.
         """
-        return self._commanded(poses, self.tf_flange_tool)
+        return self._commanded(on_arm(poses, self.robot), self.tf_flange_tool)
 
     def _commanded(self, poses: Poses, tf_flange_tool: FloatArray) -> FloatArray:
         if poses.q is not None:
@@ -157,6 +157,7 @@ class MapData:
         DataError
             If the predictor needs joints and there are none; see also `commanded_positions`.
         """
+        poses = on_arm(poses, self.robot)
         return self._in_space(poses, self.commanded_positions(poses))
 
     def inputs(self, poses: Poses) -> FloatArray:
@@ -185,6 +186,7 @@ class MapData:
         DataError
             If commanded positions of the samples prove another tool than this map's.
         """
+        samples = on_arm(samples, self.robot)
         fitted = self.tool_fitted or self.p_flange_sampled is not None
         check_arm(self.robot, samples, self.tf_flange_tool, fit="pose" if fitted else "none")
         return apply_transform(self.registration.tf_base_tracker, samples.p_meas) - self.commanded_positions(samples)

@@ -23,7 +23,7 @@ from truepose.predictors import Choice, KinematicKriging, rank_predictors
 from truepose.predictors.abilities import Conditional, OutlierWeighing
 from truepose.predictors.conditions import CONDITIONS
 from truepose.predictors.registry import conditions_wanted, for_many
-from truepose.samples import Samples, approach_from_order
+from truepose.samples import Samples, approach_from_order, on_arm
 
 
 def fit_cell(
@@ -83,11 +83,12 @@ def fit_cell(
             f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
             '"auto", which chooses among predictors'
         )
+    samples = on_arm(samples, robot := cell.load_robot())
     if cell.conditions.approach == "from-order":
         progress("Finding the directions of approach from the order of rows")
         samples = replace(samples, approach=approach_from_order(samples))
     progress("Registering")
-    measured = CellSamples(cell, cell.load_robot(), samples)
+    measured = CellSamples(cell, robot, samples)
     registration, tf_flange_tool = measured.register()
     progress("Testing for a moved tracker, a scale error and a drift")
 

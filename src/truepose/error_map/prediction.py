@@ -19,7 +19,7 @@ from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors import LeaveOneOut, PosePredictor
 from truepose.predictors.abilities import Conditional
 from truepose.predictors.conditions import joined
-from truepose.samples import Poses, Samples
+from truepose.samples import Poses, Samples, on_arm
 from truepose.verification import RP_PER_STD
 
 if TYPE_CHECKING:
@@ -147,6 +147,7 @@ class PredictingMap(MapData):
         (5, (5, 3))
         """
         poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
+        poses = on_arm(poses, self.robot)
         p_cmd = self.commanded_positions(poses)
         e, std = self.predict_at(with_conditions(self._in_space(poses, p_cmd), self.predictor, poses, self.cell))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)

@@ -21,7 +21,7 @@ from truepose.geometry import Registration, register
 from truepose.numerics.executor import Executor
 from truepose.predictors import ArmContext, Choice, PositionalErrors, rank_predictors
 from truepose.robots import Robot
-from truepose.samples import Samples
+from truepose.samples import Samples, on_arm
 
 Rows = IntArray | slice
 
@@ -166,7 +166,10 @@ def choose(
     >>> choice.predictor_name
     'idw'
     """
-    registrable = BareSamples(samples) if cell is None else CellSamples(cell, cell.load_robot(), samples)
+    registrable: BareSamples | CellSamples = BareSamples(samples)
+    if cell is not None:
+        robot = cell.load_robot()
+        registrable = CellSamples(cell, robot, on_arm(samples, robot))
     with points_named(samples):
         return rank_predictors(
             candidates,

@@ -21,7 +21,7 @@ from truepose.error_map.selection import points_named
 from truepose.errors import DataError
 from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
 from truepose.predictors.abilities import JointlyPredicting, Updatable
-from truepose.samples import Samples
+from truepose.samples import Samples, on_arm
 from truepose.verification.consistency import (
     DOUBTFUL,
     ConsistencyTest,
@@ -125,6 +125,7 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
     >>> recheck(error_map, virtual.measure(virtual.design(10, seed=1), seed=1)).holding.n
     10
     """
+    samples = on_arm(samples, error_map.robot)
     residual, covariance, shared = _surprise(error_map, samples)
     order = np.arange(len(samples)) if samples.time is None else np.argsort(samples.time, kind="stable")
     found = check_consistency(residual[order], _permuted(covariance, order), None if shared is None else shared[order])
@@ -172,6 +173,7 @@ def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None
     >>> len(update_map(error_map, virtual.measure(virtual.design(10, seed=1), seed=1)).samples)
     50
     """
+    samples = on_arm(samples, error_map.robot)
     if refit is None:
         return _joined(error_map, samples)
     if refit == "station":

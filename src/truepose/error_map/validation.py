@@ -14,7 +14,7 @@ from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.registration import reading_noise
 from truepose.error_map.rivals import Better, better_predictor
 from truepose.error_map.worth import Worth
-from truepose.samples import Samples
+from truepose.samples import Samples, on_arm
 from truepose.verification import RP_PER_STD, HeldOut, held_out, usual_groups
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ class Validation:
 
 def validate(error_map: PredictingMap, samples: Samples, *, rivals: bool) -> Validation:
     """Compare errors before and after on held-out samples; see `truepose.ErrorMap.validate`."""
+    samples = on_arm(samples, error_map.robot)
     e = error_map.errors(samples)
     expected, std = error_map.predict_reading(samples)
     p_cmd = error_map.commanded_positions(samples)

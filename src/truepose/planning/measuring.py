@@ -1,13 +1,13 @@
 """Measuring programs in the controller's language: joint motions to each pose from the same side, dwell, signal.
 
-Joint motions do not depend on the active tool and base. FANUC counts its third joint
-from the horizon: J3 on the pendant is joint 3 less joint 2 (conventions of the maker, not confirmed on a controller).
+Joint motions do not depend on the active tool and base. Programs have the joints that the controller shows
+(`truepose.robots.shown_joints`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -19,8 +19,8 @@ from truepose.cell import Cell
 from truepose.cell.sections import Measuring
 from truepose.errors import RobotError
 from truepose.planning.measurement_space import MeasurementSpace, configuration_list
-from truepose.robots.pendant import to_ground
-from truepose.samples import Poses, samples_text
+from truepose.robots import shown_joints
+from truepose.samples import Poses, on_arm, samples_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Stop:
     Attributes
     ----------
     q : (dof,) array [rad]
-        The joints at its end.
+        The joints at its end, as the controller shows them.
     name : str
         The name of the pose; "" on the way.
     """
@@ -106,8 +106,7 @@ def _fanuc_program(name: str, about: list[str], lines: list[str], stops: list[St
     ]
     positions = []
     for number, stop in enumerate(stops, start=1):
-        pendant = np.rad2deg(to_ground(stop.q))
-        axes = [f"J{j}= {value} deg" for j, value in enumerate(_numbers(pendant, 3), start=1)]
+        axes = [f"J{j}= {value} deg" for j, value in enumerate(_numbers(np.rad2deg(stop.q), 3), start=1)]
         place = [f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,"]
         positions += [*place, f"\t{', '.join(axes[:3])},", f"\t{', '.join(axes[3:])}", "};"]
     head = [f"/PROG  {name.upper()}", "/ATTR", 'COMMENT = "truepose";', "/MN"]
@@ -184,7 +183,7 @@ def measuring_program(
     Raises
     ------
     RobotError
-        If no program can be written for the robot's maker.
+        If no program can be written for the robot's maker, or how its controller counts joint 3 is not known.
     DataError
         If there are no joints, or a box is in the way to a pose (its row is named).
     """
@@ -201,13 +200,16 @@ def measuring_program(
         "Run it slowly the first time.",
         "Only the boxes of the cell file are known.",
     ]
+    poses = on_arm(poses, robot)
     if poses.q is None:
         raise poses.error("a measuring program needs joints (q1_deg …), and there are none")
     space = space or configuration_list(cell, poses.q)
     reason = space.in_the_way(poses.q)
     if (rows := np.flatnonzero(reason != "")).size:
         raise poses.error(f"a pose is {reason[rows[0]]}; leave it out, or move home or the box", reason != "")
-    return language.ending, language.text(name, about, list(_stops(poses, space)), cell.measuring)
+    shown = shown_joints(robot)
+    stops = [replace(stop, q=shown.from_model(stop.q)) for stop in _stops(poses, space)]
+    return language.ending, language.text(name, about, stops, cell.measuring)
 
 
 def write_measurement(table: Path, cell: Cell, poses: Poses, *, space: MeasurementSpace | None = None) -> list[Path]:

@@ -26,7 +26,7 @@ from truepose.programs.core.outcomes import DONE, Outcomes
 from truepose.programs.core.own_arm import objections, own_robot
 from truepose.programs.core.program import IDENTITY
 from truepose.programs.corrector import CorrectionContext
-from truepose.robots import Robot, status_turn
+from truepose.robots import Robot, ShownJoints, shown_joints, status_turn
 from truepose.robots.inverse.branches import SINGULAR
 from truepose.robots.inverse.newton import damped_newton, smallest_singular
 from truepose.robots.pendant import ground_objection
@@ -109,7 +109,7 @@ class JointCorrection:
             if reason := _unlike(form, robot, foreign_maker(robot, self.outcomes.program)):
                 why.update(dict.fromkeys(rows.tolist(), reason))
             else:
-                q[rows] = form.joints(columns.joints[rows])
+                q[rows] = self._shown(form).to_model(form.joints(columns.joints[rows]))
                 if form.arm is not None:
                     tools = columns.take(rows).tf_flange_tool(self.known.tf_flange_tool)
                     others = objections(form.arm, robot, q[rows], tools)
@@ -122,6 +122,11 @@ class JointCorrection:
         """Return the arm that joints of a form belong to."""
         assert self.known.robot is not None  # the targets have poses
         return self.known.robot if form.arm is None else own_robot(form.arm, self.known.robot)
+
+    def _shown(self, form: JointForm) -> ShownJoints:
+        """Return the conversion between the joints of a form and those of the model."""
+        assert self.known.robot is not None  # as above
+        return shown_joints(self.known.robot, ground=form.ground)
 
     def _forward(self, columns: TargetColumns, q: FloatArray) -> FloatArray:
         """Return the poses (n, 4, 4) [mm] of joints (n, dof) [rad], base to tool."""
@@ -171,17 +176,18 @@ class JointCorrection:
         flanges = wanted @ invert_transform(tools)
         for form, rows in by_form(columns):
             found = damped_newton(self._arm(form), flanges[rows], posed.q[rows])
-            change[rows, : form.count] = form.numbers(found.q - posed.q[rows])
+            change[rows, : form.count] = form.numbers(self._shown(form).from_model(found.q - posed.q[rows]))
             reached[rows] = found.reached
         after = moved_joints(data, columns, change)
         q, p, reach = np.empty_like(posed.q), np.empty((len(columns), 3)), np.zeros(len(columns))
         for form, rows in by_form(columns):
             robot, numbers, tool = self._arm(form), after[rows, : form.count], tools[rows]
-            q[rows] = form.joints(numbers)
+            shown = self._shown(form)
+            q[rows] = shown.to_model(form.joints(numbers))
             p[rows] = (robot.forward(q[rows]) @ tool)[:, :3, 3]
             for axis in range(form.count):
                 half = 0.5 * form.step * np.eye(form.count)[axis]
-                beside = (robot.forward(form.joints(numbers + half)) @ tool)[:, :3, 3]
+                beside = (robot.forward(shown.to_model(form.joints(numbers + half))) @ tool)[:, :3, 3]
                 reach[rows] += np.linalg.norm(beside - p[rows], axis=1)
         return _Written(after, q, p, np.linalg.norm(p - wanted[:, :3, 3], axis=1), reach, reached)
 
@@ -235,8 +241,8 @@ def _unlike(form: JointForm, robot: Robot, maker: str) -> str:
         return f"it has {form.count} joints, {robot.name} has {robot.dof}"
     if maker:
         return f"whether {robot.name} of {robot.maker} counts its joints as a controller of {maker} is not known"
-    if form.ground and (reason := ground_objection(robot)):
-        return f"J3 counts from the ground, and {reason}: joint 3 is not J3 + J2"
+    if form.ground and robot.coupling is None and (reason := ground_objection(robot)):
+        return f"J3 counts from the ground, and {reason}: joint 3 is not J3 + J2; state coupling in its robot file"
     return ""
 
 

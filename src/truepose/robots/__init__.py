@@ -22,6 +22,7 @@ from truepose.robots.io.toml import parse_robot, to_toml
 from truepose.robots.io.urdf import load_urdf, to_urdf
 from truepose.robots.motions import Parameter
 from truepose.robots.nongeometric import JointTerms, Load, gravity_torque, joint_terms, thermal_columns
+from truepose.robots.pendant import ShownJoints, shown_joints
 from truepose.robots.reach import max_reach
 from truepose.robots.robot import Robot
 
@@ -35,6 +36,7 @@ __all__ = [
     "Load",
     "Parameter",
     "Robot",
+    "ShownJoints",
     "abb_configuration",
     "error_model",
     "fanuc_configuration",
@@ -53,6 +55,7 @@ __all__ = [
     "parse_robot_csv",
     "robot_template",
     "select",
+    "shown_joints",
     "status_turn",
     "thermal_columns",
     "to_mdh",

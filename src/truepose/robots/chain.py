@@ -18,6 +18,7 @@ from truepose._typing import BoolArray, FloatArray
 from truepose.errors import DataError, RobotError
 from truepose.geometry.arrays import as_floats, check_finite, name_rows
 from truepose.geometry.transforms import axis_rotation, axis_translation, check_transforms, make_transform
+from truepose.robots.coupling import Coupling, check_coupling
 from truepose.robots.data_sheet import DataSheet
 
 LinkConvention = Literal["mdh", "dh"]
@@ -49,6 +50,7 @@ class Chain:
     sign: FloatArray = field(default_factory=_not_given)
     limits: FloatArray = field(default_factory=_not_given)
     gear_ratio: FloatArray = field(default_factory=_not_given)
+    coupling: Coupling | None = None
     convention: LinkConvention = "mdh"
     tf_base_first: FloatArray = field(default_factory=_not_given)
     tf_last_flange: FloatArray = field(default_factory=_not_given)
@@ -84,6 +86,11 @@ class Chain:
             if array.shape != (dof,) or not np.isfinite(array).all():
                 raise RobotError(f"{self.name}: {key} must be {dof} finite numbers, one for each joint; got {array}")
         self._check_gears(dof)
+        if self.coupling is not None:
+            try:
+                object.__setattr__(self, "coupling", check_coupling(self.coupling, dof))
+            except RobotError as error:
+                raise RobotError(f"{self.name}: {error}") from None
         if not np.isin(self.sign, (-1.0, 1.0)).all():
             raise RobotError(f"{self.name}: sign must be -1 or +1 for each joint; got {self.sign}")
         if self.convention == "dh" and self.beta.any():
@@ -126,7 +133,8 @@ class Chain:
             f"{self.sign[j]:6.0f}{lower[j]:10.6g}{upper[j]:10.6g}"
             for j in range(self.dof)
         ]
-        return "\n".join([repr(self), head, *rows])
+        coupled = ", ".join(f"J{joint} + {factor:g} J{other}" for joint, other, factor in self.coupling or ())
+        return "\n".join([repr(self), head, *rows, *([f"coupling: {coupled}, J as shown"] if coupled else [])])
 
     @property
     def dof(self) -> int:

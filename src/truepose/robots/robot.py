@@ -43,6 +43,10 @@ class Robot(Chain):
         The lower and upper limits of the joints; infinite when not given.
     gear_ratio : (dof,) array, optional
         The motor turns for one turn of each joint, above 0; empty when not known.
+    coupling : sequence of (int, int, float), optional
+        The couplings of the joints that the controller shows: a row (i, k, f) says that joint i of the model is joint i
+        as shown plus f times joint k as shown, joints from 1. Empty where the joints shown are those of the model; by
+        default that of the maker, see `truepose.robots.shown_joints`.
     convention : {"mdh", "dh"}
         The convention of the parameters.
     tf_base_first, tf_last_flange : (4, 4) array [mm], optional

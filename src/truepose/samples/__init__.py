@@ -6,6 +6,7 @@ from truepose.samples.examples import Example, load_example
 from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
 from truepose.samples.reflectors import check_reflector_rows, check_rigid, reflector_index, visits
+from truepose.samples.shown import on_arm
 from truepose.samples.table import Poses, Samples
 from truepose.samples.tidy import (
     append_columns,
@@ -34,6 +35,7 @@ __all__ = [
     "mask_table",
     "name_one",
     "name_points",
+    "on_arm",
     "read_all_samples",
     "read_mask",
     "read_poses",

@@ -11,6 +11,7 @@ from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
 from truepose.samples.conditions import check_conditions
 from truepose.samples.reflectors import check_reflector_rows
+from truepose.samples.shown import read_as_shown
 from truepose.samples.table import Poses, Samples
 
 if TYPE_CHECKING:
@@ -60,12 +61,12 @@ def check(poses: Poses) -> None:
 
 
 def _check_commands(poses: Poses) -> None:
-    if poses.q is not None and np.abs(poses.q).max() > _MOST_RAD:
-        worst = np.abs(poses.q).max()
-        raise poses.error(
-            f"joints up to {worst:.4g} rad; are they degrees? Name the columns q1_deg …",
-            np.abs(poses.q).max(axis=1) > _MOST_RAD,
-        )
+    for q, column in ((poses.q, "q1_deg"), (poses.q_shown, "q1_shown_deg")):
+        if q is not None and (worst := np.abs(q).max()) > _MOST_RAD:
+            raise poses.error(
+                f"joints up to {worst:.4g} rad; are they degrees? Name the columns {column} …",
+                np.abs(q).max(axis=1) > _MOST_RAD,
+            )
     if poses.p_cmd is not None:
         _refuse_metres(poses, poses.p_cmd, "commanded", "x_cmd_m …")
     check_conditions(poses)
@@ -93,7 +94,7 @@ def looks_like_metres(p: FloatArray) -> bool:
 
 
 def _moves(poses: Poses) -> bool:
-    return any(bool((np.ptp(x, axis=0) > _SAME).any()) for x in (poses.q, poses.p_cmd) if x is not None)
+    return any(bool((np.ptp(x, axis=0) > _SAME).any()) for x in (poses.given_joints, poses.p_cmd) if x is not None)
 
 
 def _radius(p: FloatArray) -> float:
@@ -117,7 +118,8 @@ def _check_scale(samples: Samples) -> None:
 def _check_repeats(samples: Samples) -> None:
     """Refuse readings of one configuration (with its load and approach) that are too far apart for any robot."""
     rotation = None if samples.rotation_cmd is None else samples.rotation_cmd.as_matrix().reshape(len(samples), 9)
-    configuration = (samples.q,) if samples.q is not None else (samples.p_cmd, rotation)
+    joints = samples.given_joints
+    configuration = (joints,) if joints is not None else (samples.p_cmd, rotation)
     words = samples.reflector
     which = None if words is None else np.unique(words, return_inverse=True)[1].reshape(-1) * 1.0
     keys = [x for x in (*configuration, samples.approach, samples.load, which) if x is not None]
@@ -178,6 +180,9 @@ def check_against(poses: Poses, robot: Robot, *, tolerance_mm: float = 5.0) -> F
     for q_factor, p_factor, why in _REMEDIES:
         if np.median(_disagreement(poses.q * q_factor, poses.p_cmd * p_factor, robot, robust=False)) <= tolerance_mm:
             raise poses.error(f"{message}: {why}")
+    shown = read_as_shown(poses.q, robot)
+    if shown is not None and np.median(_disagreement(shown, poses.p_cmd, robot, robust=False)) <= tolerance_mm:
+        raise poses.error(f"{message}: they are joints as the controller shows them; name the columns q1_shown_deg …")
     raise poses.error(
         f"{message}; is it this robot, with its D-H convention, and are its joints in the right order and sign?"
     )

@@ -43,6 +43,8 @@ POINT_NAMES: Final = (
     "punktname",
 )
 """Columns that hold the names of points, in lower case; the first of these that a table has counts."""
+OF_JOINTS: Final = ("q", "q_shown", "approach")
+"""The arrays with one column for each joint."""
 WORDS: Final = ("name", "reflector")
 """The quantities that are words, not numbers."""
 
@@ -71,6 +73,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "name": Quantity("name", 0, ""),
     "reflector": Quantity("reflector", 0, ""),
     **{f"q{i + 1}": Quantity("q", i, "angle") for i in range(_MOST_JOINTS)},
+    **{f"q{i + 1}_shown": Quantity("q_shown", i, "angle") for i in range(_MOST_JOINTS)},
     **_triple("p_cmd", ("x_cmd", "y_cmd", "z_cmd"), "length"),
     **_triple("rpy_cmd", ("roll_cmd", "pitch_cmd", "yaw_cmd"), "angle"),
     **_triple("p_meas", ("x_meas", "y_meas", "z_meas"), "length"),
@@ -139,7 +142,7 @@ def _known_names(table: TextTable) -> list[str]:
 def _is_joint(name: str) -> bool:
     """Return whether a column is ``q1_deg`` or the like."""
     stem, _, unit = name.rpartition("_")
-    return (known := QUANTITIES.get(stem)) is not None and known.array == "q" and unit in RAD_PER
+    return (known := QUANTITIES.get(stem)) is not None and known.array in ("q", "q_shown") and unit in RAD_PER
 
 
 def _known_name(name: str, header: list[str], joint: int | None) -> str:
@@ -249,7 +252,7 @@ def _shown_units(kind: str) -> list[str]:
 
 def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], finite: bool) -> NDArray[np.generic]:
     stems = [stem for stem, quantity in QUANTITIES.items() if quantity.array == array]
-    size = len(stems) if array not in ("q", "approach") else max(places) + 1
+    size = len(stems) if array not in OF_JOINTS else max(places) + 1
     missing = [full_name(stems[index]) for index in range(size) if index not in places]
     if missing:
         there = ", ".join(table.header[column] for column, _ in places.values())
@@ -266,7 +269,7 @@ def _values(table: TextTable, array: str, places: dict[int, tuple[int, float]], 
     if array == "row":
         return _whole(table, values[:, 0], columns[0])
     scaled: FloatArray = values * np.array([places[index][1] for index in range(size)])
-    return scaled[:, 0] if size == 1 and array not in ("q", "approach") else scaled
+    return scaled[:, 0] if size == 1 and array not in OF_JOINTS else scaled
 
 
 def _whole(table: TextTable, values: FloatArray, column: int) -> IntArray:

@@ -70,10 +70,12 @@ def _check_approach(poses: Poses, approach: FloatArray) -> None:
     wrong = np.asarray(~np.isin(approach, (-1.0, 0.0, 1.0)).all(axis=1))
     if wrong.any():
         raise poses.error("approach must be -1, 0 or +1, the sign of each joint's last motion", wrong)
-    if poses.q is None:
+    if (q := poses.given_joints) is None:
         return
-    if approach.shape != poses.q.shape:
-        raise poses.error(f"approach has {approach.shape[1]} columns for {poses.q.shape[1]} joints; state one for each")
+    if approach.shape != q.shape:
+        raise poses.error(f"approach has {approach.shape[1]} columns for {q.shape[1]} joints; state one for each")
+    if poses.q is None:
+        return  # signs are those of the model's joints
     moved, stated = np.diff(poses.q, axis=0), approach[1:]
     telling = (np.abs(moved) > _MOVES) & (stated != 0.0) & (np.ptp(approach, axis=0) == 2.0)
     if telling.sum() >= _FEWEST and np.mean(np.sign(moved)[telling] == stated[telling]) < _REVERSED:

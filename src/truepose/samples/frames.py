@@ -17,7 +17,7 @@ from truepose.samples.columns import QUANTITIES, full_name, gather, require
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMMANDED: Final = {"row", "name", "reflector", "q", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
+COMMANDED: Final = {"row", "name", "reflector", "q", "q_shown", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
 MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}
 
 
@@ -49,7 +49,8 @@ def quantities(table: TextTable, *, measured: bool) -> dict[str, Any]:
     arrays: dict[str, Any] = gather(table, COMMANDED | MEASURED if measured else COMMANDED)
     if measured:
         require(table, arrays, "x_meas")
-    require(table, arrays, "q1", "x_cmd")
+    if "q_shown" not in arrays:
+        require(table, arrays, "q1", "x_cmd")
     if (rpy := arrays.pop("rpy_cmd", None)) is not None:
         arrays["rotation_cmd"] = Rotation.from_euler("ZYX", rpy[:, ::-1])
     if (rxyz := arrays.pop("rxyz_meas", None)) is not None:

@@ -62,7 +62,8 @@ def all_rows(table: TextTable) -> SampleTable:
     named: dict[str, Any] = gather(table, ("row", *WORDS), finite=False)
     values = _numbers(table)
     require(table, values, "x_meas")
-    require(table, values, "q1", "x_cmd")
+    if "q_shown" not in values:
+        require(table, values, "q1", "x_cmd")
     rows = named.get("row", np.arange(len(table.line)))
     return SampleTable(rows, named.get("name"), masked_rows(table), values, str(table.path), named.get("reflector"))
 

@@ -56,8 +56,8 @@ def _follows(poses: Poses) -> BoolArray:
     for values in same:
         equal = values[1:] == values[:-1]
         follows[1:] &= equal if equal.ndim == 1 else equal.all(axis=1)
-    if not named and poses.q is not None:
-        follows[1:] &= np.abs(np.diff(poses.q, axis=0)).max(axis=1) <= _SAME_JOINTS
+    if not named and (q := poses.given_joints) is not None:
+        follows[1:] &= np.abs(np.diff(q, axis=0)).max(axis=1) <= _SAME_JOINTS
     return follows
 
 
@@ -73,12 +73,12 @@ def check_reflector_rows(poses: Poses) -> None:
         return
     if (empty := np.char.strip(poses.reflector) == "").any():
         raise poses.error("no reflector is named; state one in every row, or leave the column out", empty)
-    if poses.q is None:
+    if poses.given_joints is None:
         raise poses.error("readings of several reflectors need the joints (q1_deg …)")
     here = np.flatnonzero(np.diff(visits(poses), prepend=-1) == 0)
     before = here - 1
     stated = {
-        "joints": (poses.q, _SAME_JOINTS),
+        "joints": (poses.given_joints, _SAME_JOINTS),
         "approach": (poses.approach, 0.0),
         "load_kg": (poses.load, 0.0),
         "temp_C": (poses.temperature, _SAME_KELVIN),

@@ -17,7 +17,7 @@ from truepose._io.strict import LARGEST
 from truepose._io.tables import data_frame, facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
-from truepose.samples.columns import WORDS
+from truepose.samples.columns import OF_JOINTS, WORDS
 from truepose.samples.frames import quantities, text_table, tidy_columns
 from truepose.samples.masked import counted_quantities
 from truepose.samples.naming import name_points
@@ -39,6 +39,9 @@ class Poses:
     ----------
     q : (n, dof) array [rad], optional
         The joint vectors, in the robot's own order and sign.
+    q_shown : (n, dof) array [rad], optional
+        The joint vectors as the controller shows them, where these may differ; `truepose.samples.on_arm` makes `q` of
+        them.
     p_cmd : (n, 3) array [mm], base frame, optional
         The commanded positions of the tool centre point.
     rotation_cmd : Rotation of length n, optional
@@ -74,6 +77,7 @@ class Poses:
     """
 
     q: FloatArray | None = None
+    q_shown: FloatArray | None = None
     p_cmd: FloatArray | None = None
     rotation_cmd: Rotation | None = None
     approach: FloatArray | None = None
@@ -86,7 +90,7 @@ class Poses:
     source: str = "samples"
 
     def __post_init__(self) -> None:
-        if self.q is None and self.p_cmd is None:
+        if self.q is None and self.q_shown is None and self.p_cmd is None:
             raise DataError(f"{self.source}: neither joints (q1_deg …) nor commanded positions (x_cmd_mm …) are given")
         for name in self.columns():
             value = getattr(self, name)
@@ -106,7 +110,7 @@ class Poses:
             raise DataError(f"{self.source}: {name} has {len(value)} rows, {first} has {n}")
         if isinstance(value, Rotation) or name in (*WORDS, *_WHOLE):
             return
-        expected = (n, 3) if name in _VECTORS else (n, value.shape[-1]) if name in ("q", "approach") else (n,)
+        expected = (n, 3) if name in _VECTORS else (n, value.shape[-1]) if name in OF_JOINTS else (n,)
         if value.shape != expected:
             raise DataError(f"{self.source}: {name} has shape {value.shape}; expected {expected}")
         bad = ~np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
@@ -146,7 +150,7 @@ class Poses:
         if isinstance(value, Rotation):
             turn = np.rad2deg((value[0].inv() * value).magnitude().max())
             return f"orientations up to {turn:.3g} deg from the first"
-        if name == "q":
+        if name in ("q", "q_shown"):
             low, high = np.rad2deg([value.min(), value.max()])
             return f"{value.shape[1]} joints, {low:.4g} … {high:.4g} deg"
         if name in ("p_cmd", "p_meas"):
@@ -198,6 +202,11 @@ class Poses:
         found = counted_quantities(table)
         del found["line"]
         return cls(**found, source=source)
+
+    @property
+    def given_joints(self) -> FloatArray | None:
+        """The joints of the table, (n, dof) [rad]: of the model or as shown; to compare rows with each other."""
+        return self.q_shown if self.q is None else self.q
 
     def columns(self) -> list[str]:
         """Return the names of the quantities that this table holds."""

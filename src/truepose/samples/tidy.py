@@ -6,6 +6,7 @@ columns                                     meaning
 name (or point), row                        name of the point, for messages; number of the row in JSON, from 0
 reflector                                   name of the reflector in the cell file: one row for each reflector of a pose
 q1_deg …                                    joints, in the robot's own order and sign
+q1_shown_deg …                              joints as the controller shows them, where these differ (FANUC's J3)
 x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz(yaw) Ry(pitch) Rx(roll)
 x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)
 x_std_mm …, rx_std_deg …                    standard deviations of the reading

@@ -17,7 +17,7 @@ from truepose.error_map.registration import register_samples
 from truepose.errors import RobotError
 from truepose.geometry import apply_transform, make_transform, register
 from truepose.robots import Robot
-from truepose.samples import Poses, Samples
+from truepose.samples import Poses, Samples, on_arm
 from truepose.verification import performance as standard
 
 EDGES_MM: Final = (1600.0, 1000.0, 630.0, 400.0, 250.0)
@@ -66,6 +66,7 @@ def iso9283(measurements: Samples, *, cell: Cell | None = None, registered: bool
     >>> [pose.n for pose in figures.poses], 0.05 < figures.RP_mm < 0.1
     ([30, 30, 30, 30, 30], True)
     """
+    measurements = measurements if cell is None else on_arm(measurements, cell.load_robot())
     p_cmd, rotation_cmd, tf_base_tracker = _registered(measurements, cell, registered)
     return standard.performance_figures(
         standard.Attained(

@@ -14,7 +14,7 @@ from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.errors import DataError
 from truepose.geometry import tool_suspected
-from truepose.samples import Mask, Poses, Samples, check_against
+from truepose.samples import Mask, Poses, Samples, check_against, on_arm
 from truepose.trackers.by_name import owners_by_name
 from truepose.trackers.columns import Columns
 from truepose.trackers.each_reflector import EACH, rows_of_reflectors
@@ -77,6 +77,7 @@ def import_readings(
         raise DataError("reflectors = each needs a cell that states them, and keeps all: leave out --keep")
     whole = None if each else reflectors
     readings = read_measurement(path, columns=columns, unit=unit, reflectors=whole, keep=keep)
+    plan = plan if cell is None or plan.q_shown is None else on_arm(plan, cell.load_robot())
     if cell is not None and plan.q is not None:
         robot = cell.load_robot()
         if plan.p_cmd is None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.programs.core.source import Span
-from truepose.robots.pendant import from_ground, to_ground
 
 MOST_JOINTS: Final = 6
 """The largest number of joints of a joint target: arms with more reach a pose in infinitely many ways."""
@@ -54,7 +53,8 @@ class JointForm:
     step : float [unit]
         The smallest step of a written number, unless a number is finer already.
     ground : bool
-        Whether J3 counts from the ground, as FANUC's does; see `truepose.robots.pendant`.
+        Whether J3 counts from the ground, as FANUC's does, where the robot file states no coupling; see
+        `truepose.robots.shown_joints`.
     arm : OwnArm, optional
         The arm as the controller calculates with it; None: that of the map.
     """
@@ -71,14 +71,12 @@ class JointForm:
         return len(self.scale)
 
     def joints(self, numbers: FloatArray) -> FloatArray:
-        """Return the robot's joints (…, dof) [rad] of numbers, or the change of joints of a change of numbers."""
-        q = numbers[..., : self.count] * np.array(self.scale)
-        return from_ground(q) if self.ground else q
+        """Return the joints as the controller shows them (…, dof) [rad] of numbers, or the change of a change."""
+        return np.asarray(numbers[..., : self.count] * np.array(self.scale))
 
-    def numbers(self, q: FloatArray) -> FloatArray:
-        """Return the numbers (…, dof) of the robot's joints [rad], or the change of numbers of a change of joints."""
-        found: FloatArray = (to_ground(q) if self.ground else q) / np.array(self.scale)
-        return found
+    def numbers(self, shown: FloatArray) -> FloatArray:
+        """Return the numbers (…, dof) of joints as the controller shows them [rad], or the change of a change."""
+        return np.asarray(shown / np.array(self.scale))
 
 
 def in_degrees(step: float, *, ground: bool = False, count: int = MOST_JOINTS) -> JointForm:

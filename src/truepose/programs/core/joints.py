@@ -18,7 +18,7 @@ from truepose.geometry import invert_transform
 from truepose.programs.core.columns import Motions, ProgramTargets
 from truepose.programs.core.joint_targets import KUKA
 from truepose.programs.core.points import ALLOWED_JOINTS
-from truepose.robots import Robot, select, status_turn
+from truepose.robots import Robot, select, shown_joints, status_turn
 from truepose.robots.inverse.axes import half_turn
 from truepose.robots.inverse.branches import inverse
 
@@ -93,7 +93,7 @@ def _commanded(robot: Robot, targets: ProgramTargets) -> tuple[IntArray, FloatAr
         ]
         here = np.flatnonzero(np.array(certain)[which] & ~columns.on_paths)
         rows.append(first + here)
-        joints.append(KUKA.joints(columns.joints[here]))
+        joints.append(shown_joints(robot, ground=KUKA.ground).to_model(KUKA.joints(columns.joints[here])))
     return np.concatenate(rows), np.concatenate(joints)
 
 

@@ -24,7 +24,10 @@ from truepose.robots.robot import Robot
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "quaternion_wxyz")
 KEYS: Final = {
     "": ("name", "maker", "model", "source", "kinematics", "limits", "data_sheet", "base", "flange"),
-    "kinematics": ("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign", "gear_ratio"),
+    "kinematics": (
+        *("convention", "alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "sign", "gear_ratio"),
+        "coupling",
+    ),
     "limits": ("lower_deg", "upper_deg"),
     "data_sheet": tuple(field.name for field in fields(DataSheet)),
     "base": _POSE,
@@ -48,6 +51,7 @@ _OTHER_NAMES: Final = {
     "a_m": 'use "a_mm", in mm',
     "d_m": 'use "d_mm", in mm',
     "type": 'use "convention": "mdh" (Craig\'s modified D-H) or "dh" (standard D-H); all joints are revolute',
+    "couplings": 'use "coupling"',
     "joints": "state one list for each column in [kinematics]; `truepose robots --template` shows how",
     **{key: f'use "{key}_mm", with its unit' for key in ("a", "d")},
     **{key: f'use "{key}_deg", with its unit' for key in ("offset", "beta", "lower", "upper")},
@@ -89,6 +93,8 @@ def parse_table(table: Mapping[str, Any], path: str | Path) -> Robot:
     optional: dict[str, Any] = {key: str(table[key]) for key in ("maker", "model", "source") if key in table}
     optional |= {key: columns[key] for key in ("sign", "gear_ratio") if key in columns}
     optional |= {"beta": np.deg2rad(columns["beta_deg"])} if "beta_deg" in columns else {}
+    if "coupling" in kinematics:
+        optional["coupling"] = _coupling(path, kinematics["coupling"])
     if "limits" in table:
         if not {"lower_deg", "upper_deg"} <= columns.keys():
             raise FileError(path, "limits needs both lower_deg and upper_deg")
@@ -133,6 +139,9 @@ def to_toml(robot: Chain) -> str:
     lines = [f"{key} = {_quoted(getattr(robot, key))}" for key in ("name", "maker", "model", "source")]
     lines += ["", "[kinematics]", f"convention = {_quoted(robot.convention)}"]
     lines += [f"{key} = {_listed(column)}" for key, column in columns.items()]
+    if robot.coupling is not None:
+        rows = ", ".join(f"[{joint}, {other}, {factor!r}]" for joint, other, factor in robot.coupling)
+        lines += [f"coupling = [{rows}]"]
     lines += ["", "[limits]"]
     limits = zip(KEYS["limits"], np.rad2deg(robot.limits.T), strict=True)
     lines += [f"{key} = {_listed(column)}" for key, column in limits]
@@ -169,13 +178,22 @@ def _check_keys(path: str | Path, section: str, table: Mapping[str, Any]) -> Non
 def _columns(path: str | Path, table: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Return the lists of numbers, one for each joint, by key."""
     columns: dict[str, FloatArray] = {}
-    for section, keys in (("kinematics", KEYS["kinematics"][1:]), ("limits", KEYS["limits"])):
+    for section, keys in (("kinematics", KEYS["kinematics"][1:-1]), ("limits", KEYS["limits"])):
         for key in keys:
             value = table.get(section, {}).get(key)
             if value is not None or key not in _OPTIONAL:
                 dof = len(columns["alpha_deg"]) if columns else None
                 columns[key] = _numbers(path, f"{section}.{key}", value, dof, "as in alpha_deg")
     return columns
+
+
+def _coupling(path: str | Path, value: object) -> Any:
+    """Return the rows of a coupling, whose joints and factors the robot checks."""
+    rows = value if isinstance(value, list) else [None]
+    if not all(isinstance(row, list) and len(row) == 3 and all(type(x) in (int, float) for x in row) for row in rows):
+        wanted = "a list of rows [joint, other joint, factor], such as [[3, 2, 1.0]]"
+        raise FileError(path, f"kinematics.coupling must be {wanted}; got {value!r}")
+    return rows
 
 
 def _data_sheet(path: str | Path, table: Mapping[str, Any]) -> DataSheet:

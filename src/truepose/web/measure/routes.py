@@ -19,7 +19,8 @@ from truepose.cell import Cell
 from truepose.errors import DataError, TrueposeError, one_line
 from truepose.jobs import Job, JobQueue
 from truepose.planning import METHODS, expected_accuracy, measuring_program
-from truepose.robots import to_toml
+from truepose.robots import shown_joints, to_toml
+from truepose.samples import on_arm
 from truepose.samples.masked import SampleTable
 from truepose.samples.tidy import read_all_samples, read_samples_but
 from truepose.trackers import read_plan
@@ -190,13 +191,14 @@ def plan_table(
 ) -> PoseTable:
     """Return the poses of a plan."""
     stored = cell.get(file, "plan")
-    poses = read_plan(stored.path)
+    settings = cell.load()
+    poses = on_arm(read_plan(stored.path), settings.load_robot())
     values: dict[str, Any] = {"q": poses.q, "p_cmd": poses.p_cmd}
     if poses.rotation_cmd is not None:
         values["rpy_cmd"] = poses.rotation_cmd.as_euler("ZYX")[:, ::-1]
     assert poses.row is not None
     table = SampleTable(poses.row, poses.name, np.full(len(poses), ""), values, poses.source)
-    return _table(stored, cell.load(), table, slice(offset, offset + min(limit, _MOST_ROWS)))
+    return _table(stored, settings, table, slice(offset, offset + min(limit, _MOST_ROWS)))
 
 
 @router.get("/cells/{cell}/samples/{file}")
@@ -230,6 +232,8 @@ def _table(stored: StoredFile, cell: Cell, table: SampleTable, rows: slice) -> P
     n = len(table.row[rows])
     part = {name: values[rows] for name, values in table.values.items() if values is not None}
     p, rpy, q = part.get("p_cmd"), part.get("rpy_cmd"), part.get("q")
+    if q is None and (shown := part.get("q_shown")) is not None:
+        q = shown_joints(cell.load_robot()).to_model(shown)
     if q is not None:
         p, rpy = _reached(cell, q)
     found = {
@@ -268,14 +272,15 @@ def _listed(values: FloatArray | None, n: int, unit: Callable[[FloatArray], Floa
 @router.get("/cells/{cell}/plans/{file}/expected")
 def expected(cell: InCell, file: str, cache: InCache) -> ExpectedAccuracy:
     """Return the accuracy to expect after a plan, and after fewer or more poses."""
-    q, settings = _joints(cell.get(file, "plan")), cell.load()
+    settings = cell.load()
+    q = _joints(cell.get(file, "plan"), settings)
     key = ("expected-interval", settings.to_toml(), to_toml(settings.load_robot()), q.tobytes())
     rows = cache.json(key, lambda: expected_accuracy(settings, q))
     return ExpectedAccuracy.model_validate({"n": len(q), "rows": rows})
 
 
-def _joints(stored: StoredFile) -> Any:
-    poses = read_plan(stored.path)
+def _joints(stored: StoredFile, cell: Cell) -> Any:
+    poses = on_arm(read_plan(stored.path), cell.load_robot())
     if poses.q is None:
         raise DataError(f"{stored.name}: has no joints (q1_deg …)")
     return poses.q
