@@ -9,7 +9,7 @@ import typer
 
 from truepose.cli.options import Force, Json, MapPath
 from truepose.cli.output import emit_json, overwrite, say, table, working
-from truepose.cli.summaries import show_calibration
+from truepose.cli.summaries import show_calibration, show_fleet
 
 if TYPE_CHECKING:
     from truepose.compensation import Gap
@@ -73,6 +73,7 @@ def _show(found: Knowledge) -> None:
         )
     if found.shares_mm:
         say(table("Contributions to the errors at the samples", ["", "RMS [mm]"], list(found.shares_mm.items())))
+    show_fleet(found.fleet)
     if found.gaps:
         columns = ["joint", "from [deg]", "to [deg]", "measure near [deg]"]
         say(table("Angles that no sample covers: targets there are refused", columns, map(_gap, found.gaps)))

@@ -26,6 +26,7 @@ from truepose.cli.summaries import (
     show_calibration,
     show_campaign,
     show_choice,
+    show_fleet,
     show_worth,
 )
 from truepose.cli.tool import show_tool
@@ -49,6 +50,10 @@ def fit(
     ] = "points,blocks",
     execution: Execution = _EXECUTION,
     accept_campaign: AcceptCampaign = False,
+    like: Annotated[
+        list[Path] | None,
+        typer.Option("--like", help="Map of another robot of the same type, as a prior; may be repeated."),
+    ] = None,
     parameters: Annotated[bool, typer.Option("--parameters", help="Show also the identified parameters.")] = False,
     store: RecordIn = None,
     force: Force = False,
@@ -56,6 +61,7 @@ def fit(
 ) -> None:
     """Register the samples, fit the tool if the cell file asks for it, fit a predictor, and write a map."""
     from truepose.cell import load_cell
+    from truepose.error_map import load_map
     from truepose.error_map.figures import fit_figures
     from truepose.error_map.fit import fit_cell
     from truepose.error_map.rivals import better_predictor
@@ -75,6 +81,7 @@ def fit(
             executor=executor,
             progress=progress,
             accept_campaign=accept_campaign,
+            like=[load_map(path) for path in like or ()],
         )
         error_map.save(out)
         if record is not None:
@@ -86,6 +93,8 @@ def fit(
         emit_json(data)
         return
     _show(error_map, parameters=parameters)
+    if like and "fleet" not in data:
+        say(f"[yellow]Note[/]: {error_map.predictor_name} was chosen, which takes nothing from maps of other robots.")
     title = f"{error_map.predictor_name}: each sample predicted from the others"
     say(accuracy_table(title, {"before": data["registered"], "after": data["leave_one_out"]}), f"Wrote {out}.")
     show_better(better)
@@ -94,7 +103,7 @@ def fit(
 def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     from rich.markup import escape
 
-    from truepose.error_map.figures import calibration_of
+    from truepose.error_map.figures import calibration_of, fleet_data
     from truepose.error_map.registration import tool_estimate
     from truepose.samples import name_one
 
@@ -111,4 +120,5 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
         show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:
         show_calibration(calibration, parameters=parameters)
+    show_fleet(fleet_data(error_map.predictor))
     show_worth(error_map.worth)

@@ -88,6 +88,19 @@ def show_calibration(calibration: KinematicCalibration, *, parameters: bool = Tr
         say(f"[yellow]Note[/]: {calibration.hint_}.")
 
 
+def show_fleet(fleet: Mapping[str, Any]) -> None:
+    """Show what a fit took of the maps of other robots, if it got any."""
+    if not fleet:
+        return
+    taken = {
+        "nothing": "nothing was taken of them: the samples speak against it",
+        "hyperparameters": "tolerances and sizes of joint errors were taken of them, no mean error",
+        "mean": f"tolerances, sizes of joint errors and {fleet['scale']:.0%} of the mean error were taken of them",
+    }
+    names = ", ".join(one["name"] for one in fleet["maps"])
+    say(f"Other robots of the type ({names}): {taken[fleet['taken']]} (gain of the log evidence {fleet['gain']:.1f}).")
+
+
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     unit, factor, digits = _SHOWN_UNITS.get(row["unit"], (row["unit"], 1.0, 6))
     if row["unit"] == "rad" and " q" in row["parameter"]:

@@ -217,8 +217,8 @@ class MapData:
 
     def _without(self, block: IntArray) -> LeftOut:
         """Return what is left of the samples' errors without their blocks, see `LeftOut`."""
-        drifting = knows(self.predictor, "time")
-        measured = CellSamples(self.cell, self.robot, self.samples, accepted=True, drifting=drifting)
+        drifting, fleet = knows(self.predictor, "time"), getattr(self.predictor, "fleet", None)
+        measured = CellSamples(self.cell, self.robot, self.samples, accepted=True, drifting=drifting, fleet=fleet)
         found = LeftOut(np.empty_like(self.e), np.empty_like(self.e))
         for k in np.unique(block):
             out, known = np.flatnonzero(block == k), np.flatnonzero(block != k)

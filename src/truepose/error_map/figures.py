@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import tool_estimate
 from truepose.geometry import Registration, ToolEstimate
-from truepose.predictors import KinematicCalibration, Predictor
+from truepose.predictors import KinematicCalibration, KinematicKriging, Predictor
 from truepose.verification import summary
+
+_OF_SAMPLES: Final = ("weight", "weights", "fleet")
+"""Parameters that are arrays of the samples, or of a fleet."""
 
 
 def fit_figures(error_map: ErrorMap) -> dict[str, Any]:
@@ -16,11 +19,12 @@ def fit_figures(error_map: ErrorMap) -> dict[str, Any]:
     calibration = calibration_of(error_map.predictor)
     estimate = tool_estimate(error_map.cell, error_map.robot, error_map.samples)
     parameters = error_map.predictor.to_dict()
+    fleet = fleet_data(error_map.predictor)
     return {
         "hash": error_map.hash,
         "n": len(error_map.samples),
         "predictor": error_map.predictor_name,
-        "parameters": {key: value for key, value in parameters.items() if key not in ("weight", "weights")},
+        "parameters": {key: value for key, value in parameters.items() if key not in _OF_SAMPLES},
         **tool_data(error_map.registration, estimate),
         "hint": error_map.registration.hint,
         "registered": summary(error_map.e),
@@ -32,7 +36,13 @@ def fit_figures(error_map: ErrorMap) -> dict[str, Any]:
         "arm_check": error_map.arm_check.to_dict(),
         "worth": error_map.worth.to_dict(),
         **({} if calibration is None else {"calibration": calibration_data(calibration)}),
+        **({"fleet": fleet} if fleet else {}),
     }
+
+
+def fleet_data(predictor: Predictor) -> dict[str, Any]:
+    """Return what a fit took of the maps of other robots; empty if it got none."""
+    return predictor.fleet_ if isinstance(predictor, KinematicKriging) else {}
 
 
 def calibration_of(predictor: Predictor) -> KinematicCalibration | None:

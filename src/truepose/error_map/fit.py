@@ -13,6 +13,7 @@ from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
+from truepose.error_map.fleet import fleet_of
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import with_tool_hint, wrong_tool_named
 from truepose.error_map.selection import CellSamples, points_named
@@ -22,7 +23,8 @@ from truepose.numerics.executor import Executor
 from truepose.predictors import Choice, KinematicKriging, rank_predictors
 from truepose.predictors.abilities import Conditional, OutlierWeighing
 from truepose.predictors.conditions import CONDITIONS
-from truepose.predictors.registry import conditions_wanted, for_many
+from truepose.predictors.registry import conditions_wanted, for_many, predictor_spec
+from truepose.robots import Robot
 from truepose.samples import Samples, approach_from_order, on_arm
 
 
@@ -39,6 +41,7 @@ def fit_cell(
     executor: Executor | None = None,
     progress: Callable[[str], Any] = str,
     accept_campaign: bool = False,
+    like: Sequence[ErrorMap] = (),
 ) -> ErrorMap:
     """Register, fit the tool if the cell asks for it, and fit an error model.
 
@@ -58,6 +61,9 @@ def fit_cell(
     accept_campaign : bool
         Whether to fit samples of a campaign that `truepose.error_map.campaign.check_campaign` refuses; the map keeps
         the faults.
+    like : sequence of ErrorMap
+        Maps of other robots of the same type, fitted with kinematic Kriging: their hyperparameters and their mean error
+        become a prior of kinematic Kriging, as far as the samples support it.
 
     Returns
     -------
@@ -88,7 +94,8 @@ def fit_cell(
         progress("Finding the directions of approach from the order of rows")
         samples = replace(samples, approach=approach_from_order(samples))
     progress("Registering")
-    measured = CellSamples(cell, robot, samples)
+    fleet = _fleet(like, robot, samples, predictor) if like else None
+    measured = CellSamples(cell, robot, samples, fleet=fleet)
     registration, tf_flange_tool = measured.register()
     progress("Testing for a moved tracker, a scale error and a drift")
 
@@ -142,6 +149,18 @@ def fit_cell(
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)
+
+
+def _fleet(like: Sequence[ErrorMap], robot: Robot, samples: Samples, predictor: str) -> dict[str, Any]:
+    """Return what other robots of the type say, as a parameter of kinematic Kriging."""
+    spec = None if predictor == "auto" else predictor_spec(predictor)
+    if spec is not None and spec.family is not KinematicKriging:
+        raise DataError(
+            f"the predictor {predictor!r} cannot learn from maps of other robots; fit kinematic-kriging or auto, or "
+            "leave out --like"
+        )
+    options = {} if spec is None else spec.options
+    return fleet_of(like, robot, samples, options.get("convention", "hayati")).to_dict()
 
 
 def _refuse(campaign: CampaignCheck, measured: CellSamples, known: set[str], accepted: bool) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -42,6 +42,8 @@ class CellSamples:
         Whether `check_samples` has accepted them before, as those of a map.
     drifting : bool
         Whether the readings drift, so that a predictor has to know the times.
+    fleet : mapping, optional
+        What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`.
     """
 
     cell: Cell
@@ -49,6 +51,7 @@ class CellSamples:
     samples: Samples
     accepted: bool = False
     drifting: bool = False
+    fleet: Mapping[str, Any] | None = None
 
     def register(self, rows: Rows = slice(None)) -> tuple[Registration, FloatArray]:
         """Return the registration with some rows, and the tool (4, 4) [mm] found with it or as stated."""
@@ -88,7 +91,7 @@ class CellSamples:
             coordinates,
             registration.apply(samples.p_meas) - coordinates["cartesian"],
             reading_noise(self.cell, samples, registration),
-            arm_of(self.cell, self.robot, tf_flange_tool),
+            replace(arm_of(self.cell, self.robot, tf_flange_tool), fleet=self.fleet),
             known if turns is None else {**known, "orientation": turns},
         )
 

@@ -146,6 +146,8 @@ class ArmContext:
         The ``temperature`` [°C] and the ``payload`` [kg] at work, where stated.
     reflectors : Reflectors, optional
         The reflectors on the tool, where the cell states them.
+    fleet : mapping, optional
+        What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`, for new fits.
     """
 
     robot: Robot
@@ -153,6 +155,7 @@ class ArmContext:
     payload: tuple[float, float, float, float] | None = None
     work: Mapping[str, float] = field(default_factory=dict)
     reflectors: Reflectors | None = None
+    fleet: Mapping[str, Any] | None = None
 
 
 def predictor_spec(name: str) -> PredictorSpec:
@@ -250,8 +253,10 @@ def make_predictor(name: str, parameters: Mapping[str, Any] | None = None, arm: 
     spec = predictor_spec(name)
     if spec.family.arm_parameters and arm is None:
         raise DataError(f"predictor {name!r} needs the arm: its robot and tool")
-    arm_parameters = {key: getattr(arm, key) for key in spec.family.arm_parameters}
-    return spec.family.from_dict({**spec.defaults, **(parameters or {}), **arm_parameters})
+    given = {key: getattr(arm, key) for key in spec.family.arm_parameters}
+    if arm is not None and arm.fleet is not None and issubclass(spec.family, KinematicKriging):
+        given["fleet"] = arm.fleet
+    return spec.family.from_dict({**spec.defaults, **(parameters or {}), **given})
 
 
 def _kind(parameter: inspect.Parameter) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.compensation import Gap
 from truepose.error_map import ErrorMap
+from truepose.error_map.figures import fleet_data
 from truepose.predictors import KinematicKriging
 from truepose.predictors.abilities import JointlyPredicting, ParameterEstimating
 from truepose.predictors.kinematic import JointCurve
@@ -41,6 +42,8 @@ class Knowledge:
         The RMS length of the contribution of each term to the predictions at the samples.
     hyperparameters : dict
         The settings of the predictor (its `to_dict`), without values of single samples.
+    fleet : dict
+        What the fit took of the maps of other robots; empty if it got none.
     std_unknown_approach_mm : float, optional
         The mean length of the standard deviation where the direction of approach is not known; None for maps that do
         not know the backlash of joints.
@@ -60,6 +63,7 @@ class Knowledge:
     curves: list[JointCurve]
     shares_mm: dict[str, float]
     hyperparameters: dict[str, Any]
+    fleet: dict[str, Any]
     std_unknown_approach_mm: float | None
     gaps: list[Gap]
     next_poses: list[dict[str, Any]]
@@ -83,6 +87,7 @@ class Knowledge:
             "parameters": self.parameters,
             "joints": [_curve_data(curve) for curve in self.curves],
             "hyperparameters": self.hyperparameters,
+            "fleet": self.fleet,
             "joint_gaps": [gap.to_dict() for gap in self.gaps],
             "measure_next": self.next_poses,
         }
@@ -113,7 +118,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         curves = model.joint_curves()
         parts = model.explain(error_map.inputs(samples))
         shares = {name: float(np.sqrt(np.mean(np.sum(e**2, axis=1)))) for name, e in parts.items()}
-    values = {name: value for name, value in model.to_dict().items() if name not in ("weight", "identified")}
+    values = {name: value for name, value in model.to_dict().items() if name not in ("weight", "identified", "fleet")}
     return Knowledge(
         error_map,
         noise_mm=float(np.sqrt(np.mean(_about_field(error_map)))),
@@ -123,6 +128,7 @@ def knowledge(error_map: ErrorMap, *, suggestions: int = 5, rng: int = 0) -> Kno
         curves=curves,
         shares_mm=shares,
         hyperparameters=values,
+        fleet=fleet_data(model),
         std_unknown_approach_mm=unknown,
         gaps=[] if error_map.joint_coverage is None else error_map.joint_coverage.gaps(),
         next_poses=_measure_next(error_map, candidates, suggestions),

@@ -1,5 +1,6 @@
 """Virtual robot cells with known true errors, for tests and studies (docs/virtual-cell.md)."""
 
+from truepose.simulation.fleet import VirtualFleet
 from truepose.simulation.presets import EFFECTS, PRESETS, TROUBLES, Preset
 from truepose.simulation.tracker import TrackerNoise
 from truepose.simulation.troubles import Troubles
@@ -17,4 +18,5 @@ __all__ = [
     "Troubles",
     "Truth",
     "VirtualCell",
+    "VirtualFleet",
 ]

@@ -7,7 +7,7 @@ import pytest
 
 import truepose as tp
 from truepose.predictors import KinematicKriging, make_predictor
-from truepose.predictors.kinematic import kriging
+from truepose.predictors.kinematic import searched
 from truepose.predictors.kinematic.covariance_form import Likelihood
 from truepose.predictors.kinematic.design import take
 from truepose.predictors.kinematic.fitting import Start, search, search_near, spread_starts
@@ -94,7 +94,7 @@ def test_a_fit_that_starts_at_an_optimum_finds_what_it_finds_alone(errors, monke
     alone = make_predictor("kinematic-kriging", arm=errors.arm).fit(q[rows], errors.e[rows], errors.noise_std[rows])
     told = make_predictor("kinematic-kriging", arm=errors.arm)
     told.start_from(whole.optimum())
-    monkeypatch.setattr(kriging, "search", None)  # must not be used
+    monkeypatch.setattr(searched, "search", None)  # must not be used
     told.fit(q[rows], errors.e[rows], errors.noise_std[rows])
     expected, std = alone.predict(q, return_std=True)
     got, got_std = told.predict(q, return_std=True)

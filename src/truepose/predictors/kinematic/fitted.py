@@ -12,6 +12,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
 from truepose.predictors.kinematic.design import Design
+from truepose.predictors.kinematic.fleet import Fleet
 from truepose.predictors.kinematic.frozen import constants_of
 from truepose.predictors.kinematic.frozen_deviation import deviation_of
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
@@ -31,19 +32,25 @@ class FittedKriging(PosePredictor):
         joints_: IntArray
         unseen_: list[int]
         inflation_: float
+        _fleet: Fleet | None
 
     @property
     def joint_length_(self) -> FloatArray:
         """The lengths of the errors of `joints_`, (k,) [rad]."""
         return self.hyper_.joint_length
 
+    def _known(self, design: Design) -> FloatArray:
+        """Return the part of the errors that no coefficient multiplies, (m, r) [mm, rad]: nonlinear, and a fleet's."""
+        known = self._terms.curvature(design)
+        return known if self._fleet is None else known + self._fleet.errors(design, self._terms)
+
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         design = self._terms.at(X)
         if not return_std:
-            return self._form.mean(design) + self._terms.curvature(design), None
+            return self._form.mean(design) + self._known(design), None
         e, covariance = self._form.posterior(design)
         variance = self.inflation_ * np.maximum(np.einsum("maa->ma", covariance), 0.0)
-        return e + self._terms.curvature(design), np.sqrt(variance + np.sum(self._unknown(design) ** 2, axis=2))
+        return e + self._known(design), np.sqrt(variance + np.sum(self._unknown(design) ** 2, axis=2))
 
     def _unknown(self, design: Design) -> FloatArray:
         """Return columns of the effects of conditions that are not known, of unit variance: (m, r, c) [mm, rad]."""
@@ -61,7 +68,7 @@ class FittedKriging(PosePredictor):
         e, covariance = self._form.posterior(design)
         unknown = self._unknown(design)
         added = unknown @ np.swapaxes(unknown, 1, 2)
-        return e + self._terms.curvature(design), self.inflation_ * covariance + added
+        return e + self._known(design), self.inflation_ * covariance + added
 
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
@@ -72,7 +79,7 @@ class FittedKriging(PosePredictor):
         assumed to have the same error as the others.
         """
         design = self._terms.at(X, "pose")
-        curvature = at_offset(self._terms.curvature(design)[:, :, None], offset)[:, :, 0]
+        curvature = at_offset(self._known(design)[:, :, None], offset)[:, :, 0]
         turns = unknown_turns(self.hyper_, self.unseen_, design)
         unknown, effects = at_offset(turns, offset), at_offset(self._unknown(design), offset)
         design = replace(design, drift=at_offset(design.drift, offset), lever=at_offset(design.lever, offset))
@@ -88,7 +95,7 @@ class FittedKriging(PosePredictor):
     def constants(self) -> Constants:
         """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean."""
         self._check_fitted()
-        return constants_of(self._form, self._terms, self.joints_, self.hyper_)
+        return constants_of(self._form, self._terms, self.joints_, self.hyper_, self._fleet)
 
     def deviation(self, constants: Constants, poses: FloatArray, added: FloatArray) -> Deviation:
         """Return the arrays from which `truepose.numerics.frozen_deviation.deviations` bounds the deviation.
@@ -110,7 +117,7 @@ class FittedKriging(PosePredictor):
         """Return predicted errors (m, 3) [mm] and their covariance with each other (3m, 3m) [mm²]."""
         self._check_fitted()
         design = self._terms.at(self._validate(X)[0])
-        e = self._form.mean(design) + self._terms.curvature(design)
+        e = self._form.mean(design) + self._known(design)
         return e, self.inflation_ * self._form.covariance_together(design)
 
     def explain(self, X: ArrayLike) -> dict[str, FloatArray]:
@@ -124,16 +131,19 @@ class FittedKriging(PosePredictor):
         Returns
         -------
         dict of str to (m, 3) array [mm]
-            The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``; their sum is the
-            prediction.
+            The contributions ``registration``, ``geometry``, ``compliance``, ``joint 1`` …, ``rest``, and ``fleet``
+            where a mean of other robots is taken; their sum is the prediction.
         """
         self._check_fitted()
         design = self._terms.at(self._validate(X)[0])
         part = self._form.contributions(design)
         part["registration"] = part["registration"] + self._terms.curvature(design)
+        if self._fleet is not None and self._fleet.level == "mean":
+            part["fleet"] = self._fleet.errors(design, self._terms)
         return part
 
     def joint_curves(self, points: int = 181) -> list[JointCurve]:
         """Return the error curve of each visible joint over the sampled angles."""
         self._check_fitted()
-        return [joint_curve(self._form, i, int(j), self.inflation_, points) for i, j in enumerate(self.joints_)]
+        mean = None if self._fleet is None else self._fleet.curve
+        return [joint_curve(self._form, i, int(j), self.inflation_, points, mean) for i, j in enumerate(self.joints_)]

@@ -179,6 +179,23 @@ def without_effects(likelihood: Likelihood, hyper: Hyperparameters) -> Hyperpara
     return hyper
 
 
+def log_evidence(likelihood: Likelihood, optimum: Start) -> float:
+    """Return the log likelihood with the hyperparameters integrated out under their priors, by Laplace's method.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The likelihood of the samples.
+    optimum : Start
+        The hyperparameters that maximise it with the priors, and its second derivatives there.
+    """
+    centre, std = optimum.hyper.prior()
+    pull = (optimum.hyper.to_vector() - centre) / std
+    precision = np.diag(std**-2.0) + likelihood.n * optimum.curvature
+    value = likelihood(optimum.hyper)[0] + likelihood.constant + 0.5 * float(pull @ pull)
+    return -value - float(np.log(std).sum()) - 0.5 * float(np.linalg.slogdet(precision)[1])
+
+
 class _Objective:
     """The negative log likelihood, without its constant, plus the weak priors: a function of the logarithms.
 

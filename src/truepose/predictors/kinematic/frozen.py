@@ -8,6 +8,7 @@ import numpy as np
 
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants, anchored, limits_of
+from truepose.predictors.kinematic.fleet import Fleet
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.summary import Form
 from truepose.predictors.kinematic.terms import Terms
@@ -16,7 +17,7 @@ POINTS: Final = 8193
 """Angles of a table of a joint's error: 0.044 degrees apart. Between them it is off by less than 0.1 µm at 2 m."""
 
 
-def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparameters) -> Constants:
+def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparameters, fleet: Fleet | None) -> Constants:
     """Return the arrays of a fitted model.
 
     Registration and geometry are the shifted chain and, for what the estimate moved since the shift, one twist of each
@@ -24,12 +25,17 @@ def constants_of(form: Form, terms: Terms, joints: IntArray, hyper: Hyperparamet
     """
     robot, dof = terms.robot, terms.robot.dof
     estimate = form.drift_estimate()[0] * terms.prior_std
+    mean = np.zeros(len(estimate)) if fleet is None else fleet.coefficients(terms)
+    estimate = estimate + mean
     links, twists, p = terms.linearised
     growth = terms.growth()[0]
-    tables = np.zeros((dof, POINTS if len(joints) else 0))
+    curved = fleet is not None and fleet.level == "mean"
+    tables = np.zeros((dof, POINTS if len(joints) or curved else 0))
     angle = np.linspace(-np.pi, np.pi, POINTS)
+    if fleet is not None and curved:
+        tables[:] = [fleet.curve(j, angle) for j in range(dof)]
     for i, j in enumerate(joints):
-        tables[j] = form.joint_mean(i, angle)
+        tables[j] += form.joint_mean(i, angle)
     place, weight = form.rest_mean() if len(hyper.rest_range) else (np.empty((0, 0)), np.empty((0, 3)))
     anchors, weights, scale = anchored(place, weight, _scale(terms, hyper))
     mass = np.zeros((dof + 1, 3))

@@ -13,33 +13,25 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
-from truepose.predictors.kinematic.basis import Basis
-from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.checks import check
-from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
-from truepose.predictors.kinematic.design import Design, take
-from truepose.predictors.kinematic.fitted import FittedKriging
-from truepose.predictors.kinematic.fitting import Start, refine, search, search_near, spread_starts, without_effects
-from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
-from truepose.predictors.kinematic.inflation import SEARCHED, Part, inflation
+from truepose.predictors.kinematic.fitting import Start
+from truepose.predictors.kinematic.fleet import ANGLES, Fleet, Member
+from truepose.predictors.kinematic.hyperparameters import Hyperparameters
+from truepose.predictors.kinematic.inflation import Part, inflation
+from truepose.predictors.kinematic.searched import ROUNDS, SETTLED, SearchedKriging
 from truepose.predictors.kinematic.summary import drift_table
-from truepose.predictors.kinematic.terms import GROUPS, Residual, Terms
+from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
-from truepose.predictors.kinematic.weights import GROSS, first_weights, robust_weights
-from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
+from truepose.predictors.kinematic.weights import GROSS, robust_weights
+from truepose.predictors.reflectors import Reflectors
 from truepose.robots import Robot
 
 EXACT_UP_TO: Final = 500
 """The largest number of samples for which ``solver="auto"`` uses the covariance form."""
 
-_FIRST: Final = 150  # samples for the comparison of starting points
-_ANCHORS: Final = 250  # samples that represent Z in a basis
-_LINEARISATIONS, _FAR = 8, 0.3  # the most, and the root mean square change in noise that asks for one more
-_ROUNDS, _SETTLED = 4, 0.1  # of robust weights: the most, and the change of their roots that ends them
 
-
-class KinematicKriging(FittedKriging):
+class KinematicKriging(SearchedKriging):
     """Kinematic Kriging (10): geometry, compliance, each joint's own error, and a rest, in one model.
 
     The model is e(q) = J(q) Δψ + Σ_j (∂P/∂q_j) f_j(q_j) + Z(q) + ε. Registration (base and tool) has wide normal
@@ -81,6 +73,9 @@ class KinematicKriging(FittedKriging):
         The joints with an error of their own, counted from 0, together with `hyper`; default: the visible joints.
     inflation : float, optional
         The factor of predicted variances, together with `hyper`; default: estimated by cross-validation.
+    fleet : dict, optional
+        What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`; of it, the fit takes what
+        raises the evidence.
     random_state : int
         The seed of random subsets.
 
@@ -104,6 +99,9 @@ class KinematicKriging(FittedKriging):
     log_likelihood_ : float
         The log marginal likelihood of the errors used in the search, see
         `truepose.predictors.kinematic.fitting.Search`. NaN if hyperparameters were given.
+    fleet_ : dict
+        The maps of the fleet, the step ``taken``, the ``gain`` of the log evidence, and the ``scale`` of the mean
+        error; empty without a fleet.
     bounds_hit_ : list of str
         The hyperparameters at a bound, such as ``length of joint 4`` and ``tolerance of backlash``.
 
@@ -120,7 +118,6 @@ class KinematicKriging(FittedKriging):
 
     arm_parameters = ("robot", "tf_flange_tool", "work", "reflectors")
     takes_reflectors = True
-    _known: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
     def __init__(
@@ -142,6 +139,7 @@ class KinematicKriging(FittedKriging):
         weight: Sequence[float] | None = None,
         joints: Sequence[int] | None = None,
         inflation: float | None = None,
+        fleet: dict[str, Any] | None = None,
         random_state: int = 0,
     ) -> None:
         self.robot = robot
@@ -161,6 +159,7 @@ class KinematicKriging(FittedKriging):
         self.weight = weight
         self.joints = joints
         self.inflation = inflation
+        self.fleet = fleet
         self.random_state = random_state
 
     def _fit(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
@@ -173,15 +172,16 @@ class KinematicKriging(FittedKriging):
         self.unseen_ = sorted(set(range(self.robot.dof)) - set(self.joints_.tolist())) if self.joint_errors else []
         self.log_likelihood_ = np.nan
         self.bounds_hit_: list[str] = []
+        self._fleet = None if self.fleet is None else Fleet.from_dict(self.fleet, self.robot.dof)
         if self.hyper is not None:
             self.hyper_ = Hyperparameters.from_dict(self.hyper)
             self._weight = np.ones(len(self._e)) if self.weight is None else np.asarray(self.weight, float)
             self._solve()
         else:
-            self._optimum = self._search(design)
+            self._optimum = self._search(design) if self._fleet is None else self._taking(self._fleet, design)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
-        self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
+        self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
 
     def _take(self, X: FloatArray, e: FloatArray, noise_std: FloatArray | None) -> None:
         """Set the samples and the terms at the nominal arm, and choose the solver."""
@@ -206,6 +206,11 @@ class KinematicKriging(FittedKriging):
         self.solver_ = ("covariance" if few else "basis") if self.solver == "auto" else self.solver
 
     @property
+    def fleet_(self) -> dict[str, Any]:
+        """What was taken of a fleet."""
+        return {} if self._fleet is None else self._fleet.summary
+
+    @property
     def weight_(self) -> FloatArray:
         """The weights of the samples, (n,)."""
         return self._weight[: len(self._given[1])]
@@ -213,6 +218,24 @@ class KinematicKriging(FittedKriging):
     def models(self, condition: str) -> bool:
         """Return whether the effect of a condition is in the fitted model, not negligible."""
         return self._terms.models(condition, self.hyper_.tolerance / self.hyper_.least_tolerance)
+
+    def member(self, name: str, sha256: str = "") -> Member:
+        """Return this fit as a member of a fleet.
+
+        Parameters
+        ----------
+        name, sha256 : str
+            The name of its map, and the hash of the map's file.
+        """
+        self._check_fitted()
+        angle = np.linspace(-np.pi, np.pi, ANGLES)
+        own = np.zeros((self._terms.robot.dof, ANGLES))
+        curves = own if self._fleet is None else own + [self._fleet.curve(j, angle) for j in range(len(own))]
+        for i, j in enumerate(self.joints_):
+            curves[j] += self._form.joint_mean(i, angle)
+        groups = (GROUPS[GEOMETRY], GROUPS[COMPLIANCE])
+        drift = {row["name"]: row["estimate"] for row in self.parameters_ if row["group"] in groups}
+        return Member(name, sha256, self.hyper_, self.joints_, self._terms.range_names, drift, curves)
 
     def at_work(self, work: Mapping[str, float]) -> Self:
         """Return the fitted model for another ``temperature`` [°C] or ``payload`` [kg] at work."""
@@ -234,7 +257,7 @@ class KinematicKriging(FittedKriging):
         optimum : tuple
             The `optimum` of a model of equal parameters.
         """
-        self._known = optimum
+        self._from = optimum
 
     def with_turns(self, X: ArrayLike, conditions: Sequence[str]) -> tuple[Self, bool]:
         """Return the fit with measured orientations beside its positions, and whether these gain from them.
@@ -256,10 +279,10 @@ class KinematicKriging(FittedKriging):
         assert self.robot is not None
         turned = len(turned_rows(np.asarray(X), conditions, self.robot.dof))
         weight = np.ones(turned)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             other.set_params(weight=[*own, *weight]).fit(X, e, noise)
             before, weight = weight, robust_weights(*other._left_out_alone())[len(own) :]
-            if not self.robust or np.abs(np.sqrt(weight) - np.sqrt(before)).max(initial=0.0) < _SETTLED:
+            if not self.robust or np.abs(np.sqrt(weight) - np.sqrt(before)).max(initial=0.0) < SETTLED:
                 break
         other._optimum, other.log_likelihood_ = self._optimum, self.log_likelihood_
         other.bounds_hit_ = self.bounds_hit_
@@ -306,114 +329,17 @@ class KinematicKriging(FittedKriging):
         self._weight = np.ones(len(self._e))
         self._weight[~fresh] = old_weight
         with self._blas():
-            for _ in range(_ROUNDS if self.robust else 0):
+            for _ in range(ROUNDS if self.robust else 0):
                 self._form = self._solved(self._terms.at(self._x))
                 weight = robust_weights(*self._left_out_alone())[fresh]
                 change = np.abs(np.sqrt(weight) - np.sqrt(self._weight[fresh])).max()
                 self._weight[fresh] = weight
-                if change < _SETTLED:
+                if change < SETTLED:
                     break
             self._solve()
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
-        self.parameters_ = drift_table(self._form, self._terms, self.hyper_)
+        self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
         return self
-
-    def _search(self, design: Design) -> Start:
-        """Solve with the best hyperparameters, found at the nominal arm, and again where the estimated one is far."""
-        found, searched_at = self._estimate(design, None), np.zeros_like(self._e)
-        for _ in range(_LINEARISATIONS):
-            self._solve()
-            curvature = self._terms.curvature(self._form.design)
-            if _size(curvature - searched_at) < _FAR * self.hyper_.noise:
-                return found
-            found, searched_at = self._estimate(self._form.design, found), curvature
-        self._solve()
-        return found
-
-    def _estimate(self, design: Design, start: Start | None) -> Start:
-        """Search hyperparameters and robust weights alternately until the weights settle; return the optimum."""
-        n, target = len(self._e), self._target(design)
-        order = np.random.default_rng(self.random_state).permutation(n)
-        if start is None:
-            self._weight = first_weights(design.drift, target) if self.robust else np.ones(n)
-            start = self._first_start(design, np.sort(order[:_FIRST]))
-        for turn in range(_ROUNDS):
-            if turn == 0 or self.solver_ == "covariance":
-                found, start = search_near(self._likelihood(design, np.sort(order[:SEARCHED])), start)
-                self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
-                groups = [GROUPS[group] for group in self._terms.scaled_groups]
-                names = found.hyper.names(self.joints_.tolist(), groups, self._terms.range_names)
-                self.bounds_hit_ = [names[place] for place in found.bounds_hit]
-            self._form = self._solved(design, refining=turn == 0)
-            if not self.robust:
-                break
-            weight = robust_weights(*self._left_out_alone())
-            change = np.abs(np.sqrt(weight) - np.sqrt(self._weight))
-            self._weight = weight
-            if change.max() < _SETTLED:
-                break
-        self.hyper_ = without_effects(self._likelihood(design, np.sort(order[:SEARCHED])), self.hyper_)
-        return Start(self.hyper_, start.curvature)
-
-    def _first_start(self, design: Design, rows: IntArray) -> Start:
-        """Return the start of the search: that of `start_from` if it has the same joints, or the optimum of `rows`."""
-        if self._known is not None and np.array_equal(self._known[0], self.joints_):
-            return self._known[1]
-        conditions = len(self._terms.scaled_groups) - 2
-        weak = HyperPrior().for_angles(design.q[:, self.joints_])
-        hyper = Hyperparameters.start(len(self.joints_), len(self._terms.range_names), conditions, weak=weak)
-        return search(self._likelihood(design, rows), spread_starts(hyper) if len(self.joints_) else [hyper])[1]
-
-    def _likelihood(self, design: Design, rows: IntArray) -> Likelihood:
-        target = self._target(design)[rows]
-        return Likelihood(
-            self._terms, take(design, rows), self.joints_, target, self._reading[rows], self._weight[rows]
-        )
-
-    def _left_out_alone(self, *, poses: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return left-out residuals and covariances, each reading of full weight; alone, or with its whole pose."""
-        residual, covariance = self._poses_out() if poses else self._form.alone
-        wider = self._noise_variance() * (1.0 - self._weight[:, None])
-        return residual, covariance - wider[:, :, None] * np.eye(3)
-
-    def _noise_variance(self) -> FloatArray:
-        return np.asarray((self.hyper_.noise**2 + self._reading**2) / self._weight[:, None])
-
-    def _solved(self, design: Design, refining: bool = False) -> CovarianceForm | BasisForm:
-        """Return the posterior; in a basis, all samples may refine the hyperparameters first."""
-        if self.solver_ == "covariance":
-            return CovarianceForm.of(
-                self._terms, design, self.joints_, self.hyper_, self._target(design), self._noise_variance()
-            )
-        rng = np.random.default_rng(self.random_state)
-        anchor = take(design, np.sort(rng.permutation(len(self._e))[:_ANCHORS])) if self._terms.range_names else None
-        basis = Basis.of(self._terms, self.joints_, self.hyper_, anchor, angles=design.q)
-        if refining:
-            found = refine(
-                basis,
-                BasisSums.of(basis, design, self.hyper_, self._target(design), self._noise_variance()),
-                self.hyper_,
-            )
-            self.hyper_, self.log_likelihood_ = found.hyper, found.log_likelihood
-        return BasisForm.of(basis, design, self.hyper_, self._target(design), self._noise_variance())
-
-    def _solve(self) -> None:
-        """Solve at the nominal arm, and at the estimated registration and geometry until these stand still."""
-        self._terms = self._nominal
-        self._form = self._solved(self._terms.at(self._x))
-        before = np.zeros_like(self._e)
-        for _ in range(_LINEARISATIONS):
-            self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
-            design = self._terms.at(self._x)
-            self._form = self._solved(design)
-            curvature = self._terms.curvature(design)
-            if _size(curvature - before) < _FAR * self.hyper_.noise:
-                break
-            before = curvature
-
-    def _target(self, design: Design) -> FloatArray:
-        """Return the errors of the samples minus the nonlinear part at the current linearisation."""
-        return self._e - self._terms.curvature(design)
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
         return self._left(*self._form.left_out(labels[self._own]))
@@ -439,12 +365,6 @@ class KinematicKriging(FittedKriging):
         residual, covariance = self._left_out_alone(poses=True)
         return inflation(samples.take(kept), residual[kept], covariance[kept], start, self.random_state)
 
-    def _poses_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return residuals and covariances of each reading without those of its pose."""
-        if REFLECTOR in self.conditions:
-            return self._form.left_out(whole_poses(self._form.design.q, self._form.design.visit))
-        return self._form.alone if len(self._own) == len(self.weight_) else self._form.left_out(self._own)
-
     def _leave_one_out(self) -> LeaveOneOut:
         return self._left(*self._poses_out())
 
@@ -454,9 +374,5 @@ class KinematicKriging(FittedKriging):
             "weight": self._weight.tolist(),
             "joints": self.joints_.tolist(),
             "inflation": self.inflation_,
+            "fleet": None if self._fleet is None else self._fleet.to_dict(),
         }
-
-
-def _size(values: FloatArray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(values**2)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from truepose._typing import FloatArray
 from truepose.predictors.kinematic.basis_form import BasisForm
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, tolerances
+from truepose.predictors.kinematic.fleet import Fleet
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Terms
 
@@ -37,19 +39,24 @@ class JointCurve:
     std: FloatArray
 
 
-def joint_curve(form: Form, i: int, joint: int, inflation: float, points: int) -> JointCurve:
-    """Return the curve of the i-th visible joint over the sampled angles."""
+def joint_curve(
+    form: Form, i: int, joint: int, inflation: float, points: int, mean: Callable[[int, FloatArray], FloatArray] | None
+) -> JointCurve:
+    """Return the curve of the i-th visible joint over the sampled angles, with the mean of a fleet if there is one."""
     sampled = form.design.q[:, joint]
     angle = np.linspace(sampled.min(), sampled.max(), points)
     slow = np.linalg.qr(np.stack([np.ones(points), np.cos(angle), np.sin(angle)], axis=1))[0]
     own = np.eye(points) - slow @ slow.T
     error, covariance = form.joint_error(i, angle)
+    if mean is not None:
+        error = error + mean(joint, angle)
     variance = np.einsum("ab,bc,ac->a", own, covariance, own, optimize=True)
     return JointCurve(joint, angle, own @ error, np.sqrt(inflation * np.maximum(variance, 0.0)))
 
 
-def drift_table(form: Form, terms: Terms, hyper: Hyperparameters) -> list[dict[str, Any]]:
+def drift_table(form: Form, terms: Terms, hyper: Hyperparameters, fleet: Fleet | None = None) -> list[dict[str, Any]]:
     """Return one row per drift column: estimate and standard deviation, and whether the data determine it."""
+    mean = np.zeros(len(terms.names)) if fleet is None else fleet.coefficients(terms)
     estimate, covariance = form.drift_estimate()
     std, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)), terms.prior_std
     determined = np.where(terms.group == REGISTRATION, std < 0.5, std < 0.8 * tolerances(terms, hyper))
@@ -57,7 +64,7 @@ def drift_table(form: Form, terms: Terms, hyper: Hyperparameters) -> list[dict[s
         {
             "name": terms.names[k],
             "group": GROUPS[terms.group[k]],
-            "estimate": float(estimate[k] * scale[k]),
+            "estimate": float(estimate[k] * scale[k] + mean[k]),
             "std": float(std[k] * scale[k]),
             "unit": terms.units[k],
             "told": bool(determined[k]),
