@@ -15,13 +15,14 @@ from truepose._io.files import LARGEST_CONFIG, read_text
 from truepose._io.strict import parse_toml
 from truepose._typing import FloatArray
 from truepose.cell.poses import ANGLE_KEYS, CONTROLLER, CellError, CellSection, Pose
-from truepose.cell.reflectors import check_reflectors
+from truepose.cell.reflectors import check_names, check_reflectors
 from truepose.cell.report import ReportSection
 from truepose.cell.sections import (
     Base,
     Box,
     ConditionsSection,
     Correction,
+    DistanceOrigin,
     FramesSection,
     Measuring,
     Payload,
@@ -52,6 +53,8 @@ class Cell(CellSection):
         The obstacles by name.
     reflectors : dict of str to Reflector
         The reflectors on the tool by name, for samples with a column ``reflector``.
+    distances : dict of str to DistanceOrigin
+        The fixed points by name from which distances are measured, for samples with a column ``distance_mm``.
     tf_flange_tool : (4, 4) array [mm]
         The pose of the measured point in the flange frame.
     tf_world_base, tf_world_tracker, tf_base_tracker : (4, 4) array [mm]
@@ -69,6 +72,7 @@ class Cell(CellSection):
     robot: RobotSection
     tool: Tool = Field(default_factory=Tool)
     reflectors: dict[str, Reflector] = Field(default_factory=dict)
+    distances: dict[str, DistanceOrigin] = Field(default_factory=dict)
     base: Base = Field(default_factory=Base)
     tracker: Tracker = Field(default_factory=Tracker)
     payload: Payload = Field(default_factory=Payload)
@@ -155,6 +159,7 @@ class Cell(CellSection):
             except CellError as error:
                 raise CellError((*loc, *error.loc), str(error)) from None
         check_reflectors({name: one.p_flange for name, one in self.reflectors.items()})
+        check_names("distances", self.distances)
         if self._robot is None:  # a map has the robot, and the frames, with which it was fitted
             check_world_height(robot, self.robot.world_height_mm, self.bases, self._relative_to_base())
         tolerances = (self.report.tolerance_mm, self.correction.tolerance_mm)

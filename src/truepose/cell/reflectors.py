@@ -1,8 +1,8 @@
-"""The check of the reflectors that a cell file states."""
+"""The checks of the reflectors, and of other tables with names, that a cell file states."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import combinations
 from typing import Final
 
@@ -13,6 +13,23 @@ from truepose.cell.poses import CellError
 
 _APART: Final = 1.0  # mm
 _NOT_IN_NAMES: Final = ',;"\t\n\r/'
+
+
+def check_names(section: str, names: Iterable[str]) -> None:
+    """Refuse names of tables ``[section.NAME]`` that are no word of a table or are alike.
+
+    Raises
+    ------
+    CellError
+        With the table and the remedy.
+    """
+    known = list(names)
+    for name in known:
+        if not name.strip() or name != name.strip() or any(letter in name for letter in _NOT_IN_NAMES):
+            raise CellError((section, name), f"the name {name!r} is not one word; name it A, B, C or the like")
+    for first, second in combinations(known, 2):
+        if first.lower() == second.lower():
+            raise CellError((section, second), f"{first!r} and {second!r} are one name; rename one of them")
 
 
 def check_reflectors(p_flange: Mapping[str, FloatArray]) -> None:
@@ -27,11 +44,7 @@ def check_reflectors(p_flange: Mapping[str, FloatArray]) -> None:
     --------
     >>> check_reflectors({"A": np.zeros(3), "B": np.array([0.0, 0.0, 80.0])})
     """
-    for name in p_flange:
-        if not name.strip() or name != name.strip() or any(letter in name for letter in _NOT_IN_NAMES):
-            raise CellError(("reflectors", name), f"the name {name!r} is not one word; name it A, B, C or the like")
+    check_names("reflectors", p_flange)
     for (first, a), (second, b) in combinations(p_flange.items(), 2):
-        if first.lower() == second.lower():
-            raise CellError(("reflectors", second), f"{first!r} and {second!r} are one name; rename one of them")
         if np.linalg.norm(a - b) < _APART:
             raise CellError(("reflectors", second), f"is where {first!r} is; correct its position in the flange frame")

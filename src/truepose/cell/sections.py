@@ -51,6 +51,23 @@ class Reflector(CellSection):
         return np.array([self.x_mm, self.y_mm, self.z_mm])
 
 
+class DistanceOrigin(CellSection):
+    """``[distances.NAME]``: a fixed point from which distances to the tool point are measured, tracker frame.
+
+    ``std_mm`` is the standard deviation of a distance.
+    """
+
+    x_mm: Number
+    y_mm: Number
+    z_mm: Number
+    std_mm: Positive = 0.02
+
+    @property
+    def p_tracker(self) -> FloatArray:
+        """The position in the tracker frame, (3,) [mm]."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm])
+
+
 class Base(Pose):
     """``[base]``: the robot's base in the measuring (world) frame. With ``fit`` the values are starting values."""
 

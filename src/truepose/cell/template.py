@@ -33,6 +33,12 @@ fit = "position"         # "none": the values are exact; "position" or "pose": f
 # z_mm = 80.0
 # std_mm = 0.02          # what it may deviate from its place on the tool, per axis
 
+# [distances.bar]        # a fixed point, in the tracker frame, from which distances are measured: column distance_mm
+# x_mm = 2500.0
+# y_mm = 300.0
+# z_mm = -400.0
+# std_mm = 0.01          # standard deviation of a distance
+
 [tracker]
 fit = "pose"             # "pose": the station is found by registration; "none": it is stated as x_mm … and angles
 robust = true            # outliers are found and left out of the registration

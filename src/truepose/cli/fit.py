@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -105,7 +107,7 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
 
     from truepose.error_map.figures import calibration_of, fleet_data
     from truepose.error_map.registration import tool_estimate
-    from truepose.samples import name_one
+    from truepose.samples import name_points
 
     registration, calibration = error_map.registration, calibration_of(error_map.predictor)
     show_tool(error_map.cell, registration, tool_estimate(error_map.cell, error_map.robot, error_map.samples))
@@ -114,8 +116,11 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
     show_campaign(error_map.campaign)
-    for row in error_map.excluded:
-        say(f"[yellow]Left out[/]: {name_one(row)}, {row['reason']}.")
+    for reason, rows in groupby(error_map.excluded, key=itemgetter("reason")):
+        say(f"[yellow]Left out[/]: {name_points(list(rows))}, {reason}.")
+    used = getattr(error_map.predictor, "distance_rows", None)
+    if used is not None:
+        say(f"Distances: {len(used)} from fixed points are fitted together with the positions.")
     if error_map.ranking:
         show_choice(error_map.ranking, error_map.expected)
     if calibration is not None:

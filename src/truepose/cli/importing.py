@@ -35,6 +35,10 @@ def import_readings(
         Path | None,
         typer.Option("--mask", help="Table of points to leave out (point or row, reason); they stay in the samples."),
     ] = None,
+    distances_path: Annotated[
+        Path | None,
+        typer.Option("--distances", help="Table of distances from fixed points: q1_deg … and distance_mm."),
+    ] = None,
     measurement: Measurement = _MEASUREMENT,
     store: RecordIn = None,
     force: Force = False,
@@ -43,7 +47,7 @@ def import_readings(
     """Read a measurement file, match it with the plan, register it, report outliers, and write samples."""
     from truepose.cell import load_cell
     from truepose.error_map.importing import import_samples
-    from truepose.samples import name_one, read_mask
+    from truepose.samples import name_one, read_distances, read_mask
     from truepose.trackers import read_plan
 
     overwrite(force, out, *measurement.check())
@@ -58,6 +62,7 @@ def import_readings(
             read_plan(plan_path),
             **measurement.settings(),
             mask=None if mask_path is None else read_mask(mask_path),
+            distances=None if distances_path is None else read_distances(distances_path),
             reorder=reorder,
             missing=missing,
             two_stations=two_stations,
@@ -81,7 +86,9 @@ def import_readings(
     for outlier in found.outliers:
         residual = f"{name_one(outlier)} of {readings_path}, {outlier['residual_mm']:.3f} mm"
         say(f"[yellow]Large residual[/]: {residual}; fits leave it out unless neighbouring samples agree with it.")
-    say(f"Wrote {out} ({len(found.samples)} samples).")
+    distances = found.samples.distances
+    more = "" if distances is None else f" and {len(distances)} distances"
+    say(f"Wrote {out} ({len(found.samples)} samples{more}).")
 
 
 def mask(

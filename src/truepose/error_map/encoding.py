@@ -21,13 +21,14 @@ from truepose.cell import Cell
 from truepose.error_map import file_checks
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck
 from truepose.error_map.data import MapData, StoredFile
+from truepose.error_map.distances import distance_rows
 from truepose.error_map.selection import arm_of
 from truepose.error_map.worth import Worth
 from truepose.errors import FileError
 from truepose.geometry import Registration
 from truepose.predictors import FORMER_NAMES, make_predictor
 from truepose.robots import parse_robot, to_toml
-from truepose.samples import Samples
+from truepose.samples import Distances, Samples
 
 _ROTATIONS = ("rotation_cmd", "rotation_meas")
 _REGISTRATION = ("tf_base_tracker", "residuals", "outliers", "covariance", "swapped")
@@ -61,7 +62,7 @@ def _content(error_map: MapData) -> dict[str, Any]:
     return {
         "cell": error_map.cell.model_dump(mode="json", exclude_unset=True),  # stated values stay distinct from defaults
         "predictor": {"name": error_map.predictor_name, "parameters": error_map.predictor.to_dict()},
-        "samples": {"source": samples.source, "columns": samples.columns()},
+        "samples": {"source": samples.source, "columns": samples.columns(), **_distances(samples)},
         "registration": {
             "noise_std": registration.noise_std,
             "hint": registration.hint,
@@ -80,11 +81,17 @@ def _arrays(error_map: MapData) -> dict[str, NDArray[Any]]:
     samples, registration = error_map.samples, error_map.registration
     arrays = {f"samples.{name}": _array(getattr(samples, name)) for name in samples.columns()}
     arrays |= {f"registration.{name}": getattr(registration, name) for name in _REGISTRATION}
+    if (distances := samples.distances) is not None:
+        arrays |= {f"distances.{name}": _array(getattr(distances, name)) for name in distances.columns()}
     if error_map.predictor.noise_std_ is not None:
         arrays["noise_std"] = error_map.predictor.noise_std_
     if error_map.p_flange_sampled is not None:
         arrays["p_flange_sampled"] = error_map.p_flange_sampled
     return arrays | {"tf_flange_tool": error_map.tf_flange_tool, "e": error_map.e}
+
+
+def _distances(samples: Samples) -> dict[str, Any]:
+    return {} if samples.distances is None else {"distances": samples.distances.columns()}
 
 
 def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
@@ -142,9 +149,12 @@ def _replace_former_names(content: dict[str, Any]) -> None:
 def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
     """Return the fields of a map whose predictor has its hyperparameters, but was not fitted."""
     robot = parse_robot(content["robot"], path=path)
-    columns: dict[str, Any] = {name: arrays[f"samples.{name}"] for name in content["samples"]["columns"]}
-    columns |= {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
-    samples = Samples(**columns, source=content["samples"]["source"])
+    source, distances = content["samples"]["source"], None
+    if "distances" in content["samples"]:
+        own = _columns(arrays, "distances", content["samples"]["distances"])
+        distances = Distances(**own, source=source)
+    columns = _columns(arrays, "samples", content["samples"]["columns"])
+    samples = Samples(**columns, source=source, distances=distances)
     tf_flange_tool = arrays["tf_flange_tool"]
     if type(content["registration"]["tool_fitted"]) is not bool:
         raise TypeError("registration.tool_fitted is not a boolean")
@@ -158,6 +168,8 @@ def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str 
     cell = Cell.model_validate(content["cell"], context={"robot": robot})
     tf_flange_sampled = tf_flange_tool.copy()
     tf_flange_sampled[:3, 3] = arrays.get("p_flange_sampled", tf_flange_tool[:3, 3])
+    rows = distance_rows(cell, samples, registration)
+    arm = replace(arm_of(cell, robot, tf_flange_sampled), distance_rows=rows)
     return {
         "cell": cell,
         "robot": robot,
@@ -165,7 +177,7 @@ def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str 
         "registration": registration,
         "tf_flange_tool": tf_flange_tool,
         "predictor_name": name,
-        "predictor": make_predictor(name, content["predictor"]["parameters"], arm_of(cell, robot, tf_flange_sampled)),
+        "predictor": make_predictor(name, content["predictor"]["parameters"], arm),
         "ranking": content["ranking"],
         "expected": content["expected"],
         "excluded": content["excluded"],
@@ -174,6 +186,12 @@ def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str 
         "known_worth": Worth.from_dict(content["worth"]) if "worth" in content else None,
         "p_flange_sampled": arrays.get("p_flange_sampled"),
     }
+
+
+def _columns(arrays: dict[str, NDArray[Any]], table: str, names: list[str]) -> dict[str, Any]:
+    """Return the columns of a stored table by name."""
+    columns: dict[str, Any] = {name: arrays[f"{table}.{name}"] for name in names}
+    return columns | {name: Rotation.from_quat(columns[name]) for name in _ROTATIONS if name in columns}
 
 
 def _array(value: Any) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from truepose.cell import Cell
 from truepose.error_map.arm_check import check_arm
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
+from truepose.error_map.distances import check_distance_rows, distance_rows, unused_distances, with_origins
 from truepose.error_map.fleet import fleet_of
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.registration import with_tool_hint, wrong_tool_named
@@ -89,7 +90,7 @@ def fit_cell(
             f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
             '"auto", which chooses among predictors'
         )
-    samples = on_arm(samples, robot := cell.load_robot())
+    samples = with_origins(cell, on_arm(samples, robot := cell.load_robot()))
     if cell.conditions.approach == "from-order":
         progress("Finding the directions of approach from the order of rows")
         samples = replace(samples, approach=approach_from_order(samples))
@@ -97,6 +98,8 @@ def fit_cell(
     fleet = _fleet(like, robot, samples, predictor) if like else None
     measured = CellSamples(cell, robot, samples, fleet=fleet)
     registration, tf_flange_tool = measured.register()
+    rows = distance_rows(cell, samples, registration)
+    check_distance_rows(robot, samples, rows, tf_flange_tool)
     progress("Testing for a moved tracker, a scale error and a drift")
 
     stated = () if samples.q is None else modelled_conditions(samples, cell, drifting=True)
@@ -143,7 +146,11 @@ def fit_cell(
         predictor=choice.predictor,
         ranking=choice.ranking,
         expected=choice.expected,
-        excluded=[*samples.excluded, *_excluded(samples, registration, choice)],
+        excluded=[
+            *samples.excluded,
+            *_excluded(samples, registration, choice),
+            *unused_distances(samples, choice.predictor),
+        ],
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
     )

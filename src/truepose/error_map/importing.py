@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from truepose.error_map.points import commanded_points
 from truepose.error_map.registration import register_samples, tool_estimate, wrong_tool_named
 from truepose.geometry import Registration, ToolEstimate
 from truepose.robots import Robot
-from truepose.samples import Mask, Poses, Samples, set_aside, write_samples
+from truepose.samples import Distances, Mask, Poses, Samples, on_arm, set_aside, write_samples
 from truepose.trackers import ImportSummary, import_readings
 
 
@@ -98,6 +98,7 @@ class ImportedSamples:
             "outliers": self.outliers,
             "masked": list(self.samples.excluded),
             "campaign": self.campaign.to_dict(),
+            "distances": 0 if self.table.distances is None else len(self.table.distances),
         }
 
     def write(self, path: str | Path) -> None:
@@ -111,6 +112,7 @@ def import_samples(
     plan: Poses,
     *,
     mask: Mask | None = None,
+    distances: Distances | None = None,
     reorder: bool = False,
     missing: bool = False,
     two_stations: bool = False,
@@ -131,6 +133,8 @@ def import_samples(
         The commanded poses.
     mask : Mask, optional
         The points to leave out; they stay in the table with their reasons.
+    distances : Distances, optional
+        Distances from fixed points, which become rows of the table after those of positions.
     reorder, missing, two_stations : bool
         The permissions of `truepose.trackers.match`.
     accept_campaign : bool
@@ -179,6 +183,10 @@ def import_samples(
         two_stations=two_stations or accept_campaign,
     )
     matched(understood)
+    if distances is not None:
+        assert table.row is not None
+        after = int(table.row.max()) + 1 + np.arange(len(distances))
+        table = replace(table, distances=replace(distances, row=after))
     reasons = (
         np.full(len(table), "", dtype="<U1")
         if mask is None
@@ -188,6 +196,11 @@ def import_samples(
     progress("Registering")
     robot = cell.load_robot()
     registration, tf_flange_tool, _ = register_samples(cell, robot, samples)
+    if samples.distances is not None:
+        from truepose.error_map.distances import check_distance_rows, distance_rows, with_origins
+
+        whole = with_origins(cell, on_arm(samples, robot))
+        check_distance_rows(robot, whole, distance_rows(cell, whole, registration), tf_flange_tool)
     progress("Testing for a moved tracker, a scale error and a drift")
     campaign = check_campaign(cell, robot, samples, registration, tf_flange_tool)
     if not accept_campaign:

@@ -61,12 +61,14 @@ class ErrorMap(PredictingMap):
     def _summary(self) -> dict[str, str]:
         tool = "" if self.cell.tool.fit == "none" else f", tool {self.cell.tool.fit} fitted"
         left_out = f", {len(self.excluded)} left out" if self.excluded else ""
+        distances = self.samples.distances
+        more = "" if distances is None else f" and {len(distances)} distances"
         std = np.linalg.norm(self.predict_errors(self.samples)[1], axis=1)
         checked = "checked" if self.arm_check.checked else "not checked"
         return {
             "cell": f"{self.robot.name}{tool}; arm and tool {checked}",
             "predictor": f"{self.predictor_name} ({'joint' if self.space == 'joint' else 'Cartesian'} space)",
-            "samples": f"{len(self.samples)}{left_out}",
+            "samples": f"{len(self.samples)}{more}{left_out}",
             "std": f"{np.median(std):.3f} mm at the samples (median), {std.max():.3f} mm (max)",
             "worth": self.worth.brief,
         }

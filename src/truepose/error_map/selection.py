@@ -13,6 +13,7 @@ import numpy as np
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.conditions import modelled_conditions, work_of
+from truepose.error_map.distances import distance_rows, with_origins
 from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflectors_of
 from truepose.error_map.registration import check_samples, reading_noise, register_checked
@@ -93,6 +94,7 @@ class CellSamples:
             reading_noise(self.cell, samples, registration),
             replace(arm_of(self.cell, self.robot, tf_flange_tool), fleet=self.fleet),
             known if turns is None else {**known, "orientation": turns},
+            distance_rows(self.cell, samples, registration),
         )
 
 
@@ -172,7 +174,7 @@ def choose(
     registrable: BareSamples | CellSamples = BareSamples(samples)
     if cell is not None:
         robot = cell.load_robot()
-        registrable = CellSamples(cell, robot, on_arm(samples, robot))
+        registrable = CellSamples(cell, robot, with_origins(cell, on_arm(samples, robot)))
     with points_named(samples):
         return rank_predictors(
             candidates,

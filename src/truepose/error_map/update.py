@@ -190,6 +190,9 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
         raise DataError(
             "the map's tool was changed: its samples are of another point; fit a new map with the new samples"
         )
+    if samples.distances is not None:
+        what = "distances are not added to a map; leave them out, or fit a new map with all samples"
+        raise samples.distances.error(what)
     e, registration = error_map.errors(samples), error_map.registration
     if knows(error_map.predictor, "time"):
         samples = _later(error_map.samples, samples)
@@ -359,7 +362,7 @@ def _concatenated(old: Samples, new: Samples) -> Samples:
         columns[name] = Rotation.concatenate([a, b]) if isinstance(a, Rotation) else np.concatenate([a, b])
     assert old.row is not None
     columns["row"] = np.concatenate([old.row, old.row.max() + 1 + np.arange(len(new))])
-    return Samples(**columns, source=f"{old.source}, {new.source}")
+    return Samples(**columns, source=f"{old.source}, {new.source}", distances=old.distances)
 
 
 def _seen_from(samples: Samples, tf_new_old: FloatArray) -> Samples:
@@ -371,4 +374,6 @@ def _seen_from(samples: Samples, tf_new_old: FloatArray) -> Samples:
             changed[name] = np.sqrt(std**2 @ (turn**2).T)
     if samples.rotation_meas is not None:
         changed["rotation_meas"] = Rotation.from_matrix(turn) * samples.rotation_meas
+    if (distances := samples.distances) is not None and distances.p_origin is not None:
+        changed["distances"] = replace(distances, p_origin=apply_transform(tf_new_old, distances.p_origin))
     return replace(samples, **changed)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
+from truepose.predictors.distances import DistanceRows
 
 
 @runtime_checkable
@@ -50,6 +51,18 @@ class TurnTaking(Protocol):
 
     def with_turns(self, X: ArrayLike, conditions: Sequence[str]) -> tuple[Self, bool]:
         """Return the fit with the orientations in X, and whether left-out positions gain from them."""
+
+
+@runtime_checkable
+class DistanceTaking(Protocol):
+    """A fitted predictor that can take distances in addition."""
+
+    distances: bool
+    distance_rows: DistanceRows | None
+    gross_distances_: IntArray
+
+    def with_distances(self, rows: DistanceRows) -> tuple[Self, bool]:
+        """Return the fit with distances, and whether left-out readings gain from them."""
 
 
 @runtime_checkable

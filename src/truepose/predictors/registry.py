@@ -18,6 +18,7 @@ from truepose.predictors.base import Predictor
 from truepose.predictors.baselines import GridCell, InverseDistance, Nearest, RadialBasis, RegistrationOnly
 from truepose.predictors.calibration import KinematicCalibration
 from truepose.predictors.conditions import CONDITIONS
+from truepose.predictors.distances import DistanceRows
 from truepose.predictors.kinematic import KinematicKriging
 from truepose.predictors.kriging.neighbours import LocalKriging
 from truepose.predictors.kriging.ordinary import OrdinaryKriging, UniversalKriging
@@ -148,6 +149,8 @@ class ArmContext:
         The reflectors on the tool, where the cell states them.
     fleet : mapping, optional
         What other robots of the type say, see `truepose.predictors.kinematic.fleet.Fleet`, for new fits.
+    distance_rows : DistanceRows, optional
+        The distances of the samples of a stored fit.
     """
 
     robot: Robot
@@ -156,6 +159,7 @@ class ArmContext:
     work: Mapping[str, float] = field(default_factory=dict)
     reflectors: Reflectors | None = None
     fleet: Mapping[str, Any] | None = None
+    distance_rows: DistanceRows | None = None
 
 
 def predictor_spec(name: str) -> PredictorSpec:

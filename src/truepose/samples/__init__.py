@@ -7,10 +7,11 @@ from truepose.samples.masks import Mask, mask_table, read_mask, set_aside
 from truepose.samples.naming import name_one, name_points
 from truepose.samples.reflectors import check_reflector_rows, check_rigid, reflector_index, visits
 from truepose.samples.shown import on_arm
-from truepose.samples.table import Poses, Samples
+from truepose.samples.table import Distances, Poses, Samples
 from truepose.samples.tidy import (
     append_columns,
     read_all_samples,
+    read_distances,
     read_poses,
     read_samples,
     samples_text,
@@ -18,6 +19,7 @@ from truepose.samples.tidy import (
 )
 
 __all__ = [
+    "Distances",
     "Example",
     "Mask",
     "Poses",
@@ -37,6 +39,7 @@ __all__ = [
     "name_points",
     "on_arm",
     "read_all_samples",
+    "read_distances",
     "read_mask",
     "read_poses",
     "read_samples",

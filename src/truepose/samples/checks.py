@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.errors import IdentifiabilityError, TrueposeError
 from truepose.samples.conditions import check_conditions
+from truepose.samples.distances import check_distances
 from truepose.samples.reflectors import check_reflector_rows
 from truepose.samples.shown import read_as_shown
 from truepose.samples.table import Poses, Samples
@@ -58,6 +59,9 @@ def check(poses: Poses) -> None:
         _check_readings(poses)
         _check_scale(poses)
         _check_repeats(poses)
+        if poses.distances is not None:
+            check_distances(poses.distances)
+            check(poses.distances)
 
 
 def _check_commands(poses: Poses) -> None:

@@ -45,7 +45,7 @@ POINT_NAMES: Final = (
 """Columns that hold the names of points, in lower case; the first of these that a table has counts."""
 OF_JOINTS: Final = ("q", "q_shown", "approach")
 """The arrays with one column for each joint."""
-WORDS: Final = ("name", "reflector")
+WORDS: Final = ("name", "reflector", "origin")
 """The quantities that are words, not numbers."""
 
 _QUATERNION: Final = ("q0", "q1", "q2", "q3")
@@ -82,6 +82,10 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     **_triple("rotation_std", ("rx_std", "ry_std", "rz_std"), "angle"),
     **{f"approach{i + 1}": Quantity("approach", i, "") for i in range(_MOST_JOINTS)},
     "time": Quantity("time", 0, "time"),
+    "distance": Quantity("distance", 0, "length"),
+    "distance_std": Quantity("distance_std", 0, "length"),
+    "origin": Quantity("origin", 0, ""),
+    **_triple("p_origin", ("x_origin", "y_origin", "z_origin"), "length"),
     "temp": Quantity("temperature", 0, "temperature"),
     "load": Quantity("load", 0, "load"),
 }

@@ -51,11 +51,28 @@ def quantities(table: TextTable, *, measured: bool) -> dict[str, Any]:
         require(table, arrays, "x_meas")
     if "q_shown" not in arrays:
         require(table, arrays, "q1", "x_cmd")
-    if (rpy := arrays.pop("rpy_cmd", None)) is not None:
-        arrays["rotation_cmd"] = Rotation.from_euler("ZYX", rpy[:, ::-1])
+    arrays = commanded_rotation(arrays)
     if (rxyz := arrays.pop("rxyz_meas", None)) is not None:
         arrays["rotation_meas"] = Rotation.from_euler("XYZ", rxyz)
     return arrays
+
+
+def commanded_rotation(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Return arrays by name with the commanded orientation as a rotation in place of its angles."""
+    if (rpy := arrays.pop("rpy_cmd", None)) is not None:
+        arrays["rotation_cmd"] = Rotation.from_euler("ZYX", rpy[:, ::-1])
+    return arrays
+
+
+def together(*parts: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the columns of tables below each other; what a row does not have is NaN, or an empty word."""
+    columns = {}
+    for name in dict.fromkeys(name for part in parts for name in part):
+        word = any(part[name].dtype.kind == "U" for part in parts if name in part)
+        lengths = [len(next(iter(part.values()))) for part in parts]
+        absent = [np.full(n, "" if word else np.nan) for n in lengths]
+        columns[name] = np.concatenate([part.get(name, none) for part, none in zip(parts, absent, strict=True)])
+    return columns
 
 
 def text_table(frame: DataFrame, source: str) -> TextTable:

@@ -14,6 +14,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import FileError
 from truepose.samples.columns import WORDS, gather, require
 from truepose.samples.frames import COMMANDED, MEASURED, quantities
+from truepose.samples.split import distance_quantities, split_distances
 
 MASKED: Final = "masked"
 """The column of reasons in the tidy table."""
@@ -89,7 +90,7 @@ def _is_value(field: str, delimiter: str) -> bool:
 
 
 def counted_quantities(table: TextTable, reasons: NDArray[np.str_] | None = None) -> dict[str, Any]:
-    """Return the arguments of `Samples` from a tidy table without its masked rows, whose values may be anything.
+    """Return the arguments of `Samples.of` from a tidy table without its masked rows, whose values may be anything.
 
     Without a column ``row``, rows keep their number in the table.
 
@@ -108,7 +109,10 @@ def counted_quantities(table: TextTable, reasons: NDArray[np.str_] | None = None
     reasons = masked_rows(table) if reasons is None else reasons
     rows = np.flatnonzero(reasons == "")
     part = rows_of(table, rows)
-    found = {"row": rows, **quantities(part, measured=True), "line": part.line}
+    positions, distances, apart = split_distances(part)
+    found = {"row": rows[~apart], **quantities(positions, measured=True), "line": positions.line}
+    if distances is not None:
+        found["distances"] = {"row": rows[apart], **distance_quantities(distances)}
     return {**found, "excluded": excluded_rows(table, reasons)}
 
 

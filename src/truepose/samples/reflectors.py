@@ -77,6 +77,8 @@ def check_reflector_rows(poses: Poses) -> None:
         raise poses.error("readings of several reflectors need the joints (q1_deg …)")
     here = np.flatnonzero(np.diff(visits(poses), prepend=-1) == 0)
     before = here - 1
+    if not len(here):
+        return
     stated = {
         "joints": (poses.given_joints, _SAME_JOINTS),
         "approach": (poses.approach, 0.0),

@@ -9,7 +9,7 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.errors import RobotError
-from truepose.samples.table import Poses
+from truepose.samples.table import Poses, Samples
 
 if TYPE_CHECKING:
     from truepose.robots import Robot
@@ -45,6 +45,8 @@ def on_arm(poses: PosesT, robot: Robot) -> PosesT:
     >>> np.rad2deg(on_arm(table, load_robot("fanuc-m20ia")).q).round(6) + 0.0
     array([[ 0., 20., 25.,  0.,  0.,  0.]])
     """
+    if isinstance(poses, Samples) and poses.distances is not None and poses.distances.q_shown is not None:
+        poses = replace(poses, distances=on_arm(poses.distances, robot))
     if poses.q_shown is None:
         return poses
     from truepose.robots import shown_joints

@@ -6,6 +6,7 @@ registration (`truepose.geometry`) makes them comparable.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -18,17 +19,17 @@ from truepose._io.tables import data_frame, facts_table
 from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.samples.columns import OF_JOINTS, WORDS
-from truepose.samples.frames import quantities, text_table, tidy_columns
+from truepose.samples.frames import quantities, text_table, tidy_columns, together
 from truepose.samples.masked import counted_quantities
 from truepose.samples.naming import name_points
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std"}
-_REPR_UNITS: Final = {"temperature": "°C", "load": "kg"}
+_VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std", "p_origin"}
+_REPR_UNITS: Final = {"temperature": "°C", "load": "kg", "distance": "mm", "distance_std": "mm"}
 _WHOLE: Final = ("row", "line")
-_ABOUT: Final = ("source", "excluded")
+_ABOUT: Final = ("source", "excluded", "distances")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -134,7 +135,9 @@ class Poses:
     def __repr__(self) -> str:
         widths = max(len(name) for name in self.columns()) + 1
         facts = [f"  {name + ':':{widths}} {fact}" for name in self.columns() if (fact := self._fact(name))]
-        return "\n".join([f"{type(self).__name__}: {len(self)} rows from {self.source}", *facts])
+        distances = getattr(self, "distances", None)
+        more = "" if distances is None else f", {len(distances)} distances"
+        return "\n".join([f"{type(self).__name__}: {len(self)} rows{more} from {self.source}", *facts])
 
     def _repr_html_(self) -> str:
         facts = {name: fact for name in self.columns() if (fact := self._fact(name))}
@@ -153,7 +156,7 @@ class Poses:
         if name in ("q", "q_shown"):
             low, high = np.rad2deg([value.min(), value.max()])
             return f"{value.shape[1]} joints, {low:.4g} … {high:.4g} deg"
-        if name in ("p_cmd", "p_meas"):
+        if name in ("p_cmd", "p_meas", "p_origin"):
             ends = zip("xyz", value.min(axis=0), value.max(axis=0), strict=True)
             frame = "base" if name == "p_cmd" else "tracker"
             return f"{', '.join(f'{axis} {low:.0f} … {high:.0f}' for axis, low, high in ends)} mm ({frame} frame)"
@@ -177,7 +180,11 @@ class Poses:
         >>> list(frame.columns), len(Poses.from_frame(frame))
         (['row', 'q1_deg', 'q2_deg'], 2)
         """
-        return data_frame(tidy_columns({name: getattr(self, name) for name in self.columns()}))
+        return data_frame(self.table_columns())
+
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of the tidy table by full name, in mm and deg."""
+        return tidy_columns({name: getattr(self, name) for name in self.columns()})
 
     @classmethod
     def from_frame(cls, frame: DataFrame, source: str = "frame") -> Self:
@@ -197,11 +204,7 @@ class Poses:
             If a column is missing, misspelt or without unit, or a value is not a number; with the row, from 1.
         """
         table = text_table(frame, source)
-        if "p_meas" not in cls.__dataclass_fields__:
-            return cls(**quantities(table, measured=False), source=source)
-        found = counted_quantities(table)
-        del found["line"]
-        return cls(**found, source=source)
+        return cls(**quantities(table, measured=False), source=source)
 
     @property
     def given_joints(self) -> FloatArray | None:
@@ -240,6 +243,33 @@ class Poses:
         }
 
 
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Distances(Poses):
+    """Commanded configurations and the distance of the tool point from a fixed point at each.
+
+    Parameters
+    ----------
+    distance : (m,) array [mm]
+        The measured distances.
+    distance_std : (m,) array [mm], optional
+        The standard deviations of the readings; by default those of the cell file.
+    origin : (m,) array of str, optional
+        The fixed points, names in the cell's ``[distances]``.
+    p_origin : (m, 3) array [mm], tracker frame, optional
+        The fixed points; by default those of the cell file.
+    time : (m,) array [s], optional
+        The times of the readings.
+    **commanded
+        The commanded quantities, see `Poses`; joints are required.
+    """
+
+    distance: FloatArray
+    distance_std: FloatArray | None = None
+    origin: NDArray[np.str_] | None = None
+    p_origin: FloatArray | None = None
+    time: FloatArray | None = None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Poses):
     """Commanded configurations and the reading of the tracker at each.
@@ -259,6 +289,9 @@ class Samples(Poses):
     excluded : tuple of dict
         The masked rows that are not among these samples, by ``row``, ``point`` and ``line``, with the ``reason``; see
         `truepose.samples.masks`.
+    distances : Distances, optional
+        Distances from fixed points, at the same or other poses; see `truepose.samples.distances`. Part of the samples
+        have all of them.
     **commanded
         The commanded quantities, see `Poses`; all but `p_meas` by keyword.
 
@@ -277,3 +310,26 @@ class Samples(Poses):
     rotation_std: FloatArray | None = None
     time: FloatArray | None = None
     excluded: tuple[dict[str, Any], ...] = ()
+    distances: Distances | None = None
+
+    @classmethod
+    def of(cls, found: Mapping[str, Any], source: str) -> Self:
+        """Return the samples of `truepose.samples.masked.counted_quantities`, with their distances."""
+        own = found.get("distances")
+        distances = None if own is None else Distances(**own, source=source)
+        return cls(**{**found, "distances": distances}, source=source)
+
+    @classmethod
+    def from_frame(cls, frame: DataFrame, source: str = "frame") -> Self:
+        """Return the samples that a pandas table holds; see `Poses.from_frame`."""
+        found = counted_quantities(text_table(frame, source))
+        del found["line"]
+        return cls.of(found, source)
+
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of the tidy table by full name, in mm and deg; distances are rows after positions.
+
+        What a row does not have is NaN, or an empty word.
+        """
+        own = super().table_columns()
+        return own if self.distances is None else together(own, self.distances.table_columns())

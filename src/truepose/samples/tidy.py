@@ -11,6 +11,8 @@ x_cmd_mm …, roll/pitch/yaw_cmd_deg          commanded pose, base frame; R = Rz
 x_meas_mm …, rx/ry/rz_meas_deg              measured pose, tracker frame; R = Rx(rx) Ry(ry) Rz(rz)
 x_std_mm …, rx_std_deg …                    standard deviations of the reading
 approach1 …                                 sign of the last motion of each joint: -1, 0, +1
+distance_mm, distance_std_mm                distance of the tool point from a fixed point, in rows without x_meas_mm …
+origin, x_origin_mm …                       that point: its name in the cell file, or its position in the tracker frame
 time_s, temp_C, load_kg                     time of the reading, air temperature, payload
 masked                                      the reason to leave this row out; empty where it counts
 ==========================================  =========================================================================
@@ -45,9 +47,11 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError, FileError
 from truepose.samples.checks import check
 from truepose.samples.columns import header_of, names_columns
-from truepose.samples.frames import quantities, tidy_columns
+from truepose.samples.distances import check_distances
+from truepose.samples.frames import quantities
 from truepose.samples.masked import MASKED, SampleTable, all_rows, counted_quantities
-from truepose.samples.table import Poses, Samples
+from truepose.samples.split import distance_quantities
+from truepose.samples.table import Distances, Poses, Samples
 
 
 def read_samples(path: str | Path) -> Samples:
@@ -83,7 +87,7 @@ def read_samples(path: str | Path) -> Samples:
            [2050.,  360.,  800.]])
     """
     table = _table(path)
-    samples = Samples(**counted_quantities(table), source=str(table.path))
+    samples = Samples.of(counted_quantities(table), str(table.path))
     check(samples)
     return samples
 
@@ -108,7 +112,7 @@ def read_samples_but(path: str | Path, reasons: NDArray[np.str_]) -> Samples:
         If the file is not a tidy table, or a value of a row that counts is invalid; with the line.
     """
     table = _table(path)
-    return Samples(**counted_quantities(table, reasons), source=str(table.path))
+    return Samples.of(counted_quantities(table, reasons), str(table.path))
 
 
 def read_poses(path: str | Path) -> Poses:
@@ -146,6 +150,34 @@ def read_poses(path: str | Path) -> Poses:
     return poses
 
 
+def read_distances(path: str | Path) -> Distances:
+    """Read distances from fixed points: a tidy table with q1_deg … and distance_mm.
+
+    Parameters
+    ----------
+    path : str or Path
+        A CSV file or a workbook (``file.xlsx``, ``file.xlsx#Sheet``).
+
+    Returns
+    -------
+    Distances
+        The distances in the order of the file.
+
+    Raises
+    ------
+    FileError, DataError
+        If the file is no such table, or its values are implausible; with the line or the rows.
+    """
+    table = _table(path)
+    found = distance_quantities(table)
+    if "distance" not in found:
+        raise FileError(table.path, "needs the column distance_mm, beside q1_deg …", line=table.header_line)
+    distances = Distances(**found, source=str(table.path))
+    check_distances(distances)
+    check(distances)
+    return distances
+
+
 def write_samples(path: str | Path, samples: Poses, reasons: NDArray[np.str_] | None = None) -> None:
     """Write a tidy table of samples or of a plan, in mm and degrees with 12 significant digits.
 
@@ -168,10 +200,10 @@ def write_samples(path: str | Path, samples: Poses, reasons: NDArray[np.str_] | 
 
 def samples_text(samples: Poses, path: str | Path = "samples", reasons: NDArray[np.str_] | None = None) -> str:
     """Return the text of a tidy table; see `write_samples`."""
-    found = tidy_columns({name: getattr(samples, name) for name in samples.columns()})
-    columns = {name: _text(path, values) for name, values in found.items()}
+    columns = {name: _text(path, values) for name, values in samples.table_columns().items()}
     if reasons is not None and (reasons != "").any():
-        columns[MASKED] = [csv_cell(reason) for reason in reasons.tolist()]
+        masked = [csv_cell(reason) for reason in reasons.tolist()]
+        columns[MASKED] = masked + [""] * (len(columns["row"]) - len(masked))
     rows = [",".join(row) for row in zip(*columns.values(), strict=True)]
     return "\n".join([",".join(columns), *rows]) + "\n"
 
@@ -250,4 +282,4 @@ def _text(path: str | Path, values: NDArray[Any]) -> list[str]:
         return [escaped(str(name)) for name in values]
     if values.dtype.kind == "i":
         return [str(value) for value in values]
-    return [f"{value:.12g}" for value in values]
+    return ["" if np.isnan(value) else f"{value:.12g}" for value in values]

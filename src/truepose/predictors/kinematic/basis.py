@@ -18,6 +18,7 @@ from truepose.predictors.kinematic.covariance_form import tolerances
 from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
+from truepose.predictors.kinematic.noise import add_to_blocks
 from truepose.predictors.kinematic.terms import GROUPS, Terms
 from truepose.predictors.kinematic.visits import with_shared
 
@@ -168,10 +169,11 @@ class Basis:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return L⁻¹Φ (3m, p), L⁻¹e (3m,) and the noise covariance L Lᵀ (g, 3t, 3t) of each t samples of one visit.
 
-        The noise covariance sums the variances (m, 3) [mm²] of the readings and the covariance missing in the columns.
+        The noise covariance sums the variances (m, 3), or covariances (m, 3, 3) [mm²], of the readings and the
+        covariance missing in the columns.
         """
         phi, noise = self.columns_with_missing(design, hyper)
-        noise[:, np.arange(3), np.arange(3)] += noise_variance
+        add_to_blocks(noise, noise_variance)
         rows = 3 * together
         if together > 1:
             shared = self.terms.share * hyper.noise**2

@@ -23,6 +23,7 @@ from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.design import Design, parts, take
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32
+from truepose.predictors.kinematic.noise import add_to_blocks
 from truepose.predictors.kinematic.terms import GROUPS
 from truepose.predictors.kinematic.visits import with_shared
 
@@ -48,7 +49,7 @@ class BasisSums:
     def of(
         cls, basis: Basis, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
     ) -> Self:
-        """Sum over samples with errors and noise variances (n, 3), in parts."""
+        """Sum over samples with errors (n, 3) and noise (n, 3) or (n, 3, 3), in parts."""
         p = sum(count for _, count in basis.groups)
         phi_phi, phi_e, e_e, log_determinant = np.zeros((p, p), order="F"), np.zeros(p), 0.0, 0.0
         for part, together in _chunks(design.visit):
@@ -143,7 +144,7 @@ class BasisForm:
     def of(
         cls, basis: Basis, design: Design, hyper: Hyperparameters, e: FloatArray, noise_variance: FloatArray
     ) -> Self:
-        """Solve for errors (n, 3) [mm] whose noise has variances (n, 3) [mm²].
+        """Solve for errors (n, 3) [mm] whose noise has variances (n, 3), or covariances (n, 3, 3) [mm²].
 
         Raises
         ------
@@ -161,7 +162,7 @@ class BasisForm:
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, overwrite_b=True)
         root = np.asfortranarray(prior_root[:, None] * inverse.T)
         noise = np.concatenate([basis.left_out_covariance(part, hyper) for part in parts(design, _CHUNK)])
-        noise[:, np.arange(3), np.arange(3)] += noise_variance
+        add_to_blocks(noise, noise_variance)
         return cls(basis, design, hyper, noise, e, root @ (root.T @ sums.phi_e), root)
 
     def mean(self, design: Design) -> FloatArray:

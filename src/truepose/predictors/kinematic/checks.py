@@ -8,6 +8,7 @@ from typing import Final, Protocol
 from truepose._typing import FloatArray
 from truepose.errors import DataError, KrigingError
 from truepose.predictors.conditions import CONDITIONS
+from truepose.predictors.distances import DistanceRows
 from truepose.predictors.kinematic.terms import Residual
 from truepose.predictors.kinematic.turned import turned_rows
 from truepose.predictors.reflectors import REFLECTOR
@@ -26,6 +27,8 @@ class Given(Protocol):
     conditions: Sequence[str]
     random_state: int
     weight: Sequence[float] | None
+    distances: bool
+    distance_rows: DistanceRows | None
 
 
 def check(given: Given, e: FloatArray, X: FloatArray) -> None:
@@ -52,5 +55,6 @@ def check(given: Given, e: FloatArray, X: FloatArray) -> None:
         if name not in (*CONDITIONS, REFLECTOR):
             raise DataError(f"condition {name!r} is unknown; expected one of: {', '.join(CONDITIONS)}")
     expected = len(X) + len(turned_rows(X, given.conditions, given.robot.dof))
-    if given.weight is not None and len(given.weight) != expected:
+    more = 0 if given.distance_rows is None or not given.distances else len(given.distance_rows)
+    if given.weight is not None and len(given.weight) not in (expected, expected + more):
         raise DataError(f"expected {expected} weights, one for each sample, got {len(given.weight)}")

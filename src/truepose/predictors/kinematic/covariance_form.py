@@ -21,6 +21,7 @@ from truepose.predictors.folds import blocks_by_size
 from truepose.predictors.kinematic.design import Design, parts
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.kernels import joint_chord, matern32, matern52
+from truepose.predictors.kinematic.noise import add_to_diagonal
 from truepose.predictors.kinematic.terms import GROUPS, REGISTRATION, Terms
 from truepose.predictors.kinematic.visits import add_shared, pairs_of
 
@@ -141,7 +142,7 @@ class CovarianceForm:
         e: FloatArray,
         noise_variance: FloatArray,
     ) -> Self:
-        """Factorise for errors (n, 3) [mm] whose noise has variances (n, 3) [mm²].
+        """Factorise for errors (n, 3) [mm] whose noise has variances (n, 3), or covariances (n, 3, 3) [mm²].
 
         Raises
         ------
@@ -150,7 +151,7 @@ class CovarianceForm:
         """
         blank = cls(terms, design, joints, hyper, np.empty((0, 0)), np.empty(0))
         covariance = blank._covariance_with(design)
-        covariance[np.diag_indices(len(covariance))] += noise_variance.reshape(-1)
+        add_to_diagonal(covariance, noise_variance)
         later, earlier = pairs_of(design.visit)
         add_shared(covariance, (earlier, later), terms.share * hyper.noise**2)  # of the transpose
         factor, failed = lapack.dpotrf(covariance.T, lower=1, clean=1, overwrite_a=1)

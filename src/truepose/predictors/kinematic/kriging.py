@@ -13,17 +13,18 @@ from truepose._typing import FloatArray, IntArray
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, checked_noise
 from truepose.predictors.conditions import Usual
+from truepose.predictors.distances import DistanceRows
 from truepose.predictors.kinematic.checks import check
 from truepose.predictors.kinematic.fitting import Start
 from truepose.predictors.kinematic.fleet import ANGLES, Fleet, Member
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.inflation import Part, inflation
-from truepose.predictors.kinematic.searched import ROUNDS, SETTLED, SearchedKriging
+from truepose.predictors.kinematic.searched import SearchedKriging
 from truepose.predictors.kinematic.summary import drift_table
 from truepose.predictors.kinematic.terms import COMPLIANCE, GEOMETRY, GROUPS, Residual, Terms
 from truepose.predictors.kinematic.turned import turned_rows, unseen, with_turns
 from truepose.predictors.kinematic.visits import SHARED
-from truepose.predictors.kinematic.weights import GROSS, robust_weights
+from truepose.predictors.kinematic.weights import GROSS, ROUNDS, SETTLED, robust_weights
 from truepose.predictors.reflectors import Reflectors
 from truepose.robots import Robot
 
@@ -59,6 +60,10 @@ class KinematicKriging(SearchedKriging):
         the samples.
     reflectors : Reflectors, optional
         The reflectors that the condition ``reflector`` names; without it, all rows are of the tool point.
+    distances : bool
+        Whether `distance_rows` are used.
+    distance_rows : DistanceRows, optional
+        Distances from fixed points; they enter the solution, with hyperparameters of the positions.
     robust : bool
         Whether readings that the others contradict get a smaller weight; `gross_` names them.
     solver : {"auto", "covariance", "basis"}
@@ -68,7 +73,7 @@ class KinematicKriging(SearchedKriging):
     hyper : dict, optional
         The hyperparameters, as from `Hyperparameters.to_dict`; default: searched.
     weight : sequence of float, optional
-        The weights of the samples; default: robust weights.
+        The weights of the samples, and of the distances after them; default: robust weights.
     joints : sequence of int, optional
         The joints with an error of their own, counted from 0, together with `hyper`; default: the visible joints.
     inflation : float, optional
@@ -93,6 +98,8 @@ class KinematicKriging(SearchedKriging):
         The solver that was used.
     gross_ : (g,) array of int
         The rows of readings that the others contradict.
+    gross_distances_ : (g,) array of int
+        The distances that the other readings contradict.
     inflation_ : float
         The factor of the predicted variances, at least 1, that makes unseen readings standard, from fits without parts
         of the samples plus one standard error.
@@ -116,7 +123,7 @@ class KinematicKriging(SearchedKriging):
     True
     """
 
-    arm_parameters = ("robot", "tf_flange_tool", "work", "reflectors")
+    arm_parameters = ("robot", "tf_flange_tool", "work", "reflectors", "distance_rows")
     takes_reflectors = True
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
@@ -133,6 +140,8 @@ class KinematicKriging(SearchedKriging):
         conditions: Sequence[str] = (),
         work: Mapping[str, float] | None = None,
         reflectors: Reflectors | None = None,
+        distances: bool = True,
+        distance_rows: DistanceRows | None = None,
         robust: bool = True,
         solver: str = "auto",
         hyper: dict[str, Any] | None = None,
@@ -153,6 +162,8 @@ class KinematicKriging(SearchedKriging):
         self.conditions = conditions
         self.work = work
         self.reflectors = reflectors
+        self.distances = distances
+        self.distance_rows = distance_rows
         self.robust = robust
         self.solver = solver
         self.hyper = hyper
@@ -175,10 +186,12 @@ class KinematicKriging(SearchedKriging):
         self._fleet = None if self.fleet is None else Fleet.from_dict(self.fleet, self.robot.dof)
         if self.hyper is not None:
             self.hyper_ = Hyperparameters.from_dict(self.hyper)
-            self._weight = np.ones(len(self._e)) if self.weight is None else np.asarray(self.weight, float)
-            self._solve()
+            given = np.ones(len(self._e)) if self.weight is None else np.asarray(self.weight, float)
+            self._weight = given[: len(self._e)]
+            self._settle(given[len(self._e) :])
         else:
             self._optimum = self._search(design) if self._fleet is None else self._taking(self._fleet, design)
+            self._settle(np.empty(0), solved=True)
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.inflation_ = self._inflation(self._optimum) if self.hyper is None else self.inflation or 1.0
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
@@ -202,6 +215,7 @@ class KinematicKriging(SearchedKriging):
             share=SHARED[0 if noise_std is not None and (noise_std > 0.0).all() else 1],
         )
         self._x, self._e, self._reading, self._own = with_turns(self._terms, X, e, noise_std)
+        self._distant = 0
         few = len(self._e) <= EXACT_UP_TO
         self.solver_ = ("covariance" if few else "basis") if self.solver == "auto" else self.solver
 
@@ -323,7 +337,7 @@ class KinematicKriging(SearchedKriging):
         reading = None if noise_std is None else checked_noise(noise_std, e.shape)
         noise = None if reading is None or old_noise is None else np.concatenate([old_noise, reading])
         self._given = np.concatenate([old_x, x]), np.concatenate([old_e, e]), noise
-        old_weight, n = self._weight, len(old_e)
+        old_weight, n = self._weight[: len(self._weight) - self._distant], len(old_e)
         self._take(*self._given)
         fresh = self._own >= n
         self._weight = np.ones(len(self._e))
@@ -336,13 +350,14 @@ class KinematicKriging(SearchedKriging):
                 self._weight[fresh] = weight
                 if change < SETTLED:
                     break
-            self._solve()
+            self._settle(np.empty(0))
         self.gross_ = np.flatnonzero(self.weight_ < GROSS)
         self.parameters_ = drift_table(self._form, self._terms, self.hyper_, self._fleet)
         return self
 
     def _leave_blocks_out(self, labels: NDArray[Any]) -> LeaveOneOut:
-        return self._left(*self._form.left_out(labels[self._own]))
+        apart = labels.max() + 1 + np.arange(self._distant)
+        return self._left(*self._form.left_out(np.concatenate([labels, apart])[self._own]))
 
     def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Return joints and conditions (n, d), and y; conditions may be NaN, or left out for a prediction."""

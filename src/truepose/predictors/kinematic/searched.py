@@ -13,7 +13,7 @@ from truepose.predictors.kinematic.basis import Basis
 from truepose.predictors.kinematic.basis_form import BasisForm, BasisSums
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.design import Design, take
-from truepose.predictors.kinematic.fitted import FittedKriging
+from truepose.predictors.kinematic.distant import DistantKriging
 from truepose.predictors.kinematic.fitting import (
     Start,
     log_evidence,
@@ -27,11 +27,9 @@ from truepose.predictors.kinematic.fleet import LEVELS, PAYS, Fleet
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
 from truepose.predictors.kinematic.inflation import SEARCHED
 from truepose.predictors.kinematic.terms import GROUPS, Terms
-from truepose.predictors.kinematic.weights import first_weights, robust_weights
+from truepose.predictors.kinematic.weights import ROUNDS, SETTLED, first_weights, robust_weights
 from truepose.predictors.reflectors import REFLECTOR, whole_poses
 
-ROUNDS, SETTLED = 4, 0.1
-"""Of robust weights: the most, and the change of their roots that ends them."""
 _FIRST: Final = 150  # samples for the comparison of starting points
 _ANCHORS: Final = 250  # samples that represent Z in a basis
 _LINEARISATIONS, _FAR = 8, 0.3  # the most, and the root mean square change in noise that asks for one more
@@ -47,7 +45,7 @@ class _Tried(NamedTuple):
     found: dict[str, Any]
 
 
-class SearchedKriging(FittedKriging):
+class SearchedKriging(DistantKriging):
     """Kinematic Kriging with its search: `_search` estimates, `_solve` solves with known hyperparameters."""
 
     if TYPE_CHECKING:
@@ -156,15 +154,6 @@ class SearchedKriging(FittedKriging):
             self._terms, take(design, rows), self.joints_, target, self._reading[rows], self._weight[rows]
         )
 
-    def _left_out_alone(self, *, poses: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return left-out residuals and covariances, each reading of full weight; alone, or with its whole pose."""
-        residual, covariance = self._poses_out() if poses else self._form.alone
-        wider = self._noise_variance() * (1.0 - self._weight[:, None])
-        return residual, covariance - wider[:, :, None] * np.eye(3)
-
-    def _noise_variance(self) -> FloatArray:
-        return np.asarray((self.hyper_.noise**2 + self._reading**2) / self._weight[:, None])
-
     def _solved(self, design: Design, refining: bool = False) -> CovarianceForm | BasisForm:
         """Return the posterior; in a basis, all samples may refine the hyperparameters first."""
         if self.solver_ == "covariance":
@@ -189,6 +178,7 @@ class SearchedKriging(FittedKriging):
         self._form = self._solved(self._terms.at(self._x))
         before = np.zeros_like(self._e)
         for _ in range(_LINEARISATIONS):
+            self._aim()
             self._terms = self._terms.shifted(self._form.drift_estimate()[0] * self._terms.prior_std)
             design = self._terms.at(self._x)
             self._form = self._solved(design)

@@ -10,12 +10,16 @@ from truepose._typing import FloatArray
 
 GROSS: Final = 0.1
 """The weight below which a reading is gross."""
+ROUNDS: Final = 4
+"""The largest number of rounds of robust weights."""
+SETTLED: Final = 0.1
+"""The change of the roots of robust weights that ends them."""
 
 _SURPRISE: Final = 11.34  # squared standardised length above which a reading is weighed down; 1 % of good readings
 _FAR: Final = 6.0  # times the typical length that the drift leaves
 _MEDIAN: Final = 1.538  # median length of a standard normal vector in 3-D
 _NOISE: Final = 0.2  # mm
-_ROUNDS: Final = 10
+_FIRST_ROUNDS: Final = 10
 
 
 def first_weights(drift: FloatArray, e: FloatArray) -> FloatArray:
@@ -34,7 +38,7 @@ def first_weights(drift: FloatArray, e: FloatArray) -> FloatArray:
         The weights.
     """
     phi, y, weight = drift.reshape(3 * len(e), -1), e.reshape(-1), np.ones(len(e))
-    for _ in range(_ROUNDS):
+    for _ in range(_FIRST_ROUNDS):
         root = np.repeat(np.sqrt(weight), 3)
         scaled = phi * root[:, None]
         matrix = scaled.T @ scaled / _NOISE**2 + np.eye(phi.shape[1])

@@ -15,9 +15,10 @@ from truepose.errors import DataError, KrigingError, TrueposeError
 from truepose.numerics.executor import Executor, Inputs, Task
 from truepose.numerics.processes import local
 from truepose.numerics.threads import cores, one_thread
-from truepose.predictors.abilities import Conditional, Startable, TurnTaking
+from truepose.predictors.abilities import Conditional, DistanceTaking, Startable, TurnTaking
 from truepose.predictors.base import Predictor
 from truepose.predictors.conditions import CONDITIONS, joined
+from truepose.predictors.distances import DistanceRows
 from truepose.predictors.outliers import fit_without_gross
 from truepose.predictors.reflectors import REFLECTOR, whole_poses
 from truepose.predictors.registry import ArmContext, conditions_wanted, make_predictor, predictor_spec
@@ -45,6 +46,8 @@ class PositionalErrors:
         The standard deviations of the readings.
     arm : ArmContext, optional
         The arm, for predictors that need it.
+    distances : DistanceRows, optional
+        Distances beside the positions, for predictors that take them.
     """
 
     coordinates: Mapping[str, FloatArray]
@@ -52,6 +55,7 @@ class PositionalErrors:
     noise_std: FloatArray | None = None
     arm: ArmContext | None = None
     conditions: Mapping[str, FloatArray] = field(default_factory=dict)
+    distances: DistanceRows | None = None
 
     def __post_init__(self) -> None:
         for name, values in {**self.coordinates, "e": self.e}.items():
@@ -102,8 +106,18 @@ class PositionalErrors:
             x = joined(self.coordinates[predictor_spec(name).space], used, self.conditions)[rows]
             oriented, gains = model.with_turns(x[gross == 0], used)
             if gains or "orientation" in predictor_spec(name).defaults.get("conditions", ()):
-                return oriented, gross
-        return model, gross
+                model = oriented
+        return self._with_distances(name, model), gross
+
+    def _with_distances(self, name: str, model: Predictor) -> Predictor:
+        """Return the fit with the distances, if it takes them and gains from them, or the name asks for them."""
+        if self.distances is None or not isinstance(model, DistanceTaking) or not model.distances:
+            return model
+        other, gains = model.with_distances(self.distances)
+        if gains or "distances" in predictor_spec(name).defaults:
+            return other
+        model.distances = False  # as a stored map has them
+        return model
 
     def _used(self, name: str) -> tuple[str, ...]:
         """Return the conditions that a named predictor takes: those it wants, and always the reflector."""
