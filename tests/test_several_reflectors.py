@@ -155,8 +155,40 @@ def test_further_samples_are_visits_of_their_own(virtual, cell, error_map, tmp_p
     visit = updated.predictor._given[0][:, -1]
     assert len(np.unique(visit)) == 35
     np.testing.assert_array_equal(updated.predictor._given[0], updated.fitted_inputs)
-    with pytest.raises(DataError, match="another tool is fitted with readings of its point"):
-        update_map(error_map, new, "tool")
+
+
+@pytest.mark.parametrize("refit", ["tool", "both"])
+def test_a_shifted_tool_is_found_with_its_reflectors(virtual, error_map, refit, tmp_path):
+    """Readings after the tool was shifted on the flange, and for "both" the tracker moved."""
+    shift = np.array([0.6, -0.4, 0.8])
+    new = virtual.measure_each(virtual.design(8, seed=11, orientation_deg=20.0), seed=11)
+    to_tracker = virtual.truth.tf_base_tracker[:3, :3].T
+    p = new.p_meas + virtual.robot.forward(new.q)[:, :3, :3] @ shift @ to_tracker.T
+    if refit == "both":
+        p = apply_transform(make_transform(Rotation.from_rotvec([0.0, 2e-4, 1e-3]), [30.0, -20.0, 5.0]), p)
+    new = replace(new, p_meas=p)
+    updated = update_map(error_map, new, refit)
+    found = updated.tf_flange_tool[:3, 3] - error_map.tf_flange_tool[:3, 3]
+    np.testing.assert_allclose(found, shift, atol=0.03)
+    np.testing.assert_array_equal(updated.tf_flange_tool[:3, :3], error_map.tf_flange_tool[:3, :3])
+    miss = updated.errors(new) - updated.predict_errors(new)[0]
+    assert np.linalg.norm(miss, axis=1).mean() < 0.04
+    before = error_map.errors(new) - error_map.predict_errors(new)[0]
+    assert np.linalg.norm(before, axis=1).mean() > 1.0
+    updated.save(tmp_path / "map.truepose")
+    again = load_map(tmp_path / "map.truepose").predict_errors(new)[0]
+    np.testing.assert_allclose(again, updated.predict_errors(new)[0], atol=1e-6)
+
+
+def test_a_turned_tool_is_not_taken_for_a_shifted_one(virtual, error_map):
+    new = virtual.measure_each(virtual.design(8, seed=11, orientation_deg=20.0), seed=11)
+    tf = error_map.robot.forward(new.q, tool=error_map.tf_flange_tool)
+    p = error_map.registration.apply(new.p_meas)
+    about = np.einsum("nij,nj->ni", np.swapaxes(tf[:, :3, :3], 1, 2), p - tf[:, :3, 3])
+    turned = np.einsum("nij,nj->ni", tf[:, :3, :3], Rotation.from_rotvec([0.0, 0.01, 0.0]).apply(about)) + tf[:, :3, 3]
+    p_meas = apply_transform(np.linalg.inv(error_map.registration.tf_base_tracker), turned)
+    with pytest.raises(DataError, match=r"turned on the flange by (9\.\d|10\.\d) mrad, not only shifted; state their"):
+        update_map(error_map, replace(new, p_meas=p_meas), "tool")
 
 
 def test_a_mask_names_poses_or_single_readings(samples):

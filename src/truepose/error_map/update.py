@@ -17,11 +17,20 @@ from truepose._typing import FloatArray, IntArray
 from truepose.error_map.conditions import knows, with_conditions
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
+from truepose.error_map.points import points_on_tool
 from truepose.error_map.selection import points_named
 from truepose.errors import DataError
-from truepose.geometry import Registration, apply_transform, invert_transform, register, register_with_tool
+from truepose.geometry import (
+    Registration,
+    apply_transform,
+    invert_transform,
+    register,
+    register_with_body,
+    register_with_tool,
+)
 from truepose.predictors.abilities import JointlyPredicting, Updatable
-from truepose.samples import Samples, on_arm
+from truepose.predictors.reflectors import on_a_line
+from truepose.samples import Samples, on_arm, reflector_index
 from truepose.verification.consistency import (
     DOUBTFUL,
     ConsistencyTest,
@@ -40,6 +49,7 @@ TOOL: Final = "the tool point moved"
 GROWTH: Final = "the arm grew"
 _LEAST_TIMED: Final = 6  # readings that a search for a drift needs
 _MOST_TOGETHER: Final = 1000  # readings whose joint covariance is computed
+_TURNED: Final = 0.2  # mm, how far a turn may move a reflector of a tool that is shifted
 _ALIKE: Final = 0.02  # smaller differences in the explained part do not separate two causes
 
 
@@ -264,16 +274,17 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
     """Return the map for another tool point, fitted with the predicted true poses of the flange."""
     if samples.q is None:
         raise DataError(f"{samples.source}: fitting another tool needs joints (q1_deg …)")
-    if samples.reflector is not None:
-        what = "another tool is fitted with readings of its point, not with those of several reflectors"
-        raise DataError(f"{samples.source}: {what}; fit a new map with them")
-    error, _ = error_map.predict_pose_errors(samples)
+    body = None if samples.reflector is None else points_on_tool(samples, error_map.cell)
+    error, _ = error_map.predict_pose_errors(replace(samples, reflector=None))
     tf_flange = error_map.robot.forward(samples.q, tool=error_map.tf_flange_tool)
     tf_flange[:, :3, 3] += error[:, :3]
     tf_flange[:, :3, :3] = Rotation.from_rotvec(error[:, 3:]).as_matrix() @ tf_flange[:, :3, :3]
     tf_flange = tf_flange @ invert_transform(error_map.tf_flange_tool)
     tf_flange_tool = error_map.tf_flange_tool.copy()
-    if station:
+    if body is not None:
+        error_map, shift = _with_body(error_map, samples, tf_flange, apply_transform(tf_flange_tool, body), station)
+        tf_flange_tool[:3, 3] += shift
+    elif station:
         found = register_with_tool(tf_flange, samples.p_meas, tf_flange_tool[:3, 3])
         assert found.p_flange_tool is not None
         error_map = _moved(error_map, found)
@@ -284,6 +295,34 @@ def _with_tool(error_map: ErrorMap, samples: Samples, *, station: bool) -> Error
         tf_flange_tool[:3, 3] = np.median(in_flange, axis=0) if len(samples) > 4 else in_flange.mean(axis=0)
     sampled = error_map.tf_flange_sampled[:3, 3]
     return error_map.changed(tf_flange_tool=tf_flange_tool, p_flange_sampled=sampled)
+
+
+def _with_body(
+    error_map: ErrorMap, samples: Samples, tf_flange: FloatArray, p_flange: FloatArray, station: bool
+) -> tuple[ErrorMap, FloatArray]:
+    """Return the map, at a new station if that is asked for, and how far a body of reflectors is shifted, (3,) [mm].
+
+    `p_flange` (n, 3) [mm] are the points read, flange frame, as they were before; `tf_flange` (n, 4, 4) [mm] the true
+    poses of the flange.
+    """
+    if station:
+        which = reflector_index(samples, error_map.cell)
+        found = register_with_body(tf_flange, samples.p_meas, p_flange, which, error_map.tf_flange_tool[:3, 3])[0]
+        error_map = _moved(error_map, found)
+    p_base = apply_transform(error_map.registration.tf_base_tracker, samples.p_meas)
+    seen = np.einsum("nji,nj->ni", tf_flange[:, :3, :3], p_base - tf_flange[:, :3, 3])
+    points, which = np.unique(p_flange, axis=0, return_inverse=True)
+    if not on_a_line(points):
+        found_at = np.array([np.median(seen[which.reshape(-1) == k], axis=0) for k in range(len(points))])
+        turn, _ = Rotation.align_vectors(found_at - found_at.mean(axis=0), points - points.mean(axis=0))
+        reach = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+        if turn.magnitude() * reach > _TURNED:
+            raise samples.error(
+                f"the reflectors are turned on the flange by {1e3 * turn.magnitude():.1f} mrad, not only shifted; "
+                "state their positions and the angles of [tool] anew, and fit a new map"
+            )
+    moved = seen - p_flange
+    return error_map, np.median(moved, axis=0) if len(samples) > 4 else moved.mean(axis=0)
 
 
 def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
