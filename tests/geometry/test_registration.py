@@ -244,6 +244,22 @@ class TestNotIdentifiable:
         flange = make_transform(turned, rng.uniform(-400, 400, (30, 3)))
         self.refuse(flange, r"cannot determine tool z with station translation z \(rank 8 of 9", noise=0.1)
 
+    def test_a_direction_within_the_noise_is_taken_from_a_known_tool(self, rng: np.random.Generator) -> None:
+        turned = Rotation.from_euler("zy", rng.uniform(0, 1, (30, 2)) * [360, 1e-3], degrees=True)
+        flange = make_transform(turned, rng.uniform(-400, 400, (30, 3)))
+        p = apply_transform(flange, np.array([10.0, 20.0, 150.0])) + 0.1 * rng.normal(size=(30, 3))
+        found = register_with_tool(flange, p, [12.0, 19.0, 140.0], tool_std=30.0)
+        assert found.p_flange_tool is not None
+        np.testing.assert_allclose(found.p_flange_tool, [10.0, 20.0, 140.0], atol=0.2)
+        assert abs(np.sqrt(found.covariance[8, 8]) - 30.0) < 1.0
+        assert "tool z with station translation z: not determined by these poses" in found.hint
+        assert np.linalg.norm(found.residuals, axis=1).mean() < 0.3
+
+    def test_a_known_tool_does_not_help_at_one_orientation(self, rng: np.random.Generator) -> None:
+        flange = make_transform(np.tile(np.eye(3), (20, 1, 1)), rng.uniform(-400, 400, (20, 3)))
+        with pytest.raises(IdentifiabilityError, match="rank 6 of 9"):
+            register_with_tool(flange, flange[:, :3, 3] + 0.1 * rng.normal(size=(20, 3)), [0.0, 0, 0], tool_std=30.0)
+
     def test_points_on_a_line(self) -> None:
         line = np.outer(np.linspace(0, 500, 10), [0.0, 0.0, 1.0])
         with pytest.raises(

@@ -463,7 +463,8 @@ def test_a_plan_is_that_of_the_command_line(running: Bench) -> None:
 
 
 def test_a_plan_is_chosen_after_a_map_and_from_candidates(running: Bench, measured: Samples) -> None:
-    fit_cell(running.virtual.cell, measured, "ordinary-kriging").save(running.folder / "first.truepose")
+    first = measured[np.arange(len(measured) - 6)]
+    fit_cell(running.virtual.cell, first, "ordinary-kriging").save(running.folder / "first.truepose")
     (known,) = running.get("maps")
     body = {"n": 3, "after": known["sha"], "candidates": running.plan}
     job = wait(running, running.client.post(f"{API}/cells/{running.cell}/plans", json=body))
@@ -471,7 +472,7 @@ def test_a_plan_is_chosen_after_a_map_and_from_candidates(running: Bench, measur
     assert {"--after=first.truepose", "--candidates=plans/plan.csv"} <= set(job.command)
     made = next(plan for plan in running.get("plans") if plan["id"] != running.plan)
     rows = [row["q_deg"] for row in running.get(f"plans/{made['id']}")["rows"]]
-    offered = np.rad2deg(measured.q)
+    offered = np.rad2deg(measured.q[-6:])  # none is measured twice
     assert all(np.abs(offered - row).max(axis=1).min() < 1e-6 for row in rows)
     for wrong in ({"after": "0" * 64}, {"candidates": "0" * 12}):
         answer = running.client.post(f"{API}/cells/{running.cell}/plans", json={"n": 3, **wrong})

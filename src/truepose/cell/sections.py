@@ -268,6 +268,7 @@ class Measuring(CellSection):
     speed_percent: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)] = 20.0
     trigger_output: Annotated[int, Field(strict=True, ge=1)] | None = None
     approach_deg: NotNegative = 3.0
+    approach: Literal["below", "both"] = "below"
     limit_margin_deg: NotNegative = 5.0
     reflector_axis: tuple[Number, Number, Number] | None = None
     acceptance_deg: Positive = 30.0

@@ -93,6 +93,7 @@ robust = true            # outliers are found and left out of the registration
 # speed_percent = 20.0
 # trigger_output = 1     # digital output that triggers the tracker; default: no signal
 # approach_deg = 3.0     # every joint approaches its pose from this far below, so that backlash is always the same
+# approach = "both"      # … or from either side, about half of the poses each, so that backlash is measured as well
 # limit_margin_deg = 5.0
 # reflector_axis = [0.0, 0.0, 1.0]  # direction of the reflector, tool frame; default: visible from all sides
 # acceptance_deg = 30.0

@@ -35,6 +35,8 @@ from truepose.samples import Poses, Samples, check_not_compensated, reflector_in
 
 _ON_THE_LINE: Final = 1.0  # mm
 _TOOL_OFF: Final = 5.0  # mm
+_TOOL_STD: Final = 30.0  # mm, of a stated tool
+_ANY_TOOL_STD: Final = 300.0  # mm, of the distance of a tool that is not stated from the flange
 _DEGREES_OF_RADIANS: Final = np.deg2rad(2.0 * np.pi)  # a full turn in radians, read as degrees
 
 
@@ -203,7 +205,13 @@ def _register(cell: Cell, robot: Robot, samples: Samples) -> tuple[Registration,
         raise DataError('[tool] fit needs the station fitted with it: set [tracker] fit = "pose", or state the tool')
     if samples.reflector is not None:
         return _register_body(cell, robot, samples)
-    registration = register_with_tool(tf_base_flange, samples.p_meas, tf_flange_tool[:3, 3], robust=cell.tracker.robust)
+    registration = register_with_tool(
+        tf_base_flange,
+        samples.p_meas,
+        tf_flange_tool[:3, 3],
+        robust=cell.tracker.robust,
+        tool_std=_TOOL_STD if {"x_mm", "y_mm", "z_mm"} & cell.tool.model_fields_set else _ANY_TOOL_STD,
+    )
     assert registration.p_flange_tool is not None
     tf_flange_tool = tf_flange_tool.copy()
     tf_flange_tool[:3, 3] = registration.p_flange_tool

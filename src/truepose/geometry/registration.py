@@ -18,8 +18,10 @@ from truepose.geometry.station import (
     MINIMAL_LINEAR,
     Station,
     StationPoses,
+    ToolPrior,
     check_identifiable,
     covariance,
+    open_directions,
     refine_station,
     start,
     weak_hint,
@@ -158,6 +160,7 @@ def register_with_tool(
     p_flange_tool: ArrayLike | None = None,
     robust: bool = True,
     rng: int | np.random.Generator = 0,
+    tool_std: float | None = None,
 ) -> Registration:
     """Fit the tracker's station and the reflector's position in the flange frame together.
 
@@ -168,11 +171,14 @@ def register_with_tool(
     p_measured : (n, 3) array [mm], tracker frame
         The readings.
     p_flange_tool : (3,) array [mm], flange frame, optional
-        An estimate of the tool offset. It adds a start; the result does not depend on it.
+        An estimate of the tool offset. It adds a start; the result does not depend on it but for `tool_std`.
     robust : bool
         Whether outliers are found and left out.
     rng : int or Generator
         The seed, or source, of the random subsets.
+    tool_std : float [mm], optional
+        The standard deviation of the estimate in each direction. If the readings leave one direction of station and
+        tool open within their noise, it is taken from the estimate, and the hint says so; otherwise it is not used.
 
     Returns
     -------
@@ -206,7 +212,8 @@ def register_with_tool(
         if guess.shape != (3,):
             raise DataError(f"p_flange_tool has shape {guess.shape}, expected (3,)")
         check_finite("p_flange_tool", guess[None])
-    return _register(StationPoses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, rng)
+    known = None if guess is None or tool_std is None else ToolPrior(guess, tool_std)
+    return _register(StationPoses(flange[:, :3, 3], measured, flange[:, :3, :3]), guess, robust, rng, known)
 
 
 def register_known(
@@ -279,7 +286,11 @@ def _check_count(n_commanded: int, n_measured: int, least: int) -> None:
 
 
 def _register(
-    poses: StationPoses, p_flange_tool: FloatArray | None, robust: bool, rng: int | np.random.Generator
+    poses: StationPoses,
+    p_flange_tool: FloatArray | None,
+    robust: bool,
+    rng: int | np.random.Generator,
+    known: ToolPrior | None = None,
 ) -> Registration:
     floor = _ROUNDING * max(np.abs(poses.p_commanded).max(), np.abs(poses.p_measured).max(), np.finfo(float).tiny)
     station, outliers = _fit(poses, p_flange_tool, robust, floor, rng)
@@ -295,17 +306,26 @@ def _register(
     freedom = 3 * len(inliers.p_measured) - n_parameters
     noise_std = float(np.sqrt((norms[~outliers] ** 2).sum() / freedom)) if freedom else 0.0
     limit = OUTLIER_LIMIT * max(noise_std, floor)
-    check_identifiable(inliers, station, noise_std, limit=median_radius(poses.p_measured))
+    radius = median_radius(poses.p_measured)
+    found = open_directions(inliers, station, noise_std, radius)
+    if known is None or found.rank < n_parameters - 1:
+        check_identifiable(inliers, station, noise_std, limit=radius)
+    prior = known if found.names else None
+    if prior is not None:
+        station = refine_station(poses, np.where(outliers, 0.0, 1.0), station, prior=prior, noise_std=noise_std)
+        weak = f"{found.names}: not determined by these poses, taken from the tool of the cell, ± {prior.std:.0f} mm"
+    else:
+        weak = weak_hint(inliers, station, noise_std)
     swapped = find_swapped(station.tcp(poses), station.measured(poses), outliers, limit)
     return Registration(
         tf_base_tracker=make_transform(station.rotation, station.translation),
         residuals=station.residuals(poses),
         outliers=outliers,
-        covariance=covariance(inliers, station, noise_std),
+        covariance=covariance(inliers, station, noise_std, prior),
         noise_std=noise_std,
         p_flange_tool=None if poses.rotations is None else station.p_flange_tool,
         swapped=swapped,
-        hint="; ".join(filter(None, (write_hint(outliers, swapped), weak_hint(inliers, station, noise_std)))),
+        hint="; ".join(filter(None, (write_hint(outliers, swapped), weak))),
     )
 
 

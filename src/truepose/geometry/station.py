@@ -79,6 +79,13 @@ class Station:
         return np.asarray(np.linalg.norm(self.residuals(poses), axis=-1))
 
 
+class ToolPrior(NamedTuple):
+    """A tool that is roughly known: its offset p_flange_tool (3,) [mm], and its standard deviation by axis [mm]."""
+
+    p_flange_tool: FloatArray
+    std: float
+
+
 def kabsch(p_from: FloatArray, p_to: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the rotation (…, 3, 3) and translation (…, 3) that best map points (…, n, 3) with weights (…, n).
 
@@ -109,16 +116,30 @@ def design(poses: StationPoses, station: Station) -> tuple[FloatArray, FloatArra
     return columns.reshape(*arm.shape[:-2], -1, columns.shape[-1]), centre
 
 
-def refine_station(poses: StationPoses, weights: FloatArray, station: Station, steps: int = 50) -> Station:
-    """Return the weighted least-squares station (and tool): closed form, or Gauss-Newton from `station`."""
+def refine_station(
+    poses: StationPoses,
+    weights: FloatArray,
+    station: Station,
+    steps: int = 50,
+    prior: ToolPrior | None = None,
+    noise_std: float = 0.0,
+) -> Station:
+    """Return the weighted least-squares station (and tool): closed form, or Gauss-Newton from `station`.
+
+    A prior of the tool counts as three more readings of it, against readings with `noise_std` [mm].
+    """
     if poses.rotations is None:
         return Station(*kabsch(poses.p_measured, poses.p_commanded, weights), station.p_flange_tool)
     root = np.repeat(np.sqrt(weights), 3)
     for _ in range(steps):
         columns, centre = design(poses, station)
         length = np.linalg.norm(columns, axis=0)
-        weighted = root[:, None] * columns / length
-        scaled = np.linalg.lstsq(weighted, -root * station.residuals(poses).ravel(), rcond=None)[0]
+        weighted, wanted = root[:, None] * columns / length, -root * station.residuals(poses).ravel()
+        if prior is not None:
+            share = noise_std / prior.std
+            weighted = np.concatenate([weighted, share * np.eye(9)[6:] / length])
+            wanted = np.concatenate([wanted, share * (prior.p_flange_tool - station.p_flange_tool)])
+        scaled = np.linalg.lstsq(weighted, wanted, rcond=None)[0]
         station = _moved(station, np.asarray(scaled / length), centre)
         if np.linalg.norm(scaled) <= 1e-11 * np.linalg.norm(poses.p_commanded):
             break
@@ -208,12 +229,14 @@ def _damped_steps(poses: StationPoses, station: Station, steps: int = 15) -> Sta
     return station
 
 
-def covariance(poses: StationPoses, station: Station, noise_std: float) -> FloatArray:
+def covariance(poses: StationPoses, station: Station, noise_std: float, prior: ToolPrior | None = None) -> FloatArray:
     """Return the covariance of (translation [mm], rotation vector [rad], tool [mm]), (6, 6) or (9, 9).
 
     The true station is (exp(δω) R, t + δt): the rotation vector turns about the base's origin axes.
     """
     columns, centre = design(poses, station)
+    if prior is not None:
+        columns = np.concatenate([columns, noise_std / prior.std * np.eye(9)[6:]])
     length = np.linalg.norm(columns, axis=0)
     r_inverse = np.linalg.inv(np.linalg.qr(columns / length, mode="r")) / length[:, None]
     # a rotation about the centre, expressed at the base origin: δt = δt' + δω × (t - centre)

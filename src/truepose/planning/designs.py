@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 
 from truepose._typing import FloatArray
@@ -21,6 +22,7 @@ _FEWER_CANDIDATES: Final = 400  # each costs the eigenvalues of a matrix, at eve
 _ROUNDS: Final = 12
 _GROWTH: Final = 1.3
 _DOUBLINGS: Final = 4
+_SAME: Final = 1e-3  # rad, in each joint: nearer than that is the same pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,8 @@ class DesignProblem:
         The configurations over the region at which errors are to be predicted.
     n : int
         The number of poses.
+    known : (k, dof) array [rad]
+        The configurations that were measured already, which are not chosen again.
     rng : int
         The seed of candidates and random methods.
     progress : callable
@@ -47,8 +51,14 @@ class DesignProblem:
     prior: Prior
     targets: FloatArray
     n: int
+    known: FloatArray
     rng: int
     progress: Progress
+
+    def unmeasured(self, q: FloatArray) -> FloatArray:
+        """Return those of configurations (m, dof) [rad] that were not measured already."""
+        near: FloatArray = cdist(q, self.known, "chebyshev").min(axis=1, initial=np.inf)
+        return np.asarray(q[near > _SAME])
 
 
 def _posterior(problem: DesignProblem) -> FloatArray:
@@ -104,20 +114,20 @@ def _enough(problem: DesignProblem, draw: Callable[[WorkRegion, int], FloatArray
     if not isinstance(region, WorkRegion):
         raise DataError("the methods grid and latin-hypercube need a [region]; choose from a list by another method")
     for _ in range(_ROUNDS):
-        q = region.reach(draw(region, int(np.ceil(count)))[:, : region.dimensions]).q
+        q = problem.unmeasured(region.reach(draw(region, int(np.ceil(count)))[:, : region.dimensions]).q)
         if len(q) >= problem.n:
             return np.asarray(q[np.round(np.linspace(0, len(q) - 1, problem.n)).astype(int)])
         count *= _GROWTH
-    raise _too_few(len(q), problem.n)
+    raise _too_few(len(q), problem)
 
 
 def _measurable(problem: DesignProblem, count: int) -> FloatArray:
     """Return at least n configurations spread over the region, of about `count` or more."""
     for doubled in range(_DOUBLINGS):
-        q = problem.space.spread(count << doubled, problem.rng).q
+        q = problem.unmeasured(problem.space.spread(count << doubled, problem.rng).q)
         if len(q) >= problem.n:
             return q
-    raise _too_few(len(q), problem.n)
+    raise _too_few(len(q), problem)
 
 
 def _candidates(problem: DesignProblem, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -127,8 +137,9 @@ def _candidates(problem: DesignProblem, count: int) -> tuple[FloatArray, FloatAr
     return q, columns, problem.prior.noise(left_out)
 
 
-def _too_few(found: int, wanted: int) -> DataError:
-    return DataError(f"expected at least {wanted} measurable poses, got {found}; widen [region] or the list")
+def _too_few(found: int, problem: DesignProblem) -> DataError:
+    known = f" beside the {len(problem.known)} that were measured already" if len(problem.known) else ""
+    return DataError(f"expected at least {problem.n} measurable poses{known}, got {found}; widen [region] or the list")
 
 
 METHODS: Final[dict[str, Callable[[DesignProblem], FloatArray]]] = {

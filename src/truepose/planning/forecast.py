@@ -104,8 +104,9 @@ class Forecast:
         return lengths
 
     def _over_open(self, lengths: FloatArray, q: FloatArray) -> float:
-        """Return the mean of the targets' lengths (m,) over those that are not among measured joints (n, dof)."""
-        measured = cdist(self.targets, q, "chebyshev").min(axis=1, initial=np.inf) < _SAME
+        """Return the mean of the targets' lengths (m,) over those not among joints (n, dof) or the known ones."""
+        every = np.concatenate([self.known, q])
+        measured = cdist(self.targets, every, "chebyshev").min(axis=1, initial=np.inf) < _SAME
         return float(lengths[~measured].mean() if not measured.all() else lengths.mean())
 
 

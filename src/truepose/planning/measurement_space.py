@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from truepose.planning.collision import CollisionModel
 from truepose.robots import nearest_branch
 from truepose.robots.inverse.branches import SINGULAR
 from truepose.robots.inverse.newton import smallest_singular
+
+_MIXING: Final = (30.0, 90.0)  # 1/rad: a side changes with some hundredths of a radian of any joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +64,17 @@ class MeasurementSpace(ABC):
     margin : float [rad]
         The smallest distance to the joint limits.
     approach : float [rad]
-        The last motion of every joint, from below, or from above where a limit is too near.
+        The last motion of every joint.
+    both_sides : bool
+        Whether joints come from either side, in about half of the poses each, which separates backlash from the shape
+        of the errors; otherwise from below. Where a limit is too near, a joint comes from the other side.
     """
 
     collision: CollisionModel
     home: FloatArray
     margin: float = np.deg2rad(5.0)
     approach: float = 0.0
+    both_sides: bool = False
 
     @abstractmethod
     def spread(self, count: int, rng: int) -> Reach:
@@ -81,12 +87,22 @@ class MeasurementSpace(ABC):
         """
 
     def approach_signs(self, q: FloatArray) -> FloatArray:
-        """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1."""
-        return np.where(q - self.approach < self.collision.robot.limits[:, 0], -1.0, 1.0)
+        """Return the sign of each joint's last motion to joints (n, dof) [rad]: (n, dof) of -1, +1.
 
-    def approach_start(self, q: FloatArray) -> FloatArray:
-        """Return the joints at the start of the last motion to joints (n, dof) [rad]."""
-        return np.asarray(q - self.approach * self.approach_signs(q))
+        The side is a function of the pose that varies from pose to pose as if it were drawn.
+        """
+        wanted = np.ones_like(q)
+        if self.both_sides:
+            mixed = q @ np.random.default_rng(0).uniform(*_MIXING, (q.shape[1],) * 2)
+            wanted = np.where(np.floor(mixed) % 2.0, 1.0, -1.0)
+        low, high = self.collision.robot.limits.T
+        beyond = (q - self.approach * wanted < low) | (q - self.approach * wanted > high)
+        return np.where(beyond, -wanted, wanted)
+
+    def approach_start(self, q: FloatArray, signs: FloatArray | None = None) -> FloatArray:
+        """Return the joints at the start of the last motion to joints (n, dof) [rad]; sides that are 0 are chosen."""
+        chosen = self.approach_signs(q)
+        return np.asarray(q - self.approach * (chosen if signs is None else np.where(signs == 0.0, chosen, signs)))
 
     def measurable(self, q: FloatArray) -> Reach:
         """Return which of joints (n, dof) [rad] can be measured, and why the others cannot; NaN is out of reach."""
@@ -252,6 +268,7 @@ def _space_arguments(cell: Cell) -> dict[str, Any]:
         "collision": collision,
         "margin": np.deg2rad(how.limit_margin_deg),
         "approach": np.deg2rad(how.approach_deg),
+        "both_sides": how.approach == "both",
     }
 
 

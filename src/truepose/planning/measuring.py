@@ -227,7 +227,7 @@ def _stops(poses: Poses, space: MeasurementSpace) -> Iterator[Stop]:
     assert q is not None
     previous = np.concatenate([space.home[None], q[:-1]])
     names = [f"P{number}" for number in range(1, len(q) + 1)] if poses.name is None else poses.name
-    before = space.approach_start(q)
+    before = space.approach_start(q, poses.approach)
     way = space.collision.way_touches(previous, before)
     yield home
     for joints, start, box, name in zip(q, before, way, names, strict=True):

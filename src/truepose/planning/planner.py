@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
-from truepose.error_map import ErrorMap
+from truepose.error_map import ErrorMap, fit_cell
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.identification import Observability, observability
@@ -24,12 +24,14 @@ from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
-from truepose.samples import Poses
+from truepose.samples import Poses, Samples
 
 _TARGETS: Final = 512
 _ANCHORS: Final = 120
 _READING_MM: Final = 0.015  # standard deviation of a reading where the cell states none
 _STEPS: Final = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
+_COARSE: Final = 12  # numbers of poses that are compared first
+_MEAN_LENGTH: Final = float(np.sqrt(8.0 / np.pi))  # of a normal vector with unit variance in each direction
 _AWAY: Final = np.array([2000.0, 0.0, 0.0])  # mm: assumed position of the tracker, seen from the base
 
 
@@ -55,9 +57,12 @@ class Plan:
     expected : list of dict
         The mean length ``mean_mm`` by which a reading in the work region differs from its prediction after ``n`` poses,
         noise included, and ``low_mm`` and ``high_mm``, between which it lies with 80 % probability: arms of one type
-        differ. Beyond the plan's own n: with additional poses of the lowest mean variance.
+        differ. Beyond the plan's own n: with additional poses of the lowest mean variance. In a plan after samples,
+        n = 0 is what these reach alone.
     observability : Observability
-        The observability of registration and geometry.
+        The observability of registration and geometry, with the samples that the plan continues.
+    until_mm : float, optional
+        The expected accuracy that was asked for.
     """
 
     cell: Cell
@@ -68,6 +73,7 @@ class Plan:
     reach: Reach
     expected: list[dict[str, float]]
     observability: Observability
+    until_mm: float | None = None
 
     def __repr__(self) -> str:
         by_home = sum(box != "" for box in self.way)
@@ -94,6 +100,11 @@ class Plan:
         """Mean length by which a reading in the work region differs from its prediction after this plan [mm]."""
         return next(row["mean_mm"] for row in self.expected if row["n"] == len(self.q))
 
+    @property
+    def reaches(self) -> bool | None:
+        """Whether the plan is expected to reach `until_mm`; None if nothing was asked for."""
+        return None if self.until_mm is None else self.expected_mm <= self.until_mm
+
     def program(self, name: str = "measure") -> tuple[str, str]:
         """Return the ending and the text of the measuring program, see `measuring_program`."""
         return measuring_program(self.cell, self.poses, space=self.space, name=name)
@@ -110,6 +121,8 @@ class Plan:
             "measurable_percent": 100.0 * len(self.reach.q) / self.reach.asked,
             "left_out": self.reach.left_out,
             "expected": self.expected,
+            "until_mm": self.until_mm,
+            "reaches": self.reaches,
             "by_home": sum(box != "" for box in self.way),
             "observability": self.observability.indices,
             "not_told": self.observability.describe(),
@@ -122,11 +135,12 @@ def plan(
     method: str = "posterior",
     *,
     candidates: FloatArray | None = None,
-    after: ErrorMap | None = None,
+    after: ErrorMap | Samples | None = None,
+    until: float | None = None,
     rng: int = 0,
     progress: Progress = lambda done, of: None,
 ) -> Plan:
-    """Choose n configurations of the cell's work region to measure.
+    """Choose n configurations of the cell's work region to measure, or as many as an accuracy takes.
 
     Parameters
     ----------
@@ -134,15 +148,18 @@ def plan(
         The cell, with a ``[region]``; ``[measuring]``, ``[obstacles]`` and the position of ``[tracker]`` are used where
         stated.
     n : int
-        The number of poses.
+        The number of poses; with `until`, the largest number.
     method : str
         The name of a method in `truepose.planning.METHODS`. "posterior" leaves the lowest mean predicted variance over
         the region, "posterior-largest" the lowest maximum, both by the prior of theory (10); "d-optimal", "o2" … "o5"
         are observability indices of the geometry; "grid", "latin-hypercube" and "sobol" use no model.
     candidates : (m, dof) array [rad], optional
         The configurations to choose from and to predict at, instead of the work region.
-    after : ErrorMap, optional
-        The map of a first series; the plan continues it, with its fitted hyperparameters and given its samples.
+    after : ErrorMap or Samples, optional
+        A first series, or its map; the plan continues it, with the hyperparameters that are fitted to it and given its
+        samples, and does not repeat them.
+    until : float [mm], optional
+        The expected accuracy (`Plan.expected`) at which fewer poses suffice; a plan of no poses, if `after` suffices.
     rng : int
         The seed of candidates, targets and random methods.
     progress : callable
@@ -155,7 +172,8 @@ def plan(
     Raises
     ------
     DataError
-        If the cell states no region, the method is unknown, n is not positive, or fewer poses can be measured.
+        If the cell states no region, the method is unknown, n is not positive, or fewer poses can be measured; if
+        `until` is not more than the noise of a reading, or the samples of `after` have no joints or cannot be fitted.
     RobotError
         If nothing of the region can be measured, or the robot has too many joints.
 
@@ -173,13 +191,21 @@ def plan(
     space = work_region(cell) if candidates is None else configuration_list(cell, candidates)
     reach = space.spread(_TARGETS, rng + 1)
     targets = reach.q
-    prior = _prior(cell, space, targets, rng, after)
-    q = METHODS[method](DesignProblem(space, prior, targets, n, rng, progress))
-    q = q[shortest_tour(q, space.home)]
-    previous = np.concatenate([space.home[None], q[:-1]])
+    if isinstance(after, Samples):
+        if after.q is None:
+            raise DataError(f"{after.source}: a plan after samples needs their joints (q1_deg …), and there are none")
+        after = fit_cell(cell, after, "kinematic-kriging")
+    prior, known = _prior(cell, space, targets, rng, after), _measured(after, targets)
+    if until is not None:
+        n = _needed(prior, targets, space, rng, known, until, n)
+    q = known[:0]
+    if n:
+        q = METHODS[method](DesignProblem(space, prior, targets, n, known, rng, progress))
+        q = q[shortest_tour(q, space.home)]
+    previous = np.concatenate([space.home[None], q])[: len(q)]
     terms = prior.basis.terms
     geometric = terms.group != COMPLIANCE
-    columns, names = terms.at(q).drift[:, :, geometric], np.array(terms.names)[geometric]
+    columns, names = terms.at(np.concatenate([known, q])).drift[:, :, geometric], np.array(terms.names)[geometric]
     return Plan(
         cell=cell,
         method=method,
@@ -187,8 +213,9 @@ def plan(
         q=q,
         way=space.collision.way_touches(previous, space.approach_start(q)).tolist(),
         reach=reach,
-        expected=_expected(prior, q, targets, space, rng, _measured(after, q)),
+        expected=_expected(prior, q, targets, space, rng, known),
         observability=observability(columns, names.tolist(), np.ones(len(names))),
+        until_mm=until,
     )
 
 
@@ -259,16 +286,50 @@ def _reading_std(cell: Cell, targets: FloatArray) -> float:
 def _expected(
     prior: Prior, q: FloatArray, targets: FloatArray, space: MeasurementSpace, rng: int, known: FloatArray
 ) -> list[dict[str, float]]:
-    """Return the accuracy after the plan, and after fewer and more greedily chosen poses."""
-    counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)})
-    offered = space.spread(max(_TARGETS, 2 * counts[-1]), rng).q
+    """Return the accuracy after the plan, and after fewer and more greedily chosen poses; after samples also n = 0."""
+    counts = sorted({max(1, round(share * len(q))) for share in _STEPS} - {len(q)}) if len(q) else []
+    forecast = Forecast.of(prior, targets, known, rng)
+    found = forecast.after(q, [0, len(q)] if len(known) and len(q) else [len(q)])
+    if counts:
+        order = _greedy(prior, targets, space, rng, counts[-1])
+        found += forecast.after(order, [k for k in counts if k <= len(order)])
+    return sorted(found, key=lambda row: row["n"])
+
+
+def _greedy(prior: Prior, targets: FloatArray, space: MeasurementSpace, rng: int, most: int) -> FloatArray:
+    """Return configurations in the order in which they lower the mean variance most, (`most`, dof) [rad] or fewer."""
+    offered = space.spread(max(_TARGETS, 2 * most), rng).q
     columns, left_out = prior.at(offered)
     rows = prior.at(targets)[0].reshape(-1, columns.shape[2])
-    most, aim = min(counts[-1], len(offered)), rows.T @ rows / len(targets)
-    order = lowest_mean(columns, prior.noise(left_out), aim, most, lambda done, of: None, passes=0)
-    forecast = Forecast.of(prior, targets, known, rng)
-    found = forecast.after(offered[order], [k for k in counts if k <= most]) + forecast.after(q, [len(q)])
-    return sorted(found, key=lambda row: row["n"])
+    most, aim = min(most, len(offered)), rows.T @ rows / len(targets)
+    return offered[lowest_mean(columns, prior.noise(left_out), aim, most, lambda done, of: None, passes=0)]
+
+
+def _needed(
+    prior: Prior, targets: FloatArray, space: MeasurementSpace, rng: int, known: FloatArray, until: float, most: int
+) -> int:
+    """Return the least number of poses that are expected to reach an accuracy [mm], or `most`.
+
+    Raises
+    ------
+    DataError
+        If it is not more than the length of a reading's noise.
+    """
+    noise = _MEAN_LENGTH * prior.hyper.noise
+    if not until > noise:
+        raise DataError(
+            f"an accuracy of {until:g} mm cannot be reached: noise and repeatability of a reading alone are "
+            f"{noise:.3f} mm; state a larger one"
+        )
+    forecast, order = Forecast.of(prior, targets, known, rng), _greedy(prior, targets, space, rng, most)
+    most = min(most, len(order))
+    coarse = np.unique(np.linspace(0 if len(known) else 1, most, _COARSE + 1).round().astype(int)).tolist()
+    reached = [row["mean_mm"] <= until for row in forecast.after(order, coarse)]
+    if not any(reached):
+        return most
+    place = reached.index(True)
+    between = list(range(coarse[place - 1] + 1, coarse[place] + 1)) if place else coarse[:1]
+    return next(int(row["n"]) for row in forecast.after(order, between) if row["mean_mm"] <= until)
 
 
 def shortest_tour(q: ArrayLike, home: ArrayLike) -> IntArray:

@@ -72,7 +72,10 @@ class Prior:
 
     @classmethod
     def after(cls, model: KinematicKriging, q: ArrayLike, anchors: FloatArray) -> Self:
-        """Return the prior after a series: fitted hyperparameters, and the weights given samples at q (n, dof)."""
+        """Return the prior after a series: fitted hyperparameters, and the weights given samples at q (n, dof).
+
+        Variances are those that the fit predicts: times its inflation, and with the noise of readings that it knows.
+        """
         assert model.robot is not None
         terms = Terms(
             model.robot,
@@ -84,7 +87,15 @@ class Prior:
             gears=model.gear_harmonics,
         )
         tolerance = model.hyper_.tolerance[[0, 1, -1][: len(terms.scaled_groups)]]  # effects of conditions are left out
-        before = cls._before(terms, model.joints_, replace(model.hyper_, tolerance=tolerance), anchors)
+        fitted, root, reading = model.hyper_, np.sqrt(model.inflation_), model.noise_std_
+        hyper = replace(
+            fitted,
+            joint_std=root * fitted.joint_std,
+            tolerance=root * tolerance,
+            noise=float(np.hypot(root * fitted.noise, 0.0 if reading is None else np.sqrt(np.mean(reading**2)))),
+            rest_std=root * fitted.rest_std,
+        )
+        before = cls._before(terms, model.joints_, hyper, anchors)
         return before.given(np.asarray(q, float))
 
     @classmethod

@@ -58,6 +58,7 @@ export const SECTIONS: readonly Section[] = [
       { key: 'speed_percent', label: 'cell.speed' },
       { key: 'trigger_output', label: 'cell.trigger' },
       { key: 'approach_deg', label: 'cell.approach', hint: 'cell.approach_hint' },
+      { key: 'approach', label: 'cell.approach_sides', hint: 'cell.approach_sides_hint' },
       { key: 'limit_margin_deg', label: 'cell.limit_margin' },
       { key: 'reflector_axis', label: 'cell.reflector_axis' },
       { key: 'acceptance_deg', label: 'cell.acceptance' },
