@@ -13,6 +13,7 @@ from truepose.cell import Cell
 from truepose.error_map.points import of_one_reflector, reflectors_of
 from truepose.errors import DataError, FileError, IdentifiabilityError
 from truepose.geometry import apply_transform, invert_transform, make_transform, register_with_body
+from truepose.identification import ParametricArm, Positions, filtered, least_squares
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.covariance_form import CovarianceForm, Likelihood
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters
@@ -114,6 +115,55 @@ def test_folds_keep_rows_of_a_pose_together(cell, samples):
     chosen = fit_cell(cell, samples, "auto", candidates=["registration", "idw", PREDICTOR], folds=3)
     assert chosen.predictor_name == PREDICTOR
     assert {row["predictor"] for row in chosen.ranking} == {"registration", PREDICTOR}
+
+
+def test_calibration_takes_reflectors(virtual, cell, samples, tmp_path):
+    """On arms whose geometry alone errs, three points of the tool show more than one."""
+    several, alone, inside = [], [], []
+    for seed in (2, 3, 4):
+        other = VirtualCell("paper", seed=seed, effects=virtual.effects)
+        q = other.design(30, orientation_deg=20.0)
+        found = fit_cell(other.cell_with(), other.measure_each(q, seed=1), "calibration")
+        several.append(missed(other, found)[0])
+        inside.append(missed(other, found)[1])
+        alone.append(missed(other, fit_cell(other.cell, other.measure(q, seed=1), "calibration"))[0])
+    assert np.mean(several) < 0.85 * np.mean(alone)
+    assert np.mean(inside) > 0.9
+    kept = fit_cell(cell, samples, "calibration")
+    kept.save(tmp_path / "map.truepose")
+    again = load_map(tmp_path / "map.truepose")
+    for poses in (Poses(q=samples.q[:7]), samples[:7]):
+        np.testing.assert_allclose(again.predict_errors(poses), kept.predict_errors(poses), atol=1e-9)
+    lever = kept.predict_errors(samples[:1])[0] - kept.predict_errors(Poses(q=samples.q[:1]))[0]
+    turn = kept.predict_pose_errors(Poses(q=samples.q[:1]))[0][0, 3:]
+    off = reflectors_of(cell).p_tool[0] @ virtual.robot.forward(samples.q[0], tool=kept.tf_flange_tool)[:3, :3].T
+    np.testing.assert_allclose(lever[0], np.cross(turn, off), atol=1e-3)
+    with pytest.raises(DataError, match="calibration models no conditions, got approach"):
+        kept.predictor.set_params(conditions=("approach",)).fit(samples.q, kept.e[:1].repeat(len(samples), axis=0))
+
+
+@pytest.mark.parametrize("method", ["ls", "ekf", "ukf"])
+def test_all_solvers_see_the_same_points(virtual, cell, samples, method):
+    q, p = samples.q[::2], reflectors_of(cell).p_tool[np.arange(len(samples.q[::2])) % 3]
+    arm = ParametricArm.of(virtual.robot, cell.tf_flange_tool)
+    x = np.random.default_rng(0).normal(size=len(arm.parameters)) * arm.tolerance * 0.1
+    blank = Positions(q, np.zeros((len(q), 3)), 1e-4 * np.tile(np.eye(3), (len(q), 1, 1)), r=p)
+    data = replace(blank, p=blank.predicted(arm, x))
+    step = 1e-6
+    for k in range(0, len(x), 5):
+        ends = [data.predicted(arm, x + s * step * np.eye(len(x))[k]) for s in (1, -1)]
+        np.testing.assert_allclose(
+            data.jacobian(arm, x)[:, :, k], (ends[0] - ends[1]) / (2 * step), atol=1e-3, rtol=1e-5
+        )
+    np.testing.assert_allclose(data.residual(arm, x), 0.0, atol=1e-12)
+    np.testing.assert_allclose(data.one(3).residuals_of(arm, 0, x[None]), 0.0, atol=1e-9)
+    misfit = np.array([1e-3])
+    if method == "ls":
+        found = least_squares(arm, data, misfit=misfit, tolerance=arm.tolerance).x
+    else:
+        found = filtered(arm, data, kind=method, misfit=misfit)[0].x
+    away = data.predicted(arm, found) - data.p
+    assert np.abs(away).max() < 0.02
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -52,12 +52,15 @@ class Positions:
         The covariances of the readings; zero where unknown, as the misfit is estimated.
     approach : (n, dof) array of -1, 0, +1, optional
         The signs of the last motion of each joint.
+    r : (n, 3) array [mm], tool frame, optional
+        The measured points; by default the tool point.
     """
 
     q: FloatArray
     p: FloatArray
     covariance: FloatArray
     approach: FloatArray | None = None
+    r: FloatArray | None = None
 
     kind = np.zeros(3, dtype=np.intp)
 
@@ -66,20 +69,29 @@ class Positions:
 
     def one(self, i: int) -> Self:
         """Return observation i alone."""
-        approach = None if self.approach is None else self.approach[[i]]
-        return replace(self, q=self.q[[i]], p=self.p[[i]], covariance=self.covariance[[i]], approach=approach)
+        approach, r = (None if values is None else values[[i]] for values in (self.approach, self.r))
+        return replace(self, q=self.q[[i]], p=self.p[[i]], covariance=self.covariance[[i]], approach=approach, r=r)
+
+    def predicted(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
+        """Return the positions of the points: (n, 3) [mm]."""
+        return _points(arm.pose(self.q, x, self.approach), self.r)
 
     def residual(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return measured minus predicted positions: (n, 3) [mm]."""
-        return np.asarray(self.p - arm.pose(self.q, x, self.approach)[:, :3, 3])
+        return np.asarray(self.p - self.predicted(arm, x))
 
     def jacobian(self, arm: ParametricArm, x: FloatArray) -> FloatArray:
         """Return the derivative of the positions: (n, 3, p)."""
-        return arm.jacobian(self.q, x, self.approach)
+        if self.r is None:
+            return arm.jacobian(self.q, x, self.approach)
+        columns, tf = arm.jacobian(self.q, x, self.approach, outputs="pose"), arm.pose(self.q, x, self.approach)
+        lever = np.einsum("nij,nj->ni", tf[:, :3, :3], self.r)
+        return np.asarray(columns[:, :3] + np.cross(columns[:, 3:], lever[:, :, None], axis=1))
 
     def residuals_of(self, arm: ParametricArm, i: int, many: FloatArray) -> FloatArray:
         """Return the residuals of one position: (s, 3) [mm]."""
-        return np.asarray(self.p[i] - arm.poses_of(self.q[i], many, _row(self.approach, i))[:, :3, 3])
+        r = None if self.r is None else np.broadcast_to(self.r[i], (len(many), 3))
+        return np.asarray(self.p[i] - _points(arm.poses_of(self.q[i], many, _row(self.approach, i)), r))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +198,12 @@ class Distances:
         """Return the residuals of one distance: (s, 1) [mm]."""
         a, b = (arm.poses_of(self.q[j], many, _row(self.approach, j))[:, :3, 3] for j in self.pairs[i])
         return np.asarray((self.distance[i] - np.linalg.norm(a - b, axis=1))[:, None])
+
+
+def _points(tf: FloatArray, r: FloatArray | None) -> FloatArray:
+    """Return points r (n, 3) [mm] of the tool, or its point, at poses (n, 4, 4): (n, 3) [mm]."""
+    p = tf[:, :3, 3]
+    return np.asarray(p if r is None else p + np.einsum("nij,nj->ni", tf[:, :3, :3], r))
 
 
 def _row(approach: FloatArray | None, i: int) -> FloatArray | None:

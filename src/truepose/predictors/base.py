@@ -51,6 +51,9 @@ class Predictor(Estimator):
     takes_reflectors: ClassVar[bool] = False
     """Whether rows may be of several reflectors, see `truepose.predictors.reflectors`."""
 
+    takes_conditions: ClassVar[bool] = False
+    """Whether it models conditions, see `truepose.predictors.conditions`."""
+
     has_local_std: ClassVar[bool] = True
     """Whether the standard deviation depends on the pose; otherwise one value holds for all poses."""
 

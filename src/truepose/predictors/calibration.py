@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -29,8 +30,11 @@ from truepose.identification.batch import LOSSES, Loss
 from truepose.identification.frozen import constants_of
 from truepose.numerics.frozen import Constants
 from truepose.predictors.base import LeaveOneOut
+from truepose.predictors.conditioned import ConditionedPredictor
+from truepose.predictors.conditions import separated
 from truepose.predictors.folds import blocks_by_size
-from truepose.predictors.orientation import PosePredictor, at_offset
+from truepose.predictors.orientation import at_offset
+from truepose.predictors.reflectors import REFLECTOR, Reflectors, whole_poses
 from truepose.robots import ErrorModel, Load, Robot
 
 Method = Literal["ls", "lm", "ekf", "ukf"]
@@ -41,7 +45,7 @@ PRIORS: Final = ("tolerance", "subset")
 _PROBES: Final = 60  # random configurations that show the parameters identifiable from ordinary poses
 
 
-class KinematicCalibration(PosePredictor):
+class KinematicCalibration(ConditionedPredictor):
     """Identify an arm's parameters from positional errors, and predict with the identified arm.
 
     X are joints (n, dof) [rad], or joints and approach signs (n, 2 dof); y are errors (n, 3) [mm] in the base frame
@@ -78,6 +82,10 @@ class KinematicCalibration(PosePredictor):
         The standard deviation of unmodelled errors and repeatability; default: estimated.
     identified : (p,) sequence, optional
         The parameter changes of a previous fit; nothing is estimated then.
+    conditions : sequence of str
+        ``("reflector",)`` where X names the reflector and the visit of each row after the joints.
+    reflectors : Reflectors, optional
+        These reflectors, at their stated positions.
 
     Attributes
     ----------
@@ -104,7 +112,8 @@ class KinematicCalibration(PosePredictor):
     [0.3]
     """
 
-    arm_parameters: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool", "payload")
+    arm_parameters: ClassVar[tuple[str, ...]] = ("robot", "tf_flange_tool", "payload", "reflectors")
+    takes_reflectors = True
 
     def __init__(
         self,
@@ -121,6 +130,8 @@ class KinematicCalibration(PosePredictor):
         gear_ratio: Sequence[float] | None = None,
         misfit_std: float | None = None,
         identified: Sequence[float] | None = None,
+        conditions: Sequence[str] = (),
+        reflectors: Reflectors | None = None,
     ) -> None:
         self.robot = robot
         self.tf_flange_tool = tf_flange_tool
@@ -135,6 +146,8 @@ class KinematicCalibration(PosePredictor):
         self.gear_ratio = gear_ratio
         self.misfit_std = misfit_std
         self.identified = identified
+        self.conditions = conditions
+        self.reflectors = reflectors
 
     @property
     def calibrated_(self) -> Robot:
@@ -194,6 +207,9 @@ class KinematicCalibration(PosePredictor):
         self._check_options()
         if e.shape[1] != 3:
             raise DataError(f"y has {e.shape[1]} columns, expected 3: errors [mm] in the base frame")
+        if tuple(self.conditions) not in ((), (REFLECTOR,)):
+            given = ", ".join(self.conditions)
+            raise DataError(f"calibration models no conditions, got {given}; fit kinematic-kriging, which does")
         self.__dict__.pop("_filter", None)
         data = self._observations(X, e, np.zeros(e.shape) if noise_std is None else noise_std)
         misfit = None if self.misfit_std is None else np.array([self.misfit_std])
@@ -238,14 +254,20 @@ class KinematicCalibration(PosePredictor):
         self._data = data
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        q, approach = self._split(X)
-        x = self.solution_.x
-        e = (self._arm.pose(q, x, approach) - self._arm.pose(q, np.zeros(len(x)), approach))[:, :3, 3]
+        q, approach, r = self._split(X)
+        x, zero = self.solution_.x, np.zeros((len(X), 3))
+        data = Positions(q, zero, np.zeros((len(X), 3, 3)), approach, r)
+        e = data.predicted(self._arm, x) - data.predicted(self._arm, np.zeros(len(x)))
         if not return_std:
             return e, None
-        columns = self._arm.jacobian(q, x, approach)
-        variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
+        columns = data.jacobian(self._arm, x)
+        variance = np.einsum("nkp,pr,nkr->nk", columns, self._covariance, columns)
         return e, np.sqrt(variance)
+
+    @property
+    def _covariance(self) -> FloatArray:
+        """The covariance of the parameters; readings of one pose count as one, since they share its motion."""
+        return np.asarray(self._together * self.solution_.covariance)
 
     def constants(self) -> Constants:
         """Return the arrays from which `truepose.numerics.frozen.predict` computes the mean.
@@ -264,17 +286,20 @@ class KinematicCalibration(PosePredictor):
     def _predict_pose(
         self, X: FloatArray, return_std: bool, offset: FloatArray | None
     ) -> tuple[FloatArray, FloatArray | None]:
-        q, approach = self._split(X)
+        q, approach, r = self._split(X)
         x, arm = self.solution_.x, self._arm
         real, nominal = arm.pose(q, x, approach), arm.pose(q, np.zeros(len(x)), approach)
         turned = Rotation.from_matrix(real[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2))
         error = np.concatenate([real[:, :3, 3] - nominal[:, :3, 3], turned.as_rotvec()], axis=1)
+        if r is not None:
+            lever = np.einsum("nij,nj->ni", nominal[:, :3, :3], r)
+            offset = lever if offset is None else lever + offset
         if offset is not None:
             error[:, :3] += turned.apply(offset) - offset
         if not return_std:
             return error, None
         columns = at_offset(arm.jacobian(q, x, approach, "pose"), offset)
-        variance = np.einsum("nkp,pr,nkr->nk", columns, self.solution_.covariance, columns)
+        variance = np.einsum("nkp,pr,nkr->nk", columns, self._covariance, columns)
         return error, np.sqrt(variance)
 
     def _lever(self, X: FloatArray) -> FloatArray:
@@ -345,20 +370,36 @@ class KinematicCalibration(PosePredictor):
             gear_ratio=self.gear_ratio,
         )
 
-    def _split(self, X: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    def models(self, condition: str) -> bool:
+        """Return whether the effect of a condition is in the fitted model: none is, reflectors are no condition."""
+        return False
+
+    def at_work(self, work: Mapping[str, float]) -> Self:
+        """Return the fitted model for other conditions at work, which it does not know: itself."""
+        return self
+
+    def _split(self, X: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Return joints, directions of approach, and points on the tool (n, 3) [mm], where X states them."""
         assert self.robot is not None
         dof = self.robot.dof
+        if self.conditions:
+            q, given = separated(X, self.conditions, dof)
+            r = None if self.reflectors is None else self.reflectors.at(given[REFLECTOR][:, 0])
+            return self.robot.check_joints(q), None, r
         if X.shape[1] not in (dof, 2 * dof):
             raise DataError(
                 f"X has {X.shape[1]} columns, expected the {dof} joints of {self.robot.name} [rad], "
                 f"or {2 * dof} with approach signs"
             )
-        return self.robot.check_joints(X[:, :dof]), X[:, dof:] if X.shape[1] == 2 * dof else None
+        return self.robot.check_joints(X[:, :dof]), X[:, dof:] if X.shape[1] == 2 * dof else None, None
 
     def _observations(self, X: FloatArray, e: FloatArray, std: FloatArray) -> Positions:
-        q, approach = self._split(X)
-        nominal = self._arm.pose(q, np.zeros(len(self._arm.parameters)), approach)[:, :3, 3]
-        return Positions(q, nominal + e, std[:, :, None] ** 2 * np.eye(3), approach)
+        q, approach, r = self._split(X)
+        self._together = 1.0
+        if r is not None and X.shape[1] > q.shape[1]:
+            self._together = len(X) / len(np.unique(whole_poses(q, X[:, -1])))
+        data = Positions(q, e, std[:, :, None] ** 2 * np.eye(3), approach, r)
+        return replace(data, p=e + data.predicted(self._arm, np.zeros(len(self._arm.parameters))))
 
     def _check_poses(self, data: Positions) -> None:
         """Refuse too few or too similar samples."""

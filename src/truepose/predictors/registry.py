@@ -201,7 +201,8 @@ def conditions_wanted(name: str) -> tuple[str, ...]:
     (('approach',), ())
     """
     spec = predictor_spec(name)
-    return tuple(spec.defaults.get("conditions", CONDITIONS)) if "conditions" in spec.options else ()
+    known = spec.family.takes_conditions and "conditions" in spec.options
+    return tuple(spec.defaults.get("conditions", CONDITIONS)) if known else ()
 
 
 def for_many(name: str, n: int) -> str:

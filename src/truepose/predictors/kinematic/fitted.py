@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from truepose._typing import FloatArray, IntArray
 from truepose.numerics.frozen import Constants
 from truepose.numerics.frozen_deviation import Deviation
+from truepose.predictors.conditioned import ConditionedPredictor
 from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.fleet import Fleet
 from truepose.predictors.kinematic.frozen import constants_of
@@ -19,10 +20,10 @@ from truepose.predictors.kinematic.hyperparameters import Hyperparameters
 from truepose.predictors.kinematic.summary import Form, JointCurve, joint_curve
 from truepose.predictors.kinematic.terms import Terms
 from truepose.predictors.kinematic.turns import unknown_turns
-from truepose.predictors.orientation import PosePredictor, at_offset
+from truepose.predictors.orientation import at_offset
 
 
-class FittedKriging(PosePredictor):
+class FittedKriging(ConditionedPredictor):
     """The predictions of kinematic Kriging from its fitted terms, hyperparameters and posterior."""
 
     if TYPE_CHECKING:

@@ -125,6 +125,7 @@ class KinematicKriging(SearchedKriging):
 
     arm_parameters = ("robot", "tf_flange_tool", "work", "reflectors", "distance_rows")
     takes_reflectors = True
+    takes_conditions = True
     _blas_threads_from = np.inf  # one thread: its matrices have at most 3 * EXACT_UP_TO rows
 
     def __init__(
@@ -361,12 +362,9 @@ class KinematicKriging(SearchedKriging):
 
     def _validate(self, X: ArrayLike, y: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Return joints and conditions (n, d), and y; conditions may be NaN, or left out for a prediction."""
-        if self.robot is None or not self.conditions:
-            return super()._validate(X, y)
-        table = np.atleast_2d(np.asarray(X, float))
-        q, checked = super()._validate(np.ascontiguousarray(table[:, : self.robot.dof]), y)
-        found = np.concatenate([q, table[:, self.robot.dof :]], axis=1)
-        return found if y is not None else unseen(found, self.conditions, self.robot.dof), checked
+        found, checked = super()._validate(X, y)
+        hidden = y is None and self.robot is not None and len(self.conditions) > 0
+        return (unseen(found, self.conditions, self.robot.dof) if hidden and self.robot else found), checked
 
     def _left(self, residual: FloatArray, covariance: FloatArray) -> LeaveOneOut:
         std = np.sqrt(self.inflation_ * np.einsum("naa->na", covariance))

@@ -91,7 +91,7 @@ class PositionalErrors:
             if REFLECTOR in self.conditions and not model.takes_reflectors:
                 raise DataError(
                     f"predictor {name!r} does not know the arm, so it cannot take readings of several reflectors; fit "
-                    "kinematic-kriging, or keep the rows of one reflector"
+                    "kinematic-kriging or calibration, or keep the rows of one reflector"
                 )
             raise DataError(f"predictor {name!r} works in joint space: it needs joints (q1_deg …)")
         noise = None if self.noise_std is None else self.noise_std[rows]
