@@ -88,6 +88,24 @@ def test_targets_in_a_gap_are_refused_whatever_the_deviation_is(holed):
     assert not any(guards.reasons(known, "rad", np.zeros((len(known), 3)), np.ones(len(known), bool)))
 
 
+def test_a_stated_gap_replaces_those_of_the_samples(holed):
+    """In the limits of a correction, and in the cell that a map was fitted with; 360 switches the guard off."""
+    left_out, _, error_map = holed
+    limits = replace(error_map.limits_in_force().limits, max_std=np.inf, max_distance=10.0)
+
+    def told(limit_deg):
+        guards = error_map.guards_of(replace(limits, max_joint_gap=np.deg2rad(limit_deg)))
+        reasons = guards.reasons(left_out.q, "rad", np.zeros((len(left_out), 3)), np.ones(len(left_out), bool))
+        return any("no sample covers" in reason for reason in reasons)
+
+    assert [told(one) for one in (5.0, 60.0, 360.0)] == [True, False, False]
+    correction = error_map.cell.correction.model_copy(update={"max_joint_gap_deg": 360.0})
+    off = error_map.changed(cell=error_map.cell.model_copy(update={"correction": correction}))
+    assert off.joint_coverage is not None
+    assert off.joint_coverage.gaps() == []
+    assert off.limits_in_force().limits.max_joint_gap == pytest.approx(2.0 * np.pi)
+
+
 def test_explain_lists_the_gap(holed, run, tmp_path):
     _, middle, error_map = holed
     assert any(gap.joint == 3 and gap.uncovered_low < middle < gap.uncovered_high for gap in knowledge(error_map).gaps)

@@ -213,6 +213,8 @@ class Correction(CellSection):
     those that the map gives at positions which share it, see `truepose.programs.core.alternatives`.
     ``require`` is the share of a program's motion targets that must be corrected, such as "95%".
     ``max_distance_mm`` applies to maps in Cartesian space, ``max_distance_deg`` to maps in joint space.
+    ``max_joint_gap_deg`` is the largest distance of each joint's angle to that of a sample, see
+    `truepose.compensation.JointCoverage`.
     """
 
     tolerance_mm: Positive | None = None
@@ -221,6 +223,7 @@ class Correction(CellSection):
     max_correction_mm: Positive = 5.0
     max_distance_mm: Positive | None = None
     max_distance_deg: Positive | None = None
+    max_joint_gap_deg: Positive | None = None
     max_angle_deg: Positive | None = None
     max_tool_mm: Positive = 50.0
     max_rotation_mrad: Positive = 10.0

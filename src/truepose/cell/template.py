@@ -112,6 +112,7 @@ on_guard = "refuse"      # "refuse" the program, "skip" the target, or "clip" th
 # max_difference_mrad = 1.0
 # require = "95%"        # share of a program's motion targets that must be corrected, or nothing is written
 # max_distance_deg = 30  # the same for maps in joint space
+# max_joint_gap_deg = 20 # of each joint's angle to that of a sample; default: from the samples; 360 switches it off
 # max_angle_deg = 10.0   # between the orientations of a target and the most similar sample; default, and upper limit:
                          # as far as the samples support it
 max_tool_mm = 50.0       # between the tool point of a target and the measured point

@@ -45,6 +45,9 @@ class Limits:
     max_distance : float [mm or rad], optional
         The largest distance to the nearest sample, in the predictor's coordinates. Default: 1.5 times the largest
         distance of a sample to its nearest neighbour.
+    max_joint_gap : float [rad], optional
+        The largest distance of the angle of a joint to that of a sample. Default: for each joint as
+        `truepose.compensation.JointCoverage` finds it.
     max_angle : float [rad]
         The largest rotation between the orientation of a target and the nearest orientation of a sample.
     max_tool : float [mm]
@@ -59,6 +62,7 @@ class Limits:
     min_correction_stds: float = 2.0
     max_correction: float = 5.0
     max_distance: float | None = None
+    max_joint_gap: float | None = None
     max_angle: float = float(np.deg2rad(20.0))
     max_tool: float = 50.0
     max_rotation: float = 0.01

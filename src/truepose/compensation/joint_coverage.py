@@ -68,6 +68,8 @@ class JointCoverage:
         The joints with an error of their own, counted from 0.
     length : (k,) array [rad]
         The length of each of these errors.
+    limit : float [rad], optional
+        The distance to a sample within which an angle is covered, of all joints; default: see the notes.
 
     Notes
     -----
@@ -86,12 +88,13 @@ class JointCoverage:
     [0, 60]
     """
 
-    def __init__(self, q: FloatArray, joints: IntArray, length: FloatArray) -> None:
+    def __init__(self, q: FloatArray, joints: IntArray, length: FloatArray, limit: float | None = None) -> None:
         self.joints = np.asarray(joints, np.int64)
         self.angles = [np.sort(q[:, j]) for j in self.joints]
         self.length = np.asarray(length, float)
         spacing = np.array([_usual_spacing(angle) for angle in self.angles])
-        self.limit: FloatArray = np.maximum(np.minimum(_LENGTHS * self.length, _FARTHEST), _MARGIN * spacing)
+        found = np.maximum(np.minimum(_LENGTHS * self.length, _FARTHEST), _MARGIN * spacing)
+        self.limit: FloatArray = found if limit is None else np.full(len(found), limit)
         self.periodic = []
         for i, angle in enumerate(self.angles):
             self.periodic.append(bool(self._near_a_turn_away(i, angle).sum() >= _PAIRS))

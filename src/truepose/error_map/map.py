@@ -286,10 +286,14 @@ class ErrorMap(PredictingMap):
     @cached_property
     def joint_coverage(self) -> JointCoverage | None:
         """The angles of each joint that samples cover; None for predictors that know no error of single joints."""
+        stated = self.cell.correction.max_joint_gap_deg
+        return self._coverage(None if stated is None else float(np.deg2rad(stated)))
+
+    def _coverage(self, limit: float | None) -> JointCoverage | None:
         predictor, q = self.predictor, self.samples.q
         if q is None or not isinstance(predictor, JointwisePredicting) or not len(predictor.joints_):
             return None
-        return JointCoverage(q[first_of_visits(self.samples)], predictor.joints_, predictor.joint_length_)
+        return JointCoverage(q[first_of_visits(self.samples)], predictor.joints_, predictor.joint_length_, limit)
 
     def guards_of(self, limits: Limits) -> Guards:
         """Return the guards of corrections under some limits."""
@@ -297,7 +301,8 @@ class ErrorMap(PredictingMap):
             rows, point = first_of_visits(self.samples), self.tf_flange_sampled[:3, 3]
             x, status = self.coordinates(self.samples)[rows], arm_branches(self.robot, self.samples[rows])
             rotation = None if self.rotation is None else self.rotation[rows]
-            self._guards[limits] = Guards(x, limits, point, rotation, status, self.joint_coverage)
+            coverage = self._coverage(limits.max_joint_gap)
+            self._guards[limits] = Guards(x, limits, point, rotation, status, coverage)
         return self._guards[limits]
 
     @cached_property

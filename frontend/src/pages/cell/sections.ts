@@ -77,6 +77,7 @@ export const SECTIONS: readonly Section[] = [
       { key: 'min_correction_stds', label: 'cell.min_stds' },
       { key: 'max_distance_mm', label: 'cell.max_distance' },
       { key: 'max_distance_deg', label: 'cell.max_distance_joints' },
+      { key: 'max_joint_gap_deg', label: 'cell.max_joint_gap' },
       { key: 'max_angle_deg', label: 'cell.max_angle' },
       { key: 'max_tool_mm', label: 'cell.max_tool' },
       { key: 'max_bend_mm', label: 'cell.max_bend' },
