@@ -111,7 +111,7 @@ def _gap(gap: Gap) -> tuple[Any, ...]:
 def _effect(row: dict[str, Any]) -> tuple[str, ...]:
     factor, unit = (1e6, "µrad") if row["unit"] == "rad" else (1e6, "µm/m/K")
     low, high = (row["estimate"] + side * 1.96 * row["std"] for side in (-1.0, 1.0))
-    low = max(low, 0.0) if row["group"] == "gear" else low  # an amplitude
+    low = max(low, 0.0) if row["group"] in ("gear", "backlash shape") else low  # an amplitude
     return row["name"], *(f"{factor * value:.1f}" for value in (row["estimate"], low, high)), unit
 
 

@@ -72,7 +72,8 @@ class Knowledge:
     def effects(self) -> list[dict[str, Any]]:
         """The parameters of backlash and expansion, and the amplitudes of the gears' harmonics if the map has them."""
         linear = [row for row in self.parameters if row.get("group") in ("backlash", "expansion")]
-        return linear + amplitudes([row for row in self.parameters if row.get("group") == "gear"])
+        waves = [[row for row in self.parameters if row.get("group") == name] for name in ("backlash shape", "gear")]
+        return linear + [row for rows in waves for row in amplitudes(rows)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as plain values, with units in the names."""

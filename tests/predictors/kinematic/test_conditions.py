@@ -145,3 +145,46 @@ def test_an_unknown_condition_is_named():
     q, _, e = simulate(10, 0)
     with pytest.raises(DataError, match="condition 'wind' is unknown; expected one of: approach"):
         KinematicKriging(ROBOT, TOOL, conditions=("wind",)).fit(q, e)
+
+
+def uneven(n, seed, noise=0.01, share=0.5):
+    """As `simulate`, with a lost motion of joints 1 to 3 that varies once around by a share of it."""
+    rng = np.random.default_rng(seed)
+    q = HOME + rng.uniform(-1, 1, size=(n, 6)) * np.deg2rad([90, 40, 40, 60, 40, 90])
+    signs = rng.choice([-1.0, 1.0], size=q.shape)
+    lag = LAG * (1.0 + share * np.sin(q) * (np.arange(6) < 3))
+    reached, nominal = (ROBOT.forward(joints, tool=TOOL)[:, :3, 3] for joints in (q + lag * signs, q))
+    return q, signs, reached - nominal + rng.normal(scale=noise, size=(n, 3))
+
+
+def test_backlash_may_vary_with_the_angle():
+    """Taken where it varies; left out, with the same predictions, where it does not."""
+    left, taken = {}, {}
+    for share in (0.5, 0.0):
+        q, signs, e = uneven(120, 5, share=share)
+        q_new, signs_new, e_new = uneven(100, 6, noise=0.0, share=share)
+        for shaped in (False, True):
+            model = KinematicKriging(ROBOT, TOOL, conditions=("approach",), backlash_shape=shaped)
+            model.fit(reversing(q, signs), e, 0.01)
+            miss = np.linalg.norm(model.predict(reversing(q_new, signs_new)) - e_new, axis=1)
+            left[share, shaped] = miss.mean()
+            rows = [row for row in model.parameters_ if row["group"] == "backlash shape"]
+            assert len(rows) == 24 * shaped
+            taken[share, shaped] = max((abs(row["estimate"]) for row in rows), default=0.0) > 1e-5
+    assert taken == {(0.5, False): False, (0.5, True): True, (0.0, False): False, (0.0, True): False}
+    assert left[0.5, True] < 0.7 * left[0.5, False]
+    assert left[0.0, True] < 1.05 * left[0.0, False]
+
+
+def test_an_unknown_side_counts_the_largest_shape():
+    """The deviation where the side is not known includes the shape, in the frozen form as a bound from above."""
+    q, signs, e = uneven(100, 7)
+    model = KinematicKriging(ROBOT, TOOL, conditions=("approach",), backlash_shape=True).fit(
+        reversing(q, signs), e, 0.01
+    )
+    new = uneven(50, 8)[0]
+    _, std = model.predict(new, return_std=True)
+    constants = model.constants()
+    assert (deviations(new, constants, model.deviation(constants, new, np.zeros(3))) >= 0.999 * std).all()
+    known = model.predict(reversing(new, np.ones_like(new)), return_std=True)[1]
+    assert (np.linalg.norm(std, axis=1) > np.linalg.norm(known, axis=1)).all()

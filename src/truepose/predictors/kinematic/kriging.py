@@ -53,6 +53,8 @@ class KinematicKriging(SearchedKriging):
         The coordinates of Z.
     gear_harmonics : bool
         Whether harmonics of the motors' angles are modelled if the likelihood gains; needs the robot's gear ratios.
+    backlash_shape : bool
+        Whether backlash may vary with the angle of its joint, if the likelihood gains; needs ``approach``.
     conditions : sequence of str
         The conditions after the joints in X (`truepose.predictors.conditions`), each modelled if the likelihood gains.
     work : mapping of str to float, optional
@@ -138,6 +140,7 @@ class KinematicKriging(SearchedKriging):
         joint_errors: bool = True,
         residual: Residual = "joint",
         gear_harmonics: bool = True,
+        backlash_shape: bool = False,
         conditions: Sequence[str] = (),
         work: Mapping[str, float] | None = None,
         reflectors: Reflectors | None = None,
@@ -160,6 +163,7 @@ class KinematicKriging(SearchedKriging):
         self.joint_errors = joint_errors
         self.residual = residual
         self.gear_harmonics = gear_harmonics
+        self.backlash_shape = backlash_shape
         self.conditions = conditions
         self.work = work
         self.reflectors = reflectors
@@ -209,6 +213,7 @@ class KinematicKriging(SearchedKriging):
             compliance=self.compliance,
             residual=self.residual,
             gears=self.gear_harmonics,
+            backlash_shape=self.backlash_shape,
             conditions=self.conditions,
             usual=Usual.of(X, self.conditions, self.robot.dof),
             work=self.work,

@@ -26,11 +26,13 @@ from truepose.robots.jacobian import Outputs, columns, count_rows, joint_columns
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING, GEAR = range(8)
-GROUPS: Final = ("registration", "geometry", "compliance", "station", "backlash", "expansion", "warming", "gear")
+REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING, GEAR, SHAPE = range(9)
+GROUPS: Final = (
+    "registration", "geometry", "compliance", "station", "backlash", "expansion", "warming", "gear", "backlash shape",
+)  # fmt: skip
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
-_EFFECTS: Final = {STATION: "time", BACKLASH: "approach", EXPANSION: "temperature", WARMING: "time"}
+_EFFECTS: Final = {STATION: "time", BACKLASH: "approach", SHAPE: "approach", EXPANSION: "temperature", WARMING: "time"}
 _COUNTS: Final = 1.5  # times the least scale
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
@@ -39,6 +41,7 @@ _TURN_STD: Final = (0.03, 0.003)  # rad, of the tool with several reflectors: in
 _COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
 _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
+_SHAPE_STD: Final = 3e-5  # rad, of a harmonic of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
 _WARMING_STD: Final = 1e-5  # of all lengths, from one time of the walk to the next
@@ -74,6 +77,8 @@ class Terms:
         The coordinates of Z.
     gears : bool
         Whether harmonics of the motors' angles are included, if the robot states its gear ratios.
+    backlash_shape : bool
+        Whether backlash may vary with the angle of its joint, by the first two harmonics of the angle.
     conditions : sequence of str
         The conditions whose effects are included, see `truepose.predictors.conditions`.
     usual : Usual
@@ -109,6 +114,7 @@ class Terms:
         compliance: bool = True,
         residual: Residual = "joint",
         gears: bool = True,
+        backlash_shape: bool = False,
         conditions: Sequence[str] = (),
         usual: Usual = _USUAL,
         work: Mapping[str, float] | None = None,
@@ -121,6 +127,7 @@ class Terms:
         self.convention, self.geometry, self.compliance, self.residual = convention, geometry, compliance, residual
         self._gears = Gears(robot.gear_ratio if gears else np.empty(0))
         self.conditions, self.usual, self.work = tuple(conditions), usual, dict(work or {})
+        self._shape = Gears(np.ones(robot.dof if backlash_shape and "approach" in conditions else 0))
         self.share = share
         self.reflectors = reflectors if REFLECTOR in self.conditions else None
         dof = robot.dof
@@ -214,7 +221,9 @@ class Terms:
 
     def _reversals(self) -> list[_Column]:
         joints = range(self.robot.dof) if "approach" in self.conditions else ()
-        return [_Column(BACKLASH, f"backlash q{j + 1}", "rad", _BACKLASH_STD) for j in joints]
+        constant = [_Column(BACKLASH, f"backlash q{j + 1}", "rad", _BACKLASH_STD) for j in joints]
+        shape = [name.replace("gear", "backlash") for name in self._shape.names]
+        return constant + [_Column(SHAPE, name, "rad", _SHAPE_STD) for name in shape]
 
     def _waves(self) -> list[_Column]:
         return [_Column(GEAR, name, "rad", RIPPLE_STD) for name in self._gears.names]
@@ -301,6 +310,7 @@ class Terms:
             compliance=self.compliance,
             residual=self.residual,
             gears=self._gears.known,
+            backlash_shape=self._shape.known,
             conditions=self.conditions,
             usual=self.usual,
             work=self.work,
@@ -335,8 +345,11 @@ class Terms:
     @property
     def scaled_groups(self) -> list[int]:
         """The groups with a tolerance scale, indices into `GROUPS`."""
-        effects = [group for group, name in _EFFECTS.items() if name in self.conditions]
+        effects = [group for group in _EFFECTS if self._has(group)]
         return [GEOMETRY, COMPLIANCE, *effects, *([GEAR] if self._gears.known else [])]
+
+    def _has(self, group: int) -> bool:
+        return _EFFECTS[group] in self.conditions and (group != SHAPE or self._shape.known)
 
     def models(self, condition: str, above_least: FloatArray) -> bool:
         """Return whether the effect of a condition counts, from the scales of `scaled_groups` over their least (g,)."""
@@ -395,8 +408,8 @@ class Terms:
             parts.append(self._gears.columns(q, lever))
         if "approach" in given:
             signs = given["approach"][:, None, :]
-            parts.append(lever * signs)
-            unknown.append(np.where(signs == 0.0, lever, 0.0))
+            for part, by in ((parts, signs), (unknown, 1.0 * (signs == 0.0))):
+                part.extend((lever * by, self._shape.columns(q, lever * by)))
         if "temperature" in given:
             kelvin, kelvin_std = self._kelvin(given["temperature"][:, :, None])
             parts.append(growth * kelvin)
