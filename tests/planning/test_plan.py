@@ -238,6 +238,9 @@ def test_what_cannot_be_reached_or_continued_is_refused(series):
     bare = tp.Samples(samples.p_meas, p_cmd=virtual.robot.forward(samples.q)[:, :3, 3], source="bare")
     with pytest.raises(DataError, match="joints"):
         plan(virtual.cell, 3, after=bare)
+    seven = tp.Samples(samples.p_meas, q=np.pad(samples.q, ((0, 0), (0, 1))), source="seven.csv")
+    with pytest.raises(DataError, match=r"seven\.csv: the samples have 7 joints and .* has 6; continue"):
+        plan(virtual.cell, 3, after=seven)
     other = tp.VirtualCell("paper", robot="universal-robots-ur10")
     with pytest.raises(tp.errors.TrueposeError):
         plan(other.cell, 3, after=samples)
@@ -255,6 +258,7 @@ def test_the_command_continues_samples(series, tmp_path):
     done = run("--n", "20", "--until", "1 mm")
     assert done.exit_code == 0, done.output
     assert "No more poses are needed" in done.output
+    assert "0 (the samples alone)" in done.output
     assert not out.exists()
     done = run("--n", "4", "--until", "0.035mm", "--json")
     assert done.exit_code == 0, done.output

@@ -102,6 +102,6 @@ def _millimetres(text: str) -> float:
 
 
 def _count(n: float, planned: int) -> str:
-    if n == planned:
-        return f"{n:.0f} (this plan)"
-    return f"{n:.0f}" if n else "0 (the samples alone)"
+    if not n:
+        return "0 (the samples alone)"
+    return f"{n:.0f} (this plan)" if n == planned else f"{n:.0f}"

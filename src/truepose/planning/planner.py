@@ -192,9 +192,7 @@ def plan(
     reach = space.spread(_TARGETS, rng + 1)
     targets = reach.q
     if isinstance(after, Samples):
-        if after.q is None:
-            raise DataError(f"{after.source}: a plan after samples needs their joints (q1_deg …), and there are none")
-        after = fit_cell(cell, after, "kinematic-kriging")
+        after = _fitted(cell, after)
     prior, known = _prior(cell, space, targets, rng, after), _measured(after, targets)
     if until is not None:
         n = _needed(prior, targets, space, rng, known, until, n)
@@ -303,6 +301,19 @@ def _greedy(prior: Prior, targets: FloatArray, space: MeasurementSpace, rng: int
     rows = prior.at(targets)[0].reshape(-1, columns.shape[2])
     most, aim = min(most, len(offered)), rows.T @ rows / len(targets)
     return offered[lowest_mean(columns, prior.noise(left_out), aim, most, lambda done, of: None, passes=0)]
+
+
+def _fitted(cell: Cell, samples: Samples) -> ErrorMap:
+    """Return the map of a first series, whose samples must have the joints of the cell's robot."""
+    robot = cell.load_robot()
+    if samples.q is None:
+        raise DataError(f"{samples.source}: a plan after samples needs their joints (q1_deg …), and there are none")
+    if samples.q.shape[1] != robot.dof:
+        raise DataError(
+            f"{samples.source}: the samples have {samples.q.shape[1]} joints and {robot.name} has {robot.dof}; "
+            "continue a series of this robot"
+        )
+    return fit_cell(cell, samples, "kinematic-kriging")
 
 
 def _needed(
