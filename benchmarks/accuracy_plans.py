@@ -30,7 +30,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
     page.say(
         f"The poses of a plan are measured, kinematic Kriging is fitted to them and tried on held-out poses: mean "
         "difference from their readings [mm], noise included; median and range over the runs. What was expected, and "
-        "the interval for 80 %, are known before any reading. Virtual cells: "
+        "the interval for 80 %, are known before any reading of the poses that are added. Virtual cells: "
         f"seeds 0–{seeds - 1}, {_HELD_OUT} held-out poses. Measured UR10: poses chosen among a random half of 632, "
         "tried on the other half. A run whose fit is refused is counted and left out."
     )
