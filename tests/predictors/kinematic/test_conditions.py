@@ -188,3 +188,29 @@ def test_an_unknown_side_counts_the_largest_shape():
     assert (deviations(new, constants, model.deviation(constants, new, np.zeros(3))) >= 0.999 * std).all()
     known = model.predict(reversing(new, np.ones_like(new)), return_std=True)[1]
     assert (np.linalg.norm(std, axis=1) > np.linalg.norm(known, axis=1)).all()
+
+
+def test_an_offset_that_moves_is_followed():
+    """Joint 2 moves by 0.3 mrad while 120 poses are measured; predictions are for its mean, and say how far it went."""
+    rng = np.random.default_rng(3)
+    q, time = simulate(120, 3)[0], np.linspace(0.0, 3600.0, 120)
+    q_new, middle = simulate(80, 4)[0], np.zeros(80)
+
+    def errors(q, share):
+        moved = q.copy()
+        moved[:, 1] += 3e-4 * (share - 0.5)
+        reached, nominal = (ROBOT.forward(joints, tool=TOOL)[:, :3, 3] for joints in (moved, q))
+        return reached - nominal + 0.3 * ROBOT.error_jacobian(q, tool=TOOL, parameters=["a3"])[:, :, 0]
+
+    e = errors(q, time / 3600.0) + rng.normal(scale=0.01, size=(120, 3))
+    known = KinematicKriging(ROBOT, TOOL, conditions=("time",)).fit(joined(q, ["time"], {"time": time}), e, 0.01)
+    unknown = KinematicKriging(ROBOT, TOOL).fit(q, e, 0.01)
+    truth = errors(q_new, 0.5 + middle)
+    left = [np.linalg.norm(one.predict(q_new) - truth, axis=1).mean() for one in (known, unknown)]
+    assert left[0] < 0.02
+    assert left[0] < left[1]
+    walk = sum(row["estimate"] for row in known.parameters_ if row["name"].startswith("offset q2"))
+    assert walk == pytest.approx(3e-4, rel=0.15)
+    mean, std = known.predict(q_new, return_std=True)
+    end = errors(q_new, 1.0 + middle)
+    assert np.mean(np.abs(mean - end) < 2.0 * std) > 0.9

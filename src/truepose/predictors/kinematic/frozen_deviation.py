@@ -74,9 +74,7 @@ def deviation_of(
         every[j] = table
     prior_joint = np.zeros(dof)
     prior_joint[joints] = hyper.joint_std**2
-    if "approach" in terms.conditions:
-        squares = effect[: len(effect) - g] ** 2 / inflation
-        prior_joint += squares[:dof] + squares[dof:].reshape(dof, -1).sum(axis=1)  # no harmonic exceeds 1
+    np.add.at(prior_joint, terms.turning, effect[: len(effect) - g] ** 2 / inflation)  # no harmonic exceeds 1
     of_wave = terms.wave_rows[:, 0].astype(int)
     np.add.at(prior_joint, of_wave, (std[terms.waves] ** 2)[::2])  # sin² + cos² = 1
     wide = np.zeros((3, constants.anchors.shape[0] * constants.anchors.shape[2], kept))

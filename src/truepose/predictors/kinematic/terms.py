@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray, IntArray
 from truepose.predictors.conditions import Usual, separated
 from truepose.predictors.kinematic.design import Design
+from truepose.predictors.kinematic.effects import effect_size
 from truepose.predictors.kinematic.gears import RIPPLE_STD, Gears
 from truepose.predictors.kinematic.growing import growing
 from truepose.predictors.orientation import at_offset, rotation_per_mm
@@ -26,13 +27,21 @@ from truepose.robots.jacobian import Outputs, columns, count_rows, joint_columns
 
 Residual = Literal["joint", "cartesian", "both", "none"]
 
-REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING, GEAR, SHAPE = range(9)
+REGISTRATION, GEOMETRY, COMPLIANCE, STATION, BACKLASH, EXPANSION, WARMING, GEAR, SHAPE, OFFSET = range(10)
 GROUPS: Final = (
     "registration", "geometry", "compliance", "station", "backlash", "expansion", "warming", "gear", "backlash shape",
+    "offset",
 )  # fmt: skip
 """The kinds of drift columns; all but registration, which has wide priors, have a tolerance scale each."""
 
-_EFFECTS: Final = {STATION: "time", BACKLASH: "approach", SHAPE: "approach", EXPANSION: "temperature", WARMING: "time"}
+_EFFECTS: Final = {
+    STATION: "time",
+    BACKLASH: "approach",
+    SHAPE: "approach",
+    EXPANSION: "temperature",
+    WARMING: "time",
+    OFFSET: "time",
+}
 _COUNTS: Final = 1.5  # times the least scale
 
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
@@ -43,10 +52,10 @@ _MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _SHAPE_STD: Final = 3e-5  # rad, of a harmonic of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
+_OFFSET_STD: Final = 1e-5  # rad, of the offset of a joint, from one time of the walk to the next
 _EXPANSION_STD: Final = (1e-5, 3e-6)  # 1/K: of all lengths together, and of each length in addition
 _WARMING_STD: Final = 1e-5  # of all lengths, from one time of the walk to the next
 _APART: Final = 1e6  # coordinates of Z: nothing is that near
-_GOES_ON: Final = 1.6
 _USUAL: Final = Usual()
 _UNSEEN: Final = 0.02  # of the largest lever; the axis of a joint with a shorter one passes through the tool point
 
@@ -149,7 +158,7 @@ class Terms:
         lengths = _lengths(growth.shape[2] if "temperature" in self.conditions else 0)
         warming = [_Column(WARMING, f"warming {step + 1}", "1", _WARMING_STD) for step in range(self._steps)]
         moving = [*self._walk(), *self._places(), *self._waves()]
-        parts = [self._arm(), self._masses(), moving, self._reversals(), lengths, warming]
+        parts = [self._arm(), self._masses(), moving, self._reversals(), self._offsets(), lengths, warming]
         self._counts = [len(part) for part in parts]
         every = [column for part in parts for column in part]
         self.names, self.units = [column.name for column in every], [column.unit for column in every]
@@ -225,6 +234,19 @@ class Terms:
         shape = [name.replace("gear", "backlash") for name in self._shape.names]
         return constant + [_Column(SHAPE, name, "rad", _SHAPE_STD) for name in shape]
 
+    def _offsets(self) -> list[_Column]:
+        """Return the columns of joints whose offsets move slowly, those of each joint in turn."""
+        every = [(j, step) for j in range(self.robot.dof) for step in range(self._steps)]
+        return [_Column(OFFSET, f"offset q{j + 1} {step + 1}", "rad", _OFFSET_STD) for j, step in every]
+
+    @property
+    def turning(self) -> IntArray:
+        """The joints that the first columns of `conditional` turn: those of backlash, its shape, and offsets."""
+        joints = np.arange(self.robot.dof)
+        constant = joints if "approach" in self.conditions else joints[:0]
+        every = (constant, self._shape.rows[:, 0].astype(int).repeat(2), joints.repeat(self._steps))
+        return np.concatenate(every).astype(np.int64)
+
     def _waves(self) -> list[_Column]:
         return [_Column(GEAR, name, "rad", RIPPLE_STD) for name in self._gears.names]
 
@@ -249,29 +271,17 @@ class Terms:
         """Return the twists of expansion and warming at work: known, and unknown per coefficient, (dof + 1, 6, g)."""
         known, unknown = self._kelvin(np.full(1, np.nan))
         every = self._twists[:, :, self.robot.dof + self._counts[0] :]
-        twists, warming = every[:, :, : self._counts[4]], np.repeat(every[:, :, :1], self._steps, axis=2)
+        twists, warming = every[:, :, : self._counts[5]], np.repeat(every[:, :, :1], self._steps, axis=2)
         return (
             np.concatenate([known * twists, 0.0 * warming], axis=2),
             np.concatenate([unknown * twists, warming], axis=2),
         )
 
     def effect_size(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Return the root mean squares of the coefficients of `conditional`, (c,), per prior standard deviation.
-
-        Of warming, that of the sum over all steps stands at the last of them, times 1.6: from the mean arm of the
-        samples to the last one is about half of it, and the arm goes on to warm up.
-
-        Parameters
-        ----------
-        mean, covariance : (p,), (p, p) arrays
-            The coefficients of all drift columns, per prior standard deviation.
-        """
-        squares = (mean**2 + np.diag(covariance))[self.conditional]
-        if self._steps:
-            last = slice(len(mean) - self._steps, None)
-            squares[-self._steps :] = 0.0
-            squares[-1] = _GOES_ON**2 * (mean[last].sum() ** 2 + covariance[last, last].sum())
-        return np.asarray(np.sqrt(squares))
+        """Return `truepose.predictors.kinematic.effects.effect_size` of all drift coefficients (p,), (p, p)."""
+        own, (backlash, offsets, lengths, warming) = self.conditional, self._counts[3:]
+        passed = np.array(self.usual.passed if self._steps else ())
+        return effect_size(mean[own], covariance[own, own], (backlash, offsets, lengths, warming), passed)
 
     def moments(self, estimate: FloatArray, power: int = 1) -> FloatArray:
         """Return the deviation of each joint by each mass per horizontal lever at work, (dof, dof + 1, …) [rad/mm].
@@ -410,12 +420,15 @@ class Terms:
             signs = given["approach"][:, None, :]
             for part, by in ((parts, signs), (unknown, 1.0 * (signs == 0.0))):
                 part.extend((lever * by, self._shape.columns(q, lever * by)))
+        if "time" in given:
+            parts.append((lever[:, :, :, None] * ramps[:, None, None]).reshape(*lever.shape[:2], -1))
+            later = np.isnan(given["time"])[:, :, None]
+            unknown.append(np.repeat(np.where(later, lever, 0.0), self._steps, axis=2))
         if "temperature" in given:
             kelvin, kelvin_std = self._kelvin(given["temperature"][:, :, None])
             parts.append(growth * kelvin)
             unknown.append(growth * kelvin_std)
         if "time" in given:  # the arm of the samples grew; when it works, it may have gone on
-            later = np.isnan(given["time"])[:, :, None]
             parts.append(growth[:, :, :1] * ramps[:, None, :])
             unknown.append(np.repeat(np.where(later, growth[:, :, :1], 0.0), self._steps, axis=2))
         every = np.concatenate(parts, axis=2) * self.prior_std
