@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truepose import VirtualCell, correct_program, fit_cell, load_map, update_map
+from truepose import VirtualCell, correct_program, fit_cell, load_map, read_samples, update_map, write_samples
 from truepose.error_map.approaching import approach_on_lines
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
-from truepose.robots import nearest_branch
+from truepose.robots import Load, nearest_branch
+from truepose.robots.nongeometric import gravity_torque, rough_masses
 from truepose.samples import Poses, Samples, approach_from_order, check
 
 KRIGING = "kinematic-kriging"
@@ -288,3 +289,65 @@ def test_a_long_turn_on_a_line_counts_by_its_end():
     signs = approach_on_lines(robot, q, poses, before)
     moved = np.abs(q - end) > 1e-4
     np.testing.assert_array_equal(signs[moved], np.sign(q - end)[moved])
+
+
+def loaded(n, seed, kg, centres, noise=0.01):
+    """Samples of a plain arm that bends under payloads with centres of mass of their own (n, 3) [mm], and the truth."""
+    virtual = VirtualCell("hard", seed=4, effects={"geometry", "tool"})
+    q = virtual.design(n, seed=seed)
+    own = rough_masses(virtual.robot)
+    loads = [Load(mass, centre, own) for mass, centre in zip(kg, centres, strict=True)]
+    torque = np.array([gravity_torque(virtual.robot, row[None], one)[0] for row, one in zip(q, loads, strict=True)])
+    bent = q + np.array([2e-7, 4e-7, 4e-7, 2e-6, 2e-6, 2e-6]) * torque
+    p = virtual.truth.robot.forward(bent, tool=virtual.truth.tf_flange_tool)[:, :3, 3]
+    read = apply_transform(invert_transform(virtual.truth.tf_base_tracker), p)
+    read += noise * np.random.default_rng(seed).normal(size=read.shape)
+    return virtual, Samples(read, q=q, load=kg, p_load=centres, source="loads.csv")
+
+
+@pytest.fixture(scope="module")
+def loads():
+    rng = np.random.default_rng(1)
+    kg, side = rng.choice([20.0, 120.0], 100), rng.choice([-400.0, 400.0], 100)
+    return loaded(100, 1, kg, np.column_stack([side, 0 * side, 200.0 + 0 * side]))
+
+
+def test_centres_of_mass_are_used(loads, tmp_path):
+    """Of payloads on either side of the flange; in files and maps, at poses, and in the cell for poses without."""
+    virtual, samples = loads
+    known = fit_cell(virtual.cell, samples, "kinematic-kriging")
+    unknown = fit_cell(virtual.cell, replace(samples, p_load=None), "kinematic-kriging")
+    assert "centre" in known.predictor.conditions
+    assert "centre" not in unknown.predictor.conditions
+    kg, centre = np.full(60, 80.0), np.tile([300.0, 0.0, 250.0], (60, 1))
+    _, truth = loaded(60, 2, kg, centre, noise=0.0)
+    poses = Poses(q=truth.q, load=kg, p_load=centre)
+
+    def miss(error_map, poses):
+        return np.linalg.norm(error_map.errors(truth) - error_map.predict_errors(poses)[0], axis=1).mean()
+
+    assert miss(known, poses) < 0.03
+    assert miss(known, poses) < 0.3 * miss(unknown, replace(poses, p_load=None))
+    payload = type(virtual.cell.payload)(mass_kg=80.0, x_mm=300.0, y_mm=0.0, z_mm=250.0)
+    stated = known.changed(cell=known.cell.model_copy(update={"payload": payload}))
+    assert miss(stated, Poses(q=truth.q, load=kg)) == pytest.approx(miss(known, poses))
+    write_samples(tmp_path / "loads.csv", samples)
+    np.testing.assert_allclose(read_samples(tmp_path / "loads.csv").p_load, samples.p_load)
+    known.save(tmp_path / "map.truepose")
+    again = load_map(tmp_path / "map.truepose")
+    np.testing.assert_allclose(again.predict_errors(poses)[0], known.predict_errors(poses)[0], atol=1e-9)
+    with pytest.raises(DataError, match="cannot be frozen"):
+        known.freeze()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"load": None}, "there is no load_kg"),
+        ({"p_load": np.full((100, 3), 2500.0)}, "4330 mm from the flange"),
+    ],
+)
+def test_centres_without_mass_or_far_away_are_refused(loads, changes, message):
+    _, samples = loads
+    with pytest.raises(DataError, match=message):
+        check(replace(samples, **changes))

@@ -18,6 +18,7 @@ from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
 _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
+_AXES: Final = {"x_mm", "y_mm", "z_mm"}
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
@@ -27,6 +28,7 @@ _COMPLIANCE: Final = 1e-6  # rad/Nm, of the weakest main joint of large arms
 def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
     """Return the conditions that poses state: ``approach`` (n, dof), ``temperature`` [°C], ``payload`` [kg] (n,).
 
+    With centres of mass also ``centre`` (n, 3) [mm]; poses to predict have that of the cell's payload if it states one.
     With readings of several reflectors also ``reflector`` (n, 2), see `truepose.predictors.reflectors`. Samples without
     a payload were measured with that of the cell, where it states one. Their directions of approach are found from the
     order of rows, or left out, where the cell asks for it.
@@ -36,7 +38,10 @@ def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
         how = cell.conditions.approach
         approach = approach_from_order(poses) if how == "from-order" and approach is None else approach
         approach = None if how == "none" else approach
-    given = {"approach": approach, "temperature": poses.temperature, "payload": poses.load}
+    given = {"approach": approach, "temperature": poses.temperature, "payload": poses.load, "centre": poses.p_load}
+    if poses.p_load is None and not isinstance(poses, Samples) and _AXES & cell.payload.model_fields_set:
+        load = cell.payload
+        given["centre"] = np.tile([load.x_mm, load.y_mm, load.z_mm], (len(poses), 1))
     given[REFLECTOR] = reflector_columns(poses, cell)
     if poses.load is None and isinstance(poses, Samples) and cell.payload.mass_kg:
         given["payload"] = np.full(len(poses), cell.payload.mass_kg)
@@ -67,6 +72,8 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
             least = _KELVIN if name == "temperature" else _LOAD * every.max()
             if np.ptp(every) <= least:
                 del known[name]
+    if "payload" not in known:
+        known.pop("centre", None)
     if drifting and samples.time is not None:
         known["time"] = samples.time
     return known

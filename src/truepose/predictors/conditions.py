@@ -16,13 +16,14 @@ from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.reflectors import REFLECTOR
 
-CONDITIONS: Final = ("approach", "temperature", "payload", "time", "orientation")
+CONDITIONS: Final = ("approach", "temperature", "payload", "centre", "time", "orientation")
 """The names of the conditions.
 
 ``approach``, the sign of each joint's last motion (n, dof); ``temperature`` [°C], ``payload`` [kg] and ``time`` [s],
-(n,). The time is that of the samples alone, for a station that moves slowly while they are measured: predictions are
-for its mean station. ``orientation`` (n, 6) [rad] is no condition but a further reading at a sample: the rotation
-vector of R_meas R_cmdᵀ in the base frame and its standard deviation; predictions do not look at it.
+(n,); ``centre`` (n, 3) [mm], the payload's centre of mass in the flange frame. The time is that of the samples alone,
+for a station that moves slowly while they are measured: predictions are for its mean station. ``orientation`` (n, 6)
+[rad] is no condition but a further reading at a sample: the rotation vector of R_meas R_cmdᵀ in the base frame and its
+standard deviation; predictions do not look at it.
 """
 
 _LEAST_RANGE: Final = 2.0  # K
@@ -32,7 +33,7 @@ _MOST_STEPS: Final = 12
 
 def width(condition: str, dof: int) -> int:
     """Return the number of columns of a condition; the reflector has its number and the visit to the pose."""
-    return {"approach": dof, REFLECTOR: 2, "orientation": 6}.get(condition, 1)
+    return {"approach": dof, "centre": 3, REFLECTOR: 2, "orientation": 6}.get(condition, 1)
 
 
 def joined(q: FloatArray, names: Sequence[str], given: Mapping[str, FloatArray | None]) -> FloatArray:
@@ -86,6 +87,8 @@ class Usual:
         least 2 K, because an arm that warmed up during the measurement goes on to do so.
     payload, largest_payload : float [kg]
         The mean and the largest of the samples' payloads.
+    centre : tuple of float [mm], flange frame
+        The mean of the centres of mass.
     times, passed : tuple of float [s], [1]
         The times between which the station moves evenly, quantiles of the samples' times; and the mean share of each
         step of its walk that samples have passed.
@@ -95,6 +98,7 @@ class Usual:
     temperature_std: float = 0.0
     payload: float = 0.0
     largest_payload: float = 1.0
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     times: tuple[float, ...] = (0.0, 1.0)
     passed: tuple[float, ...] = (0.0,)
 
@@ -110,6 +114,8 @@ class Usual:
         if "payload" in given and np.isfinite(given["payload"]).any():
             found["payload"] = float(np.nanmean(given["payload"]))
             found["largest_payload"] = max(float(np.nanmax(given["payload"])), 1.0)
+        if "centre" in given and np.isfinite(given["centre"]).any():
+            found["centre"] = tuple(np.nanmean(given["centre"], axis=0).tolist())
         if "time" in given and np.ptp(known := given["time"][np.isfinite(given["time"])]) > 0.0:
             steps = int(np.clip(len(known) // _SAMPLES_PER_STEP, 1, _MOST_STEPS))
             found["times"] = tuple(np.unique(np.quantile(known, np.linspace(0.0, 1.0, steps + 1))).tolist())

@@ -88,6 +88,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     **_triple("p_origin", ("x_origin", "y_origin", "z_origin"), "length"),
     "temp": Quantity("temperature", 0, "temperature"),
     "load": Quantity("load", 0, "load"),
+    **_triple("p_load", ("x_load", "y_load", "z_load"), "length"),
 }
 """All quantities of the tidy table by their column name without unit, in the order of writing."""
 

@@ -12,6 +12,7 @@ from truepose.samples.table import Poses, Samples
 _MOVES: Final = 2e-4  # rad; a shorter motion may not take up the lost motion
 _FEWEST: Final = 20  # motions that show whether the signs are reversed
 _REVERSED: Final = 0.1  # share of equal signs below which they are
+_FARTHEST: Final = 3000.0  # mm, of a centre of mass
 _COLDEST, _HOTTEST, _KELVIN = -30.0, 60.0, 220.0
 
 
@@ -60,6 +61,17 @@ def check_conditions(poses: Poses) -> None:
         _check_temperature(poses, poses.temperature)
     if poses.load is not None and (negative := poses.load < 0.0).any():
         raise poses.error("load_kg is negative; state the mass on the flange, 0 without any", negative)
+    if poses.p_load is not None:
+        _check_centre(poses, poses.p_load)
+
+
+def _check_centre(poses: Poses, p_load: FloatArray) -> None:
+    if poses.load is None:
+        raise poses.error("x_load_mm … state a centre of mass, but there is no load_kg; state the mass as well")
+    far = np.linalg.norm(p_load, axis=1) > _FARTHEST
+    if far.any():
+        size = float(np.linalg.norm(p_load[far][0]))
+        raise poses.error(f"the centre of mass is {size:.0f} mm from the flange; state x_load_mm … in its frame", far)
 
 
 def _check_approach(poses: Poses, approach: FloatArray) -> None:

@@ -17,7 +17,19 @@ from truepose.samples.columns import QUANTITIES, full_name, gather, require
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMMANDED: Final = {"row", "name", "reflector", "q", "q_shown", "p_cmd", "rpy_cmd", "approach", "temperature", "load"}
+COMMANDED: Final = {
+    "row",
+    "name",
+    "reflector",
+    "q",
+    "q_shown",
+    "p_cmd",
+    "rpy_cmd",
+    "approach",
+    "temperature",
+    "load",
+    "p_load",
+}
 MEASURED: Final = {"p_meas", "rxyz_meas", "p_std", "rotation_std", "time"}
 
 

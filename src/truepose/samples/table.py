@@ -26,7 +26,7 @@ from truepose.samples.naming import name_points
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std", "p_origin"}
+_VECTORS: Final = {"p_cmd", "p_meas", "p_std", "rotation_std", "p_origin", "p_load"}
 _REPR_UNITS: Final = {"temperature": "°C", "load": "kg", "distance": "mm", "distance_std": "mm"}
 _WHOLE: Final = ("row", "line")
 _ABOUT: Final = ("source", "excluded", "distances")
@@ -53,6 +53,8 @@ class Poses:
         The air temperature.
     load : (n,) array [kg], optional
         The mass of the payload.
+    p_load : (n, 3) array [mm], flange frame, optional
+        The centre of mass of the payload.
     name : (n,) array of str, optional
         The names of the points, for messages and to match readings with.
     reflector : (n,) array of str, optional
@@ -84,6 +86,7 @@ class Poses:
     approach: FloatArray | None = None
     temperature: FloatArray | None = None
     load: FloatArray | None = None
+    p_load: FloatArray | None = None
     name: NDArray[np.str_] | None = None
     reflector: NDArray[np.str_] | None = None
     row: IntArray | None = None
@@ -156,9 +159,9 @@ class Poses:
         if name in ("q", "q_shown"):
             low, high = np.rad2deg([value.min(), value.max()])
             return f"{value.shape[1]} joints, {low:.4g} … {high:.4g} deg"
-        if name in ("p_cmd", "p_meas", "p_origin"):
+        if name in ("p_cmd", "p_meas", "p_origin", "p_load"):
             ends = zip("xyz", value.min(axis=0), value.max(axis=0), strict=True)
-            frame = "base" if name == "p_cmd" else "tracker"
+            frame = {"p_cmd": "base", "p_load": "flange"}.get(name, "tracker")
             return f"{', '.join(f'{axis} {low:.0f} … {high:.0f}' for axis, low, high in ends)} mm ({frame} frame)"
         if name in ("p_std", "rotation_std"):
             rms = float(np.sqrt((value**2).mean()))

@@ -14,6 +14,7 @@ approach1 …                                 sign of the last motion of each jo
 distance_mm, distance_std_mm                distance of the tool point from a fixed point, in rows without x_meas_mm …
 origin, x_origin_mm …                       that point: its name in the cell file, or its position in the tracker frame
 time_s, temp_C, load_kg                     time of the reading, air temperature, payload
+x_load_mm …                                 centre of mass of the payload, flange frame
 masked                                      the reason to leave this row out; empty where it counts
 ==========================================  =========================================================================
 

@@ -254,7 +254,11 @@ class KinematicKriging(SearchedKriging):
         for i, j in enumerate(self.joints_):
             curves[j] += self._form.joint_mean(i, angle)
         groups = (GROUPS[GEOMETRY], GROUPS[COMPLIANCE])
-        drift = {row["name"]: row["estimate"] for row in self.parameters_ if row["group"] in groups}
+        drift = {
+            row["name"]: row["estimate"]
+            for row in self.parameters_
+            if row["group"] in groups and "payload" not in row["name"]
+        }
         return Member(name, sha256, self.hyper_, self.joints_, self._terms.range_names, drift, curves)
 
     def at_work(self, work: Mapping[str, float]) -> Self:

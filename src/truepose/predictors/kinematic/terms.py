@@ -19,6 +19,7 @@ from truepose.predictors.kinematic.design import Design
 from truepose.predictors.kinematic.effects import effect_size
 from truepose.predictors.kinematic.gears import RIPPLE_STD, Gears
 from truepose.predictors.kinematic.growing import growing
+from truepose.predictors.kinematic.masses import COMPLIANCE_STD, Masses
 from truepose.predictors.orientation import at_offset, rotation_per_mm
 from truepose.predictors.reflectors import REFLECTOR, Reflectors
 from truepose.robots import Robot, error_model
@@ -47,8 +48,6 @@ _COUNTS: Final = 1.5  # times the least scale
 _GEOMETRY_STD: Final = {"mm": 0.5, "rad": 1e-3, "1": 1e-3}
 _REGISTRATION: Final = {"base": {"mm": 30.0, "rad": 0.03}, "tool": {"mm": 30.0}}  # one point shows no turn of the tool
 _TURN_STD: Final = (0.03, 0.003)  # rad, of the tool with several reflectors: in any place, or on one line
-_COMPLIANCE_STD: Final = 3e-4  # rad, for the moment of one link mass at 1 m
-_MOMENT_ARM: Final = 1000.0  # mm
 _BACKLASH_STD: Final = 1e-4  # rad, half of the lost motion
 _SHAPE_STD: Final = 3e-5  # rad, of a harmonic of the lost motion
 _WALK_STD: Final = {"mm": 0.05, "rad": 2e-5}  # of the station, from one of its times to the next
@@ -147,12 +146,9 @@ class Terms:
             for i, parameter in enumerate(self._model.parameters)
             if (parameter.unit in registration[parameter.group] if parameter.group in registration else geometry)
         ]
-        self._pairs = [(j, k) for j in range(dof) for k in range(j, dof + 1)] if compliance else []
-        self._plain = len(self._pairs)
-        if compliance and "payload" in self.conditions:  # a mass between wrist and tool point
-            self._pairs += [(j, k) for j in range(dof) for k in (dof - 1, dof) if j <= k]
-        self._joint_of, self._mass_of = np.array(self._pairs, np.int64).reshape(-1, 2).T
-        thermal = {"temperature", "time"} & set(self.conditions)
+        given = set(self.conditions)
+        self._load = Masses(robot, arm=compliance, payload="payload" in given, centre="centre" in given)
+        thermal = {"temperature", "time"} & given
         growth = growing(robot) if thermal else np.empty((dof + 1, 6, 0))
         self._steps = len(usual.times) - 1 if "time" in self.conditions else 0
         lengths = _lengths(growth.shape[2] if "temperature" in self.conditions else 0)
@@ -210,13 +206,7 @@ class Terms:
         return self.reflectors is not None and len(self.reflectors.names) > 1
 
     def _masses(self) -> list[_Column]:
-        """Return the columns of compliance: of the arm's own masses, then of the payload."""
-        out = []
-        for i, (j, k) in enumerate(self._pairs):
-            mass = "mass" if i < self._plain else "payload"
-            at = str(k + 1) if k < self.robot.dof else "at tool"
-            out.append(_Column(COMPLIANCE, f"joint {j + 1} under {mass} {at}", "rad/m", _COMPLIANCE_STD))
-        return out
+        return [_Column(COMPLIANCE, name, "rad/m", COMPLIANCE_STD) for name in self._load.names]
 
     def _walk(self) -> list[_Column]:
         """Return the columns of a station that moves, those of the base for each step of its walk."""
@@ -291,17 +281,20 @@ class Terms:
         estimate : (p, …) array [rad/m]
             The coefficients of all drift columns; their squares for the variance, with `power` 2.
         """
-        moment = np.zeros((self.robot.dof, self.robot.dof + 1, *estimate.shape[1:]))
         first, count = self._counts[:2]
-        load = self._loads(np.full(1, np.nan))[0]
-        for i, ((j, k), value) in enumerate(zip(self._pairs, estimate[first : first + count], strict=True)):
-            moment[j, k] += value * ((1.0 if i < self._plain else load) / _MOMENT_ARM) ** power
-        return moment
+        load = float(self._loads(np.full(1, np.nan))[0])
+        return self._load.moments(estimate[first : first + count], load, power)
 
     def _loads(self, payload: FloatArray) -> FloatArray:
         """Return payloads (n, …) [kg] over the largest one; that at work, or the usual one, where not known."""
         known = np.where(np.isnan(payload), self.work.get("payload", self.usual.payload), payload)
         return np.asarray(known / self.usual.largest_payload)
+
+    def _centres(self, given: Mapping[str, FloatArray]) -> FloatArray | None:
+        """Return the centres of mass of payloads (n, 3) [mm], flange frame; the usual one where not known."""
+        if "centre" not in given:
+            return None
+        return np.where(np.isnan(given["centre"]), self.usual.centre, given["centre"])
 
     def _kelvin(self, temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the differences of temperatures (n, …) [°C] from the usual one, and their standard deviations [K]."""
@@ -403,7 +396,8 @@ class Terms:
         lever = np.ascontiguousarray(lever)
         parts, unknown = [drift], [np.zeros((*lever.shape[:2], 0))]
         if self.compliance:
-            parts.append(self._compliance(q, p, lever, given.get("payload")))
+            load = self._loads(given["payload"]) if "payload" in given else None
+            parts.append(self._load.columns(q, p, lever, load, self._centres(given)))
         if "time" in given:
             moved = drift[:, :, self._base]
             ramps = self.usual.walked(given["time"][:, 0])
@@ -459,21 +453,6 @@ class Terms:
         size = np.sqrt(np.mean(np.sum(design.lever[:, :3] ** 2, axis=1), axis=0))
         moves = np.ptp(design.q, axis=0) > 1e-3
         return np.flatnonzero(moves & (size > _UNSEEN * size.max()))
-
-    def _compliance(self, q: FloatArray, p: FloatArray, lever: FloatArray, payload: FloatArray | None) -> FloatArray:
-        """Return the compliance of joint j under a unit weight at frame k ≥ j: ∂P/∂q_j (z_j × r)·e_g, (n, r, pairs).
-
-        Those of the payload (n, 1) [kg] are in proportion to it.
-        """
-        frames = self.robot.frames(q)
-        joint = frames[:, :-1] @ self.robot.link_before
-        mass = np.concatenate([frames[:, 1:, :3, 3], p[:, None]], axis=1)
-        j, k = self._joint_of, self._mass_of
-        arm, axis = mass[:, k] - joint[:, :, :3, 3][:, j], joint[:, :, :3, 2][:, j]
-        moment = axis[..., 0] * arm[..., 1] - axis[..., 1] * arm[..., 0]  # (z × r)_z, gravity along z of the base
-        if payload is not None:
-            moment[:, self._plain :] *= self._loads(payload)
-        return np.asarray(lever[:, :, j] * (moment / _MOMENT_ARM)[:, None, :])
 
     def _place(self, q: FloatArray, p: FloatArray) -> FloatArray:
         parts = []
