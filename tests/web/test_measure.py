@@ -474,7 +474,15 @@ def test_a_plan_is_chosen_after_a_map_and_from_candidates(running: Bench, measur
     rows = [row["q_deg"] for row in running.get(f"plans/{made['id']}")["rows"]]
     offered = np.rad2deg(measured.q[-6:])  # none is measured twice
     assert all(np.abs(offered - row).max(axis=1).min() < 1e-6 for row in rows)
-    for wrong in ({"after": "0" * 64}, {"candidates": "0" * 12}):
+    write_samples(running.folder / "series.csv", first)
+    (table,) = running.get("samples")
+    enough = {"n": 3, "after": table["id"], "until_mm": 5.0}
+    job = wait(running, running.client.post(f"{API}/cells/{running.cell}/plans", json=enough))
+    assert job.state == "done", job.problem
+    assert {f"--after={table['name']}", "--until=5mm"} <= set(job.command)
+    assert job.result["files"] == []
+    wrongs = ({"after": "0" * 64}, {"candidates": "0" * 12}, {"after": running.plan}, {"until_mm": 0.0})
+    for wrong in wrongs:
         answer = running.client.post(f"{API}/cells/{running.cell}/plans", json={"n": 3, **wrong})
         assert answer.status_code in (404, 422)
 

@@ -35,6 +35,7 @@ from truepose.web.workspace import CellFolder, InCell, InJobs, InWorkspace, Stor
 
 router = APIRouter(tags=["measure"])
 _MOST_ROWS: Final = 20_000
+_SHA: Final = 64  # characters of the hash of a map
 FORM: Final[dict[str, Any]] = {
     "requestBody": {
         "required": True,
@@ -64,7 +65,8 @@ class PlanRequest(BaseModel):
     n: int = Field(ge=1, le=5000)
     method: str = "posterior"
     seed: int = Field(0, ge=0, le=2**31)
-    after: str = Field("", description="SHA-256 of a map of an earlier series")
+    after: str = Field("", description="SHA-256 of a map of an earlier series, or id of its table of samples")
+    until_mm: float | None = Field(None, gt=0, le=1000, description="expected accuracy for which fewer poses may do")
     candidates: str = Field("", description="id of a plan or table of samples whose joints are the candidates")
 
 
@@ -134,18 +136,23 @@ def make_plan(cell: InCell, workspace: InWorkspace, jobs: InJobs, wanted: PlanRe
     folder = cell.new("plans", f"{wanted.method}-{wanted.n}")
     command = ["plan", cell.file.name, "--n", str(wanted.n), "--method", wanted.method, "--seed", str(wanted.seed)]
     if wanted.after:
-        command.append(f"--after={cell.word(workspace.map(wanted.after)[1].path)}")
+        is_map = len(wanted.after) == _SHA
+        earlier = workspace.map(wanted.after)[1] if is_map else _poses(cell, wanted.after, "samples")
+        command.append(f"--after={cell.word(earlier.path)}")
+    if wanted.until_mm is not None:
+        command.append(f"--until={wanted.until_mm:g}mm")
     if wanted.candidates:
-        command.append(f"--candidates={cell.word(_poses(cell, wanted.candidates).path)}")
+        command.append(f"--candidates={cell.word(_poses(cell, wanted.candidates, 'plan', 'samples').path)}")
     command += ["--out", cell.relative(folder)]
     return jobs.submit(command, folder=cell.folder, cell=cell.id, title=f"Plan of {wanted.n} poses")
 
 
-def _poses(cell: CellFolder, file: str) -> StoredFile:
-    """Return a plan or a table of samples."""
+def _poses(cell: CellFolder, file: str, *kinds: str) -> StoredFile:
+    """Return a file of one of some kinds: a plan, or a table of samples."""
     found = cell.get(file)
-    if found.kind not in ("plan", "samples"):
-        raise WebError(422, "Request not accepted", f"{found.name}: expected a plan or a table of samples")
+    if found.kind not in kinds:
+        expected = "a plan or a table of samples" if "plan" in kinds else "a table of samples"
+        raise WebError(422, "Request not accepted", f"{found.name}: expected {expected}")
     return found
 
 
