@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from truepose.planning.forecast import Forecast
 from truepose.planning.greedy import Posterior, lowest_largest, lowest_mean, most_observable
 from truepose.planning.planner import shortest_tour
 from truepose.planning.prior import Prior
-from truepose.robots import load_robot
+from truepose.robots import load_robot, shown_joints
 from truepose.samples import read_poses
 
 QUIET = lambda done, of: None  # noqa: E731
@@ -245,6 +246,14 @@ def test_what_cannot_be_reached_or_continued_is_refused(series):
     other = tp.VirtualCell("paper", robot="universal-robots-ur10")
     with pytest.raises(tp.errors.TrueposeError):
         plan(other.cell, 3, after=samples)
+
+
+def test_samples_may_have_joints_as_the_controller_shows_them():
+    virtual = tp.VirtualCell("paper", robot="fanuc-m20ia")
+    samples = virtual.measure(virtual.design(24, seed=1), seed=1)
+    shown = shown_joints(virtual.robot).from_model(samples.q)
+    found = [plan(virtual.cell, 3, after=one).q for one in (samples, replace(samples, q=None, q_shown=shown))]
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
 
 
 def test_the_command_continues_samples(series, tmp_path):

@@ -24,7 +24,7 @@ from truepose.planning.measuring import measuring_program, write_measurement
 from truepose.planning.prior import Prior
 from truepose.predictors import KinematicKriging
 from truepose.predictors.kinematic.terms import COMPLIANCE
-from truepose.samples import Poses, Samples
+from truepose.samples import Poses, Samples, on_arm
 
 _TARGETS: Final = 512
 _ANCHORS: Final = 120
@@ -306,6 +306,7 @@ def _greedy(prior: Prior, targets: FloatArray, space: MeasurementSpace, rng: int
 def _fitted(cell: Cell, samples: Samples) -> ErrorMap:
     """Return the map of a first series, whose samples must have the joints of the cell's robot."""
     robot = cell.load_robot()
+    samples = on_arm(samples, robot)
     if samples.q is None:
         raise DataError(f"{samples.source}: a plan after samples needs their joints (q1_deg …), and there are none")
     if samples.q.shape[1] != robot.dof:
