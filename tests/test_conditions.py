@@ -351,3 +351,17 @@ def test_centres_without_mass_or_far_away_are_refused(loads, changes, message):
     _, samples = loads
     with pytest.raises(DataError, match=message):
         check(replace(samples, **changes))
+
+
+def test_a_series_from_one_side_is_told(run, tmp_path):
+    """Nothing in it shows backlash, nor does the standard deviation."""
+    virtual = VirtualCell("paper")
+    cell, table, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "map.truepose"))
+    cell.write_text(virtual.cell.to_toml())
+    q = virtual.design(24)
+    for signs, told in ((np.ones_like(q), True), (np.where(np.arange(24)[:, None] % 2, 1.0, -1.0) + 0 * q, False)):
+        write_samples(table, virtual.measure(q, approach=signs, seed=1))
+        done = run("fit", cell, table, "--predictor", "registration", "--out", out, "--force")
+        assert done.code == 0, done.err
+        shown = " ".join(done.out.split())
+        assert ("backlash is not known" in shown and '[measuring] approach = "both"' in shown) == told
