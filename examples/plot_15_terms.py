@@ -30,6 +30,7 @@ _, creeping_map = fitted("creep")
 angle = np.linspace(-20.0, 20.0, 81)
 q = np.tile(np.median(plain_map.samples.q, axis=0), (len(angle), 1))
 q[:, 1] += np.deg2rad(angle)
+angle = np.rad2deg(q[:, 1])
 middle = q[40:41]
 along = plain.robot.joint_jacobian(q, tool=plain_map.tf_flange_tool)[:, :3, 1]
 along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -353,6 +353,17 @@ def test_centres_without_mass_or_far_away_are_refused(loads, changes, message):
         check(replace(samples, **changes))
 
 
+def test_payloads_without_a_centre_are_told(run, loads, tmp_path):
+    virtual, samples = loads
+    cell, table, out = (tmp_path / name for name in ("cell.toml", "samples.csv", "map.truepose"))
+    cell.write_text(virtual.cell.to_toml())
+    for one, told in ((samples, False), (replace(samples, p_load=None), True)):
+        write_samples(table, one)
+        done = run("fit", cell, table, "--predictor", KRIGING, "--out", out, "--force")
+        assert done.code == 0, done.err
+        assert ("without their centre of mass" in " ".join(done.out.split())) == told
+
+
 def test_a_series_from_one_side_is_told(run, tmp_path):
     """Nothing in it shows backlash, nor does the standard deviation."""
     virtual = VirtualCell("paper")

@@ -105,6 +105,7 @@ def fit(
 def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     from rich.markup import escape
 
+    from truepose.error_map.conditions import models
     from truepose.error_map.figures import calibration_of, fleet_data
     from truepose.error_map.registration import tool_estimate
     from truepose.samples import name_points
@@ -115,6 +116,11 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
+    if models(error_map.predictor, "payload") and error_map.samples.p_load is None:
+        say(
+            "[yellow]Note[/]: the samples state payloads without their centre of mass (x_load_mm …); it is taken to "
+            "lie between wrist and tool point."
+        )
     approach = error_map.samples.approach
     if approach is not None and approach.any() and (approach == approach[0]).all():
         say(
