@@ -137,6 +137,22 @@ def test_val3_runs_and_single_lines_agree(
     assert told(path, make_map, 1, **options) == told(path, make_map, 10**9, **options)
 
 
+@pytest.mark.parametrize("goal", ["appro(pA[nI],{0,0,5,0,0,0})", "pA[nI]"])
+def test_a_shift_of_any_element_is_known_to_all(tmp_path: Path, make_map: Any, goal: str) -> None:
+    """A motion near an element of which only the run time knows the number derives a position from each of them."""
+    turn = 'rx="0.000" ry="0.000" rz="0.000" wrist="wpositive" fatherId="world[0]"'
+    values = "".join(f'    <Value key="{k}" x="{k}.000" y="0.000" z="0.000" {turn} />\n' for k in range(20))
+    path, code = tmp_path / "a.dtx", f"begin\nmovel({goal},flange,m)\nend"
+    head = '<Database><Datas>\n  <Data name="pA" access="private" type="pointRx" size="20">\n'
+    path.write_text(f"{head}{values}  </Data>\n</Datas></Database>")
+    path.with_suffix(".pgx").write_text(f"<Programs><Code><![CDATA[\n{code}\n]]></Code></Programs>")
+    options = {"derived": True, "whole_task": True}
+    targets = [one for one in read_program(path, FRAMES, ReadOptions(**options)).targets if one.name.startswith("pA")]
+    assert len(targets) >= 20
+    assert all(bool(one.derived) == goal.startswith("appro") for one in targets[:20])
+    assert told(path, make_map, 1, **options) == told(path, make_map, 10**9, **options)
+
+
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_long_programs_are_read_in_runs(tmp_path: Path, make_map: Any, ending: str) -> None:
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))

@@ -8,6 +8,7 @@ never written again: only digits of attributes change.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -39,6 +40,9 @@ from truepose.programs.val3.project import Project
 from truepose.programs.val3.uses import ShiftedMotion, Uses
 from truepose.programs.val3.values import JOINT_KEYS, KEYS, POINTS, VALUES, Value, element_of, read_data
 
+_PLAIN: Final = re.compile(rb"\bmove[jl][ \t]*\([ \t]*$", re.IGNORECASE)
+"""What stands before the goal of a motion straight to it."""
+_LONGEST: Final = 40  # bytes of that
 _PUBLIC: Final = Problem(
     "refuse",
     "it is public: another application may move to it or write it; give the folder with all applications, state that "
@@ -115,7 +119,10 @@ class _Reader(Reader):
         return self.program("staubli", tool=Frame(AS_MEASURED), runs=runs)
 
     def _elements(self, own: Sequence[ProgramCode]) -> dict[str, set[int] | None]:
-        """Return the elements of arrays that programs name one by one; None where more than one motion goes to all."""
+        """Return the elements of arrays that programs name one by one.
+
+        None where more than one motion goes to all, or anything but a plain motion uses all: a run knows one of each.
+        """
         found: dict[str, set[int] | None] = {}
         whole: Counter[str] = Counter()
         if any(True for _ in self._project.users(self._application)):
@@ -123,7 +130,9 @@ class _Reader(Reader):
         for code in own:
             for reference in code.references(0, len(code.data)):
                 name, index = reference.parts[0]
-                whole[name] += index is None
+                if index is None:
+                    before = code.data[max(0, reference.start - _LONGEST) : reference.start]
+                    whole[name] += 1 if _PLAIN.search(before) else 2
                 if index is not None and (elements := found.setdefault(name, set())) is not None:
                     elements.add(int(index or 0))
         return {**found, **{name: None for name, n in whole.items() if n > 1}}
