@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -26,7 +25,7 @@ from truepose.predictors.kinematic.fitting import (
 from truepose.predictors.kinematic.fleet import LEVELS, PAYS, Fleet
 from truepose.predictors.kinematic.hyperparameters import Hyperparameters, HyperPrior
 from truepose.predictors.kinematic.inflation import SEARCHED
-from truepose.predictors.kinematic.terms import GROUPS, Terms
+from truepose.predictors.kinematic.terms import GROUPS
 from truepose.predictors.kinematic.weights import ROUNDS, SETTLED, first_weights, robust_weights
 from truepose.predictors.reflectors import REFLECTOR, whole_poses
 
@@ -49,19 +48,8 @@ class SearchedKriging(DistantKriging):
     """Kinematic Kriging with its search: `_search` estimates, `_solve` solves with known hyperparameters."""
 
     if TYPE_CHECKING:
-        conditions: Sequence[str]
-        robust: bool
         random_state: int
         solver_: str
-        log_likelihood_: float
-        bounds_hit_: list[str]
-        _form: CovarianceForm | BasisForm
-        _nominal: Terms
-        _x: FloatArray
-        _e: FloatArray
-        _reading: FloatArray
-        _own: IntArray
-        _weight: FloatArray
 
     _from: tuple[IntArray, Start] | None = None  # the joints and the start of `start_from`
 
