@@ -18,13 +18,16 @@ from truepose.geometry import apply_transform, invert_transform
 from truepose.robots import load_robot
 from truepose.robots.io.toml import to_toml
 from truepose.samples import Poses
+from truepose.simulation import PRESETS
 
 FloatArray = NDArray[np.float64]
 PAGE = "conditions"
 PREDICTOR = "kinematic-kriging"
 WITHOUT = f"{PREDICTOR}:conditions=none"
+CONSTANT = f"{PREDICTOR}:backlash_shape=no"
 SAMPLES, TARGETS = 100, 200
 GEAR_SAMPLES = 150
+WAVE = (0.3, 0.6)  # of the mean lost motion
 PAYLOADS, THIRD, OTHER = (20.0, 120.0), 70.0, 30.0  # kg
 
 
@@ -75,6 +78,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
 def cases(seed: int) -> Iterator[Case]:
     """Return the rows of one robot."""
     yield from _backlash(seed)
+    yield from _uneven(seed)
     yield from _cold_start(seed)
     yield from _creep(seed)
     yield from _payload(seed)
@@ -98,6 +102,23 @@ def _backlash(seed: int) -> Iterator[Case]:
     yield Case("backlash", "approach of the targets unknown", unknown)
     plain = VirtualCell("backlash", seed=seed, effects=cell.effects - {"backlash"})
     yield Case("backlash", "floor", left(plain, fit_cell(plain.cell, _measured(plain, seed), PREDICTOR), Poses(q=q)))
+
+
+def _uneven(seed: int) -> Iterator[Case]:
+    """Yield the rows of an arm whose lost motion varies with the angle of each joint."""
+    group = f"backlash that varies with the angle by 30–60 %, {GEAR_SAMPLES} samples"
+    cell = VirtualCell(replace(PRESETS["backlash"], backlash_wave=WAVE), seed=seed)
+    plain = VirtualCell("backlash", seed=seed, effects=cell.effects - {"backlash"})
+    q = cell.design(TARGETS, seed=seed + 999)
+    signs = np.sign(np.diff(q, axis=0, prepend=[np.deg2rad(cell.preset.home_deg)]))
+    poses = Poses(q=q, approach=signs)
+    for one, name, predictor in (
+        (cell, "approach stated", PREDICTOR),
+        (cell, "backlash_shape=no", CONSTANT),
+        (plain, "floor", PREDICTOR),
+    ):
+        samples = one.measure(one.design(GEAR_SAMPLES, seed=seed), seed=seed)
+        yield Case(group, name, left(one, fit_cell(one.cell, samples, predictor), poses, approach=signs))
 
 
 def _cold_start(seed: int) -> Iterator[Case]:

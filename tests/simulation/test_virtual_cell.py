@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -5,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from truepose.errors import DataError, RobotError
 from truepose.geometry import apply_transform, register
 from truepose.robots import list_robots
-from truepose.simulation import EFFECTS, TrackerNoise, VirtualCell
+from truepose.simulation import EFFECTS, PRESETS, TrackerNoise, VirtualCell
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +165,19 @@ def test_backlash_shifts_by_the_way_a_pose_is_approached():
     order = cell.measure(q, approach="order").approach
     np.testing.assert_array_equal(order[1:], np.sign(np.diff(q, axis=0)))
     np.testing.assert_array_equal(order[0], np.sign(q[0] - np.deg2rad(cell.preset.home_deg)))
+
+
+def test_backlash_may_vary_with_the_angle_and_changes_nothing_else():
+    plain = VirtualCell("backlash", seed=0)
+    uneven = VirtualCell(replace(PRESETS["backlash"], backlash_wave=(0.3, 0.6)), seed=0)
+    q = np.tile(np.linspace(-np.pi, np.pi, 100)[:, None], plain.robot.dof)
+    np.testing.assert_array_equal(uneven.truth.joint_error(q), plain.truth.joint_error(q))
+    np.testing.assert_array_equal(uneven.truth.tf_base_tracker, plain.truth.tf_base_tracker)
+    share = np.ptp(uneven.truth.backlash_wave(q), axis=0) / 2.0
+    assert ((share > 0.29) & (share < 0.6)).all()
+    up, down = (uneven.truth.joints(q, uneven._conditions(q, way)) for way in (1.0, -1.0))
+    lost = plain.truth.backlash * (1.0 + uneven.truth.backlash_wave(q))
+    np.testing.assert_allclose(down - up, lost, atol=1e-12)
 
 
 def test_an_arm_that_warms_up_drifts_as_its_temperature():

@@ -80,6 +80,8 @@ class Preset:
         The motor turns for one turn of the joint, where the robot does not state them.
     backlash : range [rad]
         The lost motion between the two directions of approach.
+    backlash_wave : range
+        The share of its mean by which the lost motion of a joint is larger at one angle, and smaller opposite to it.
     expansion : range [1/K]
         The coefficient of thermal expansion of every length.
     warm_up_kelvin, warm_up_s : float
@@ -137,6 +139,7 @@ class Preset:
     ripple: Range = (1.0 * _ARCSEC, 1.5 * _ARCSEC)
     gear_ratio: Range = (80.0, 250.0)
     backlash: Range = (0.0, 0.3e-3)
+    backlash_wave: Range = (0.0, 0.0)
     expansion: Range = (8e-6, 14e-6)
     warm_up_kelvin: float = 8.0
     warm_up_s: float = 2400.0

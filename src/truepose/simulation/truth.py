@@ -117,7 +117,9 @@ class Truth:
     link_kg, p_flange_payload : (dof,) array, (3,) array [mm]
         The masses of the links, and the centre of mass of the payload.
     backlash : (dof,) array [rad]
-        The lost motion; a joint lags by half of it in its direction of approach.
+        The mean lost motion; a joint lags by half of the lost motion in its direction of approach.
+    backlash_wave : JointCurves
+        The change of the lost motion with the angle, as a share of the mean; a function of joint vectors.
     expansion : (dof,) array [1/K]
         The thermal expansion of the lengths a and d of each link.
     troubles : Troubles
@@ -135,6 +137,7 @@ class Truth:
     link_kg: FloatArray
     p_flange_payload: FloatArray
     backlash: FloatArray
+    backlash_wave: JointCurves
     expansion: FloatArray
     troubles: Troubles
     seed: int
@@ -146,7 +149,7 @@ class Truth:
         for k, kg in enumerate(loads):
             rows = which == k
             torque[rows] = gravity_torque(self.robot, q[rows], Load(float(kg), self.p_flange_payload, self.link_kg))
-        lag = 0.5 * self.backlash * conditions.approach
+        lag = 0.5 * self.backlash * (1.0 + self.backlash_wave(q)) * conditions.approach
         usual = q + self.joint_error(q) + self.ripple(q) + self.compliance * torque - lag
         return np.asarray(usual + self.troubles.joint_steps(q))
 
@@ -177,6 +180,7 @@ def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.
     )
     gear_ratio = rng.uniform(*preset.gear_ratio, (dof, 1)).round()
     gear_ratio = robot.gear_ratio[:, None] if robot.gear_ratio.size else gear_ratio
+    wave_rng = rng.spawn(1)[0]  # drawn apart: other values stay as they are
     ripple = JointCurves.waves(gear_ratio, rng.uniform(*preset.ripple, (dof, 1)), rng)
     return {
         "ripple": ripple * on["ripple"],
@@ -185,5 +189,6 @@ def draw_joints(preset: Preset, robot: Robot, effects: Collection[str], rng: np.
         "link_kg": rough_masses(robot) * rng.uniform(*preset.own_weight, size=dof),
         "p_flange_payload": np.asarray(preset.payload_mm) + rng.normal(scale=_PAYLOAD_CENTRE_STD, size=3),
         "backlash": rng.uniform(*preset.backlash, size=dof) * on["backlash"],
+        "backlash_wave": JointCurves.waves([1], wave_rng.uniform(*preset.backlash_wave, (dof, 1)), wave_rng),
         "expansion": rng.uniform(*preset.expansion, size=dof) * on["thermal"],
     }

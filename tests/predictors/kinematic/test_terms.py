@@ -31,7 +31,7 @@ def terms_of(options):
     model = make_predictor(NAME + options, arm=ArmContext(ROBOT, TOOL))
     known = CONDITIONS if model.conditions == () and "conditions" not in options else model.conditions
     known = tuple(one for one in known if one in given)
-    effects = {"approach": 1, "temperature": 1, "time": 3}
+    effects = {"approach": 1 + model.backlash_shape, "temperature": 1, "time": 3}
     scaled = sum(effects.get(one, 0) for one in known) + model.gear_harmonics
     joints, ranges = (range(6) if model.joint_errors else ()), {"joint": 6, "none": 0}[model.residual]
     hyper = Hyperparameters.start(len(joints), ranges, scaled).to_dict()
@@ -45,7 +45,7 @@ def terms_of(options):
 
 EVERY = {
     "registration", "geometry", "compliance", "payload", "station", "warming", "backlash", "expansion", "gear",
-    "joint errors", "rest", "offset",
+    "joint errors", "rest", "offset", "backlash shape",
 }  # fmt: skip
 OFF = {
     "": set(),
@@ -54,8 +54,9 @@ OFF = {
     "joint_errors=no": {"joint errors"},
     "residual=none": {"rest"},
     "gear_harmonics=no": {"gear"},
-    "conditions=none": {"backlash", "expansion", "payload", "station", "warming", "offset"},
-    "conditions=temperature+payload+time": {"backlash"},
+    "backlash_shape=no": {"backlash shape"},
+    "conditions=none": {"backlash", "backlash shape", "expansion", "payload", "station", "warming", "offset"},
+    "conditions=temperature+payload+time": {"backlash", "backlash shape"},
     "conditions=approach+payload+time": {"expansion"},
     "conditions=approach+temperature+time": {"payload"},
     "conditions=approach+temperature+payload": {"station", "warming", "offset"},

@@ -140,7 +140,7 @@ class KinematicKriging(SearchedKriging):
         joint_errors: bool = True,
         residual: Residual = "joint",
         gear_harmonics: bool = True,
-        backlash_shape: bool = False,
+        backlash_shape: bool = True,
         conditions: Sequence[str] = (),
         work: Mapping[str, float] | None = None,
         reflectors: Reflectors | None = None,
