@@ -73,11 +73,12 @@ def campaign(request):
     return Campaign(1, request.param)
 
 
+@pytest.mark.parametrize("times", [1.0, 4.0])
 @pytest.mark.parametrize("solver", ["covariance", "basis"])
-def test_a_fit_finds_its_way_from_a_tool_that_is_140_mm_off(campaign, solver):
+def test_a_fit_finds_its_way_from_a_tool_that_is_140_mm_and_more_off(campaign, solver, times):
     """The accuracy does not depend on where the registration starts."""
     near, _ = campaign.miss(*campaign.registered_with(np.zeros(3)), solver=solver)
-    far, model = campaign.miss(*campaign.registered_with(np.array([100.0, -80.0, 60.0])), solver=solver)
+    far, model = campaign.miss(*campaign.registered_with(times * np.array([100.0, -80.0, 60.0])), solver=solver)
     assert near < 2.0 * NOISE
     assert far == pytest.approx(near, rel=0.05)
     again = tp.KinematicKriging(ARM7, model.tf_flange_tool).set_params(**model.with_fitted_parameters().get_params())
