@@ -1,6 +1,7 @@
 """Maps of earlier robots of a type as a prior for the next one: accuracy, honesty, files, commands, bad input."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from truepose.error_map.fleet import fleet_of
 from truepose.errors import DataError, TrueposeError
 from truepose.geometry import apply_transform, invert_transform
 from truepose.predictors.kinematic.fleet import ANGLES, Fleet
-from truepose.samples import Poses, write_samples
+from truepose.samples import Distances, Poses, write_samples
 from truepose.simulation import VirtualFleet
 
 FEW, EARLIER = 20, 80
@@ -61,6 +62,28 @@ def test_a_fleet_that_has_much_in_common_helps(alike, following):
     assert mean_miss(cell, following) < 0.8 * mean_miss(cell, fitted(cell, FEW, 7))
     left, std = miss(cell, following)
     assert np.mean(np.abs(left) <= 1.96 * std) > 0.9
+
+
+def test_distances_enter_a_fit_with_a_fleet(alike, earlier, following, tmp_path):
+    """A map keeps its fleet and its distances, and both help."""
+    cell = alike.cell(0)
+    further = cell.measure(cell.design(60, seed=8), seed=8)
+    origin = apply_transform(
+        invert_transform(cell.truth.tf_base_tracker),
+        np.array([[2500.0, -1500.0, 200.0], [2500.0, 1500.0, 800.0], [900.0, 0.0, 1500.0]]),
+    )[np.arange(60) % 3]
+    distance = np.linalg.norm(further.p_meas - origin, axis=1)
+    wires = Distances(q=further.q, distance=distance, distance_std=np.full(60, 0.02), p_origin=origin)
+    samples = replace(cell.measure(cell.design(FEW, seed=7), seed=7), distances=wires)
+    both = tp.fit_cell(cell.cell, samples, PREDICTOR, like=earlier)
+    assert both.predictor.fleet_["taken"] == "mean"
+    assert len(both.predictor.distance_rows) == 60
+    assert mean_miss(cell, both) < mean_miss(cell, following)
+    both.save(tmp_path / "both.truepose")
+    read = tp.load_map(tmp_path / "both.truepose")
+    poses = Poses(q=cell.design(20, seed=3))
+    for a, b in zip(read.predict_errors(poses), both.predict_errors(poses), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def test_robots_with_nothing_in_common_do_not_harm():
