@@ -2,7 +2,7 @@
 
 from truepose.cell.cell import Cell, load_cell
 from truepose.cell.poses import ANGLE_KEYS, Pose
-from truepose.cell.sections import ConditionsSection, Correction, Tracker, conditions_at_work
+from truepose.cell.sections import ConditionsSection, Correction, Payload, Tracker, conditions_at_work
 from truepose.cell.template import template, write_template
 from truepose.cell.text import CellProblem
 
@@ -12,6 +12,7 @@ __all__ = [
     "CellProblem",
     "ConditionsSection",
     "Correction",
+    "Payload",
     "Pose",
     "Tracker",
     "conditions_at_work",

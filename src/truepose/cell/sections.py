@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
 from truepose._io.strict import is_whole
 from truepose._typing import FloatArray
@@ -129,24 +129,52 @@ class Payload(CellSection):
     y_mm: Number = 0.0
     z_mm: Number = 0.0
 
+    @property
+    def centre(self) -> FloatArray | None:
+        """The centre of mass, (3,) [mm], flange frame; None if no coordinate of it is stated."""
+        stated = {"x_mm", "y_mm", "z_mm"} & self.model_fields_set
+        return np.array([self.x_mm, self.y_mm, self.z_mm]) if stated else None
+
+
+def _number_keys(value: object) -> object:
+    """Convert keys of digits to numbers: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
+    if not isinstance(value, dict):
+        return value
+    return {int(key) if isinstance(key, str) and is_whole(key) else key: entry for key, entry in value.items()}
+
 
 class ConditionsSection(CellSection):
     """``[conditions]``: the direction of approach of samples, and temperature and payload at work.
 
     ``approach`` is "stated" (by the columns approach1 …), "from-order" (each sample was reached straight from the row
     before) or "none". Temperature and payload are those of predictions and corrections that state none; by default
-    they are those of the samples.
+    they are those of the samples. ``payloads`` are those with the tools of the controller, by number or name; they are
+    on the flange at the targets that a program moves to with this tool.
     """
 
     approach: Literal["stated", "from-order", "none"] = "stated"
 
     temperature_C: Temperature | None = None  # noqa: N815 - °C, as in the cell file
     payload_kg: NotNegative | None = None
+    payloads: Annotated[dict[int | str, Payload], BeforeValidator(_number_keys)] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _with_masses(self) -> Self:
+        for key, payload in self.payloads.items():
+            if "mass_kg" not in payload.model_fields_set:
+                raise CellError(("payloads", key, "mass_kg"), "is missing; state the mass on the flange with this tool")
+        return self
 
     @property
-    def at_work(self) -> dict[str, float]:
-        """Temperature and payload by key, where they are stated."""
-        return self.model_dump(include={"temperature_C", "payload_kg"}, exclude_none=True)
+    def at_work(self) -> dict[str, Any]:
+        """Temperature and payloads by key, where they are stated."""
+        names = ("temperature_C", "payload_kg", "payloads")
+        return {name: value for name in names if (value := getattr(self, name)) not in (None, {})}
+
+    def __str__(self) -> str:
+        said = {name: value for name, value in self.at_work.items() if name != "payloads"}
+        said |= {f"payload of tool {key}": f"{payload.mass_kg:g} kg" for key, payload in self.payloads.items()}
+        return ", ".join(f"{name} {value}" for name, value in said.items())
 
 
 def conditions_at_work(temperature: float | None, payload: float | None) -> ConditionsSection:
@@ -191,17 +219,9 @@ class FramesSection(CellSection):
     """``[frames]``: the controller's tool and base tables, stated here or in its ``$config.dat``."""
 
     config_dat: str | None = None
-    tools: dict[int | str, Pose] = Field(default_factory=dict)
-    bases: dict[int | str, Pose] = Field(default_factory=dict)
+    tools: Annotated[dict[int | str, Pose], BeforeValidator(_number_keys)] = Field(default_factory=dict)
+    bases: Annotated[dict[int | str, Pose], BeforeValidator(_number_keys)] = Field(default_factory=dict)
     groups: GroupsSection = Field(default_factory=GroupsSection)
-
-    @field_validator("tools", "bases", mode="before")
-    @classmethod
-    def _number_keys(cls, value: object) -> object:
-        """Convert keys of digits to numbers: controllers number their frames (KUKA, FANUC) or name them (ABB)."""
-        if not isinstance(value, dict):
-            return value
-        return {int(key) if isinstance(key, str) and is_whole(key) else key: pose for key, pose in value.items()}
 
 
 class Correction(CellSection):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -18,7 +19,6 @@ from truepose.robots.nongeometric import GRAVITY, STEEL
 from truepose.samples import Poses, Samples, approach_from_order
 
 _COLUMNS: Final = {"temperature": "temp_C", "payload": "load_kg"}
-_AXES: Final = {"x_mm", "y_mm", "z_mm"}
 _REVERSALS: Final = 3  # samples from each side that tell the backlash of a joint
 _KELVIN: Final = 2.0  # smaller differences of temperature are not modelled: 0.05 mm at 2 m
 _LOAD: Final = 0.01  # the same of payloads, in parts of the larger one
@@ -39,20 +39,29 @@ def conditions_of(poses: Poses, cell: Cell) -> dict[str, FloatArray]:
         approach = approach_from_order(poses) if how == "from-order" and approach is None else approach
         approach = None if how == "none" else approach
     given = {"approach": approach, "temperature": poses.temperature, "payload": poses.load, "centre": poses.p_load}
-    if poses.p_load is None and not isinstance(poses, Samples) and _AXES & cell.payload.model_fields_set:
-        load = cell.payload
-        given["centre"] = np.tile([load.x_mm, load.y_mm, load.z_mm], (len(poses), 1))
+    if not isinstance(poses, Samples):
+        given["centre"] = centres_at_work(len(poses), poses.p_load, cell)
     given[REFLECTOR] = reflector_columns(poses, cell)
     if poses.load is None and isinstance(poses, Samples) and cell.payload.mass_kg:
         given["payload"] = np.full(len(poses), cell.payload.mass_kg)
     return {name: values for name, values in given.items() if values is not None}
 
 
+def centres_at_work(n: int, p_load: FloatArray | None, cell: Cell) -> FloatArray | None:
+    """Return the centres of mass at n poses that are commanded, (n, 3) [mm], flange frame.
+
+    They are those of `p_load`; where it is None or NaN, that of the cell's payload, if it states one.
+    """
+    if (own := cell.payload.centre) is None:
+        return p_load
+    return np.tile(own, (n, 1)) if p_load is None else np.where(np.isnan(p_load), own, p_load)
+
+
 def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False) -> dict[str, FloatArray]:
     """Return the conditions that a model of the samples has to know.
 
     Approaches of at least one joint from both sides; temperatures and payloads that differ among the samples, or from
-    those at work; times, where the readings drift.
+    those at work and with tools; times, where the readings drift.
 
     Raises
     ------
@@ -65,12 +74,12 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
         both = np.minimum((known["approach"] > 0).sum(axis=0), (known["approach"] < 0).sum(axis=0))
         if both.max() < _REVERSALS:
             del known["approach"]
-    work = work_of(cell)
+    work = {name: [value] for name, value in work_of(cell).items()}
+    work["payload"] = [*work.get("payload", []), *(one.mass_kg for one in cell.conditions.payloads.values())]
     for name in _COLUMNS:
         if name in known:
-            every = np.append(known[name], work.get(name, known[name][0]))
-            least = _KELVIN if name == "temperature" else _LOAD * every.max()
-            if np.ptp(every) <= least:
+            every = np.append(known[name], work.get(name, []))
+            if np.ptp(every) <= _least(name, every):
                 del known[name]
     if "payload" not in known:
         known.pop("centre", None)
@@ -82,7 +91,7 @@ def modelled_conditions(samples: Samples, cell: Cell, *, drifting: bool = False)
 def check_work(samples: Samples, cell: Cell) -> None:
     """Raise DataError if a cell states a condition at work that the samples do not state."""
     known = conditions_of(samples, cell)
-    for name in work_of(cell):
+    for name in (*work_of(cell), *(["payload"] if cell.conditions.payloads else [])):
         if name not in known:
             raise DataError(
                 f"{samples.source}: the cell states the {name} at work, but the samples have no column "
@@ -139,13 +148,50 @@ def not_modelled(predictor: Predictor, samples: Samples, cell: Cell, p_cmd: Floa
     p_cmd : (n, 3) array [mm], base frame
         The commanded positions of the samples, for the reach of the arm.
     """
-    used = predictor.conditions if isinstance(predictor, Conditional) else ()
-    known, reach = conditions_of(samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
-    variance = 0.0
-    for name, value in work_of(cell).items():
-        if name in used or name not in known:
+    known, reach = _unknown_to(predictor, samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
+    effects = [
+        _effect(name, value - known[name].mean(), reach) for name, value in work_of(cell).items() if name in known
+    ]
+    return float(np.sum(np.square(effects))) / 3.0
+
+
+def not_measured(
+    predictor: Predictor, samples: Samples, cell: Cell, p_cmd: FloatArray, given: Mapping[str, FloatArray | None]
+) -> FloatArray:
+    """Return the variance in each direction due to conditions of m poses that no sample had, (m,) or (1,) [mm²].
+
+    Parameters
+    ----------
+    predictor, samples, cell, p_cmd
+        As of `not_modelled`.
+    given : mapping of str to (m,) array or None
+        The ``temperature`` [°C] and the ``payload`` [kg] of the poses; NaN or None where they state none. What the
+        predictor knows, and what is within the values of the samples, adds nothing.
+    """
+    known, reach = _unknown_to(predictor, samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
+    variance = np.zeros(1)
+    for name, own in known.items():
+        if (values := given.get(name)) is None:
             continue
-        difference = value - float(known[name].mean())
-        weight = _COMPLIANCE * GRAVITY * reach * 1e-3
-        variance += (reach * difference * (STEEL if name == "temperature" else weight)) ** 2 / 3.0
+        least = _least(name, np.append(own, values[np.isfinite(values)]))
+        beyond = (values < own.min() - least) | (values > own.max() + least)
+        variance = variance + np.where(beyond, _effect(name, values - own.mean(), reach) ** 2, 0.0) / 3.0
     return variance
+
+
+def _unknown_to(predictor: Predictor, samples: Samples, cell: Cell) -> dict[str, FloatArray]:
+    """Return the temperatures and payloads of samples that a predictor does not know, by name."""
+    used = predictor.conditions if isinstance(predictor, Conditional) else ()
+    return {
+        name: values for name, values in conditions_of(samples, cell).items() if name in _COLUMNS and name not in used
+    }
+
+
+def _least(condition: str, values: FloatArray) -> float:
+    """Return the difference of a condition up to which its effect is not modelled [°C, kg]."""
+    return _KELVIN if condition == "temperature" else _LOAD * float(values.max())
+
+
+def _effect(condition: str, difference: FloatArray, reach: float) -> FloatArray:
+    """Return the most that a difference of temperature [K] or payload [kg] moves an arm of a reach [mm], [mm]."""
+    return reach * difference * (STEEL if condition == "temperature" else _COMPLIANCE * GRAVITY * reach * 1e-3)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -41,8 +42,8 @@ class Targets:
         The joints near which the controller reaches each target; NaN where they are not known.
     before : (n, 4, 4) array [mm], base frame, optional
         The poses from which a straight line leads to each target; NaN where there is none, or it is not known.
-    approach : (n, dof) array of -1, 0, +1, optional
-        The signs of each joint's last motion, where these were given.
+    given : mapping of str to array or None
+        The conditions of each target where these were stated, see `truepose.error_map.conditions.conditions_of`.
     """
 
     p: FloatArray
@@ -53,7 +54,7 @@ class Targets:
     turn: IntArray | None = None
     near: FloatArray | None = None
     before: FloatArray | None = None
-    approach: FloatArray | None = None
+    given: Mapping[str, FloatArray | None] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -65,6 +66,8 @@ class Targets:
         turn: IntArray | None,
         near: FloatArray | None = None,
         before: FloatArray | None = None,
+        load: FloatArray | None = None,
+        p_load: FloatArray | None = None,
     ) -> Self:
         """Return targets given as poses (n, 4, 4), positions (n, 3), joints (n, dof), or a table of these.
 
@@ -83,10 +86,14 @@ class Targets:
         if poses is not None:
             p = poses[:, :3, 3]
         assert p is not None
-        if before is not None and np.shape(before) != (n, 4, 4):
-            raise DataError(f"before has shape {np.shape(before)}; expected ({n}, 4, 4), a pose for each target")
-        approach = given.approach if isinstance(given, Poses) else None
-        return cls(p, poses, tools, q, status, turn, near, before, approach)
+        _sized("before", before, (n, 4, 4))
+        stated = {"payload": _sized("load", load, (n,)), "centre": _sized("p_load", p_load, (n, 3))}
+        if isinstance(given, Poses):
+            if load is not None or p_load is not None:
+                raise DataError("load and p_load cannot be combined with a table of poses, which states them itself")
+            own = {"approach": given.approach, "temperature": given.temperature}
+            stated = {**own, "payload": given.load, "centre": given.p_load}
+        return cls(p, poses, tools, q, status, turn, near, before, stated)
 
     def branches(self, robot: Robot, q_samples: FloatArray | None, *, needed: bool) -> BranchTracker | None:
         """Return the tracker of the targets' joints; None where these are neither needed nor known."""
@@ -98,10 +105,18 @@ class Targets:
 
     def conditions(self, error_map: PredictingMap, branches: BranchTracker | None) -> FloatArray:
         """Return the columns of conditions that follow a target's joints in the predictor's input, (n, c)."""
-        approach = self.approach
-        if branches is not None and approach is None and self.before is not None and self.poses is not None:
-            approach = approach_on_lines(error_map.robot, branches.q_target, self.poses, self.before)
-        return error_map.condition_columns(len(self.p), approach)
+        given = dict(self.given)
+        lines = self.before if given.get("approach") is None else None
+        if branches is not None and lines is not None and self.poses is not None:
+            given["approach"] = approach_on_lines(error_map.robot, branches.q_target, self.poses, lines)
+        return error_map.condition_columns(len(self.p), given)
+
+
+def _sized(name: str, values: FloatArray | None, shape: tuple[int, ...]) -> FloatArray | None:
+    """Return an array that has a row for each target."""
+    if values is not None and np.shape(values) != shape:
+        raise DataError(f"{name} has shape {np.shape(values)}; expected {shape}, one for each target")
+    return values
 
 
 def _parts(robot: Robot, given: Poses | ArrayLike) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
@@ -141,7 +156,8 @@ def correct(
     solution = _solve(error_map, targets, branches, start, conditions)
     x = solution.command[:, :3] if cartesian or branches is None else branches.q
     inputs = np.concatenate([x, conditions], axis=1)
-    _, std = error_map.predict_with_tool(inputs, targets.tf_flange_tool, orientation=orientation)
+    variance = error_map.not_measured({name: targets.given.get(name) for name in ("temperature", "payload")})
+    _, std = error_map.predict_with_tool(inputs, targets.tf_flange_tool, orientation=orientation, variance=variance)
     reasons = _reasons(error_map, targets, branches, guards, x, std, solution)
     change = solution.command - start
     share, verdict, reason = apply_policy(change, std, reasons, guards.limits, policy)

@@ -168,6 +168,8 @@ class ErrorMap(PredictingMap):
         turn: IntArray | None = None,
         near: FloatArray | None = None,
         before: FloatArray | None = None,
+        load: FloatArray | None = None,
+        p_load: FloatArray | None = None,
         on_guard: Policy | None = None,
         limits: LimitsInForce | None = None,
         orientation: bool = False,
@@ -190,6 +192,11 @@ class ErrorMap(PredictingMap):
         before : (n, 4, 4) array [mm], base frame, optional
             The poses from which the tool comes straight to each target, NaN where that is not known: they tell the side
             of its backlash on which each joint stands. A table of Poses may state ``approach`` instead.
+        load : (n,) array [kg], optional
+            The mass on the flange at each target; NaN where it is that at work. A table of Poses states its own, and
+            temperatures.
+        p_load : (n, 3) array [mm], flange frame, optional
+            The centre of this mass; NaN where it is that of the cell's payload.
         on_guard : {"refuse", "skip", "clip"}, optional
             The policy, instead of the one that `limits` names. Under ``refuse`` the verdicts say which targets refuse
             the program; the caller stops then.
@@ -224,7 +231,7 @@ class ErrorMap(PredictingMap):
             self._refuse_to_correct()
         limits = limits or self.limits_in_force()
         tool = self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool
-        targets = Targets.of(self.robot, poses, tool, status, turn, near, before)
+        targets = Targets.of(self.robot, poses, tool, status, turn, near, before, load, p_load)
         guards = self.guards_of(limits.limits)
         return correct(self, targets, guards, on_guard or limits.on_guard, orientation=orientation)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from truepose._io.tables import by_axis, data_frame, facts_table
 from truepose._typing import FloatArray
-from truepose.error_map.conditions import knows, models, not_modelled, with_conditions
+from truepose.error_map.conditions import (
+    centres_at_work,
+    knows,
+    models,
+    not_measured,
+    not_modelled,
+    with_conditions,
+)
 from truepose.error_map.data import MapData
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform
@@ -149,7 +157,8 @@ class PredictingMap(MapData):
         poses = poses if isinstance(poses, Poses) else Poses(q=np.atleast_2d(np.asarray(poses, float)), source="poses")
         poses = on_arm(poses, self.robot)
         p_cmd = self.commanded_positions(poses)
-        e, std = self.predict_at(with_conditions(self._in_space(poses, p_cmd), self.predictor, poses, self.cell))
+        x = with_conditions(self._in_space(poses, p_cmd), self.predictor, poses, self.cell)
+        e, std = self.predict_with_tool(x, self.tf_flange_tool, variance=self._not_measured(poses))
         tf_tracker_base = invert_transform(self.registration.tf_base_tracker)
         p = apply_transform(tf_tracker_base, p_cmd + e)
         return Prediction(e, std, p, np.sqrt(std**2 @ (tf_tracker_base[:3, :3] ** 2).T))
@@ -178,7 +187,7 @@ class PredictingMap(MapData):
         use it. Its variance is that of the predictor's field plus `unexplained`; it does not include the noise of one
         motion and of one reading, see `predict_reading`.
         """
-        return self.predict_at(self.inputs(poses))
+        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, variance=self._not_measured(poses))
 
     def predict_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return `predict_errors` at `inputs` of the predictor, (n, 3) [mm] or (n, dof) [rad] with conditions."""
@@ -205,20 +214,35 @@ class PredictingMap(MapData):
         DataError
             If the map knows positions only, or there are no joints.
         """
-        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True)
+        variance = self._not_measured(poses)
+        return self.predict_with_tool(self.inputs(poses), self.tf_flange_tool, orientation=True, variance=variance)
+
+    def _not_measured(self, poses: Poses) -> FloatArray:
+        return self.not_measured({"temperature": poses.temperature, "payload": poses.load})
+
+    def not_measured(self, given: Mapping[str, FloatArray | None]) -> FloatArray:
+        """Return the variance due to temperatures and payloads that no sample had, (m,) or (1,) [mm²].
+
+        See `truepose.error_map.conditions.not_measured`.
+        """
+        if all(values is None for values in given.values()):
+            return np.zeros(1)
+        return not_measured(self.predictor, self.samples, self.cell, self.p_cmd, given)
 
     @property
     def knows_approach(self) -> bool:
         """Whether predictions depend on the direction in which the joints come to a configuration."""
         return knows(self.predictor, "approach")
 
-    def condition_columns(self, n: int, approach: FloatArray | None) -> FloatArray:
-        """Return the columns that follow the joints of n targets in `inputs`, (n, c): approach, and what work states.
+    def condition_columns(self, n: int, given: Mapping[str, FloatArray | None]) -> FloatArray:
+        """Return the columns that follow the joints of n targets in `inputs`, (n, c).
 
-        An approach (n, dof) that is not given is unknown.
+        Conditions that are not given, or NaN, are unknown; payload and temperature are those at work then, and the
+        centre of mass is that of the cell's payload.
         """
         used = self.predictor.conditions if isinstance(self.predictor, Conditional) else ()
-        return joined(np.empty((n, self.robot.dof)), used, {"approach": approach})[:, self.robot.dof :]
+        centre = centres_at_work(n, given.get("centre"), self.cell)
+        return joined(np.empty((n, self.robot.dof)), used, {**given, "centre": centre})[:, self.robot.dof :]
 
     def leave_one_out(self) -> LeaveOneOut:
         """Return the residual of each sample predicted from the others, and its standard deviation, (n, 3) [mm].
@@ -228,7 +252,12 @@ class PredictingMap(MapData):
         return self.predictor.leave_one_out()
 
     def predict_with_tool(
-        self, x: FloatArray, tf_flange_tool: FloatArray, *, orientation: bool = False
+        self,
+        x: FloatArray,
+        tf_flange_tool: FloatArray,
+        *,
+        orientation: bool = False,
+        variance: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return errors (n, 3) [mm] or (n, 6) [mm, rad] of a tool, and their standard deviation as `predict_errors`.
 
@@ -240,15 +269,16 @@ class PredictingMap(MapData):
             The tool. Its point may differ from the sampled one if the predictor knows the arm.
         orientation : bool
             Whether to predict orientation together with position.
+        variance : (n,) or (1,) array [mm²], optional
+            The variance in each direction in addition to `unexplained`, see `not_measured`.
         """
         offset = self._offset(x, tf_flange_tool)
+        unexplained = self.unexplained if variance is None else self.unexplained + variance[:, None]
         if offset is None and not orientation:
             error, std = self.predictor.predict(x, return_std=True)
-            return error, np.sqrt(std**2 + self.unexplained)
+            return error, np.sqrt(std**2 + unexplained)
         rows = slice(6 if orientation else 3)
-        error, std = self._pose_predictor().predict_pose(
-            x, return_std=True, offset=offset, unexplained=self.unexplained
-        )
+        error, std = self._pose_predictor().predict_pose(x, return_std=True, offset=offset, unexplained=unexplained)
         std[:, 3:] = np.hypot(std[:, 3:], self.tool_turn[1])
         return self._with_tool_turn(x, error)[:, rows], std[:, rows]
 

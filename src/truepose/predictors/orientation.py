@@ -110,7 +110,7 @@ class PosePredictor(Predictor):
             Whether to return the standard deviations.
         offset : (m, 3) array [mm], base frame, optional
             The vector from the measured point to the wanted point of the tool, on the nominal arm.
-        unexplained : (3,) array [mm²], optional
+        unexplained : (3,) or (m, 3) array [mm²], optional
             The variance of the arm's errors beyond the field in each direction, a part of `nugget_`; default: none.
 
         Returns
@@ -132,7 +132,7 @@ class PosePredictor(Predictor):
             return error
         if unexplained is None:
             return error, std
-        rotations = unknown_rotations(np.sqrt(np.mean(unexplained)) * rotation_per_mm(self._lever(x)))
+        rotations = unknown_rotations(np.sqrt(np.mean(unexplained, axis=-1)) * rotation_per_mm(self._lever(x)))
         variance = std**2 + np.sum(at_offset(rotations, offset) ** 2, axis=2)
         variance[:, :3] += unexplained
         return error, np.sqrt(variance)

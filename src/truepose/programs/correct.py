@@ -52,6 +52,7 @@ from truepose.programs.corrector import (
 )
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.joint_correction import JointCorrection
+from truepose.programs.payloads import loads_of
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
@@ -184,8 +185,7 @@ def correct_program(
     if cell is not None and isinstance(error_map, KnowsWork):
         asked_map = error_map.at_work(cell.conditions)
         if asked_map is not error_map:
-            at_work = ", ".join(f"{name} {value:g}" for name, value in cell.conditions.at_work.items())
-            warnings.append(f"corrected for the conditions at work that the cell states: {at_work}")
+            warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions}")
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
@@ -406,6 +406,7 @@ def _ask(
         turn=np.where(columns.on_paths, -1, columns.turn),  # controllers ignore Turn along paths
         on_guard=on_guard,
         orientation=orientation,
+        **loads_of(columns, error_map),
         **more,
     )
     code = np.array([DONE.index(verdict) for verdict in np.asarray(answer.verdict).tolist()], np.int8)

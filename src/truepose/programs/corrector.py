@@ -126,7 +126,10 @@ class KnowsApproach(Protocol):
 
 @runtime_checkable
 class KnowsWork(Protocol):
-    """A corrector that can be asked for another temperature or payload at work, see `ErrorMap.at_work`."""
+    """A corrector that can be asked for another temperature or payload at work, see `ErrorMap.at_work`.
+
+    Its `correct` takes `load` and `p_load`, the payload of each target.
+    """
 
     def at_work(self, conditions: ConditionsSection) -> Corrector:
         """Return the corrector for the ``[conditions]`` of a cell."""

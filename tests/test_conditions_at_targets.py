@@ -1,0 +1,178 @@
+"""Conditions of targets: corrections know what predictions know, and what no sample had is uncertain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from truepose import Cell, VirtualCell, correct_program, fit_cell
+from truepose.cell import ConditionsSection
+from truepose.errors import DataError, FileError
+from truepose.geometry import make_transform
+from truepose.robots import nearest_branch
+from truepose.samples import Poses
+
+KRIGING = "kinematic-kriging"
+N = 12
+HEAVY, LIGHT = 120.0, 20.0
+
+
+def fitted(preset, n=60, **conditions):
+    virtual = VirtualCell(preset, seed=0)
+    return virtual, fit_cell(virtual.cell, virtual.measure(virtual.design(n, seed=0), seed=0, **conditions), KRIGING)
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A cell whose samples have two payloads."""
+    return fitted("hard", payload_kg=np.where(np.arange(60) % 2, LIGHT, HEAVY))
+
+
+@pytest.fixture(scope="module")
+def centred(loaded):
+    """The same samples with centres of mass, and a cell that states one."""
+    virtual, error_map = loaded
+    samples = error_map.samples
+    p_load = np.where(np.arange(len(samples))[:, None] % 3, [60.0, 0.0, 220.0], [-60.0, 40.0, 220.0])
+    return virtual, fit_cell(virtual.cell, replace(samples, p_load=p_load), KRIGING)
+
+
+@pytest.fixture(scope="module")
+def single():
+    """A cell whose samples have one payload."""
+    virtual = VirtualCell("hard", seed=0)
+    return virtual, virtual.measure(virtual.design(60, seed=0), seed=0)
+
+
+STATED = {
+    "payload": ("loaded", {"load": np.full(N, HEAVY)}),
+    "another payload": ("loaded", {"load": np.linspace(LIGHT, HEAVY, N)}),
+    "centre of the table": ("centred", {"load": np.full(N, HEAVY), "p_load": np.tile([0.0, 90.0, 150.0], (N, 1))}),
+    "centre of the cell": ("centred", {"load": np.full(N, HEAVY)}),
+    "nothing": ("centred", {}),
+    "temperature": ("cold-start", {"temperature": np.full(N, 27.0)}),
+    "approach": ("backlash", {"approach": np.ones((N, 6))}),
+}
+
+
+@pytest.mark.parametrize("stated", STATED)
+@pytest.mark.parametrize("orientation", [False, True])
+def test_a_correction_is_for_the_conditions_that_a_prediction_is_for(request, stated, orientation):
+    """The error that a correction takes away is the one that is predicted at its command, with its deviation."""
+    where, conditions = STATED[stated]
+    known = where in ("loaded", "centred")
+    virtual, error_map = request.getfixturevalue(where) if known else fitted(where)
+    q = virtual.design(N, seed=5)
+    found = error_map.correct(Poses(q=q, **conditions), on_guard="skip", orientation=orientation)
+    done = found.verdict == "correct"
+    assert done.mean() > 0.5
+    tool = error_map.tf_flange_tool
+    turned = virtual.robot.forward(q, tool=tool)[:, :3, :3]
+    if orientation:
+        turned = Rotation.from_rotvec(found.rotation).as_matrix() @ turned
+    commands = make_transform(turned, found.p_command)
+    at = Poses(q=nearest_branch(virtual.robot.inverse(commands, tool=tool), q), **conditions)
+    e, std = error_map.predict_errors(at)
+    np.testing.assert_allclose(found.e[done], e[done], atol=2e-4)
+    np.testing.assert_allclose(found.std[done], std[done], atol=2e-4)
+
+
+@pytest.mark.parametrize("predictor", [KRIGING, "calibration", "ordinary-kriging"])
+@pytest.mark.parametrize("condition", [{"load": 30.0}, {"temperature": 35.0}])
+def test_a_pose_under_conditions_that_no_sample_had_is_uncertain(single, predictor, condition):
+    virtual, samples = single
+    error_map = fit_cell(virtual.cell, samples, predictor)
+    q = virtual.design(N, seed=5)
+    plain = np.linalg.norm(error_map.predict(Poses(q=q)).std, axis=1)
+    (name, value), size = next(iter(condition.items())), {"load": 1.0, "temperature": 0.2}
+    poses = Poses(q=q, **{name: np.full(N, value)})
+    std = np.linalg.norm(error_map.predict_errors(poses)[1], axis=1)
+    assert (std > np.hypot(plain, size[name])).all()
+    np.testing.assert_allclose(np.linalg.norm(error_map.predict(poses).std, axis=1), std)
+    assert not np.isin(error_map.correct(poses, on_guard="skip", accept_weak_map=True).verdict, ["correct"]).any()
+    if error_map.knows_orientation:
+        pose_std = error_map.predict_pose_errors(poses)[1]
+        np.testing.assert_allclose(np.linalg.norm(pose_std[:, :3], axis=1), std, rtol=0.02)
+        assert (pose_std[:, 3:] > error_map.predict_pose_errors(Poses(q=q))[1][:, 3:]).all()
+    usual = Poses(q=q, load=np.full(N, float(samples.load[0])), temperature=np.full(N, samples.temperature.mean()))
+    np.testing.assert_allclose(np.linalg.norm(error_map.predict_errors(usual)[1], axis=1), plain)
+
+
+def test_loads_of_targets_are_those_of_a_table(loaded):
+    virtual, error_map = loaded
+    q = virtual.design(N, seed=5)
+    load = np.where(np.arange(N) % 2, LIGHT, np.nan)
+    found = error_map.correct(virtual.robot.forward(q, tool=error_map.tf_flange_tool), load=load)
+    light = error_map.correct(Poses(q=q, load=np.full(N, LIGHT)))
+    usual = error_map.correct(Poses(q=q))
+    for odd, other in ((True, light), (False, usual)):
+        rows = np.arange(N) % 2 == odd
+        np.testing.assert_allclose(found.p_command[rows], other.p_command[rows], atol=1e-6)
+    with pytest.raises(DataError, match=r"load has shape \(3,\); expected \(12,\)"):
+        error_map.correct(q, load=np.zeros(3))
+    with pytest.raises(DataError, match="cannot be combined with a table of poses"):
+        error_map.correct(Poses(q=q), load=load)
+
+
+# --- tools of a program -----------------------------------------------------------------------------------------------
+
+
+def with_tools(virtual, payloads):
+    tool = {key: value for key, value in virtual.cell.tool.model_dump(exclude_unset=True).items() if key != "fit"}
+    rows = virtual.cell.model_dump(exclude_unset=True)
+    return Cell.model_validate(
+        {**rows, "frames": {"tools": {"1": tool, "2": tool}}, "conditions": {"payloads": payloads}}
+    )
+
+
+def changing_tools(virtual, q):
+    """Return a KRL program whose first half of targets is reached with tool 1, and the other with tool 2."""
+
+    lines = ["DEF a()", "$BASE=$NULLFRAME"]
+    for i, pose in enumerate(virtual.robot.forward(q, tool=virtual.tf_flange_tool)):
+        if i % (len(q) // 2) == 0:
+            lines.append(f"$TOOL=TOOL_DATA[{1 + i // (len(q) // 2)}]")
+        angles = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
+        numbers = ",".join(f"{name} {x:.4f}" for name, x in zip("XYZABC", [*pose[:3, 3], *angles], strict=True))
+        lines.append(f"PTP {{{numbers}}}")
+    return "\n".join([*lines, "END", ""])
+
+
+def test_each_target_has_the_payload_of_its_tool(loaded, tmp_path):
+    virtual, error_map = loaded
+    path, q = tmp_path / "a.src", virtual.design(N, seed=5)
+    path.write_text(changing_tools(virtual, q))
+    cell = with_tools(virtual, {"1": {"mass_kg": LIGHT}, "2": {"mass_kg": HEAVY}})
+    corrected = correct_program(path, error_map, cell=cell, on_guard="skip")
+    kg = np.where(np.arange(N) < N // 2, LIGHT, HEAVY)
+    expected = error_map.correct(Poses(q=q, load=kg))
+    done = corrected.targets.corrected
+    assert done.mean() > 0.5
+    np.testing.assert_allclose(corrected.targets.after[done, :3], expected.p_command[done], atol=2e-3)
+    other = error_map.correct(Poses(q=q))
+    assert np.linalg.norm(other.p_command - expected.p_command, axis=1).max() > 0.3
+    assert any("payload of tool 1 20 kg, payload of tool 2 120 kg" in warning for warning in corrected.warnings)
+    read = Cell.from_toml(cell.to_toml())
+    assert read.conditions.payloads[2].mass_kg == HEAVY
+
+
+def test_a_payload_that_no_sample_had_is_not_corrected(single, tmp_path):
+    """Of a map that does not know payloads; one that is fitted for the tools knows them, and how badly."""
+    virtual, samples = single
+    path, q = tmp_path / "a.src", virtual.design(N, seed=5)
+    path.write_text(changing_tools(virtual, q))
+    cell = with_tools(virtual, {"2": {"mass_kg": LIGHT}})
+    for error_map in (fit_cell(virtual.cell, samples, KRIGING), fit_cell(cell, samples, KRIGING)):
+        corrected = correct_program(path, error_map, cell=cell, on_guard="skip")
+        assert corrected.targets.corrected.tolist() == [True] * (N // 2) + [False] * (N // 2)
+
+
+def test_payloads_with_tools_are_checked(single):
+    virtual, samples = single
+    with pytest.raises(FileError, match=r"conditions\.payloads\.3.*mass_kg.*is missing"):
+        Cell.from_toml(virtual.cell.to_toml() + "\n[conditions.payloads.3]\nx_mm = 20.0\n", source="cell.toml")
+    no_mass = virtual.cell.model_copy(update={"payload": type(virtual.cell.payload)()})
+    error_map = fit_cell(no_mass, replace(samples, load=None), "calibration")
+    with pytest.raises(DataError, match="no column load_kg"):
+        error_map.at_work(ConditionsSection.model_validate({"payloads": {"1": {"mass_kg": 3.0}}}))
