@@ -22,9 +22,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job 
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 import truepose
 from truepose.numerics.threads import cores
+
+settings.register_profile("any machine", deadline=None)  # an example may take as long as a busy machine needs
+settings.load_profile("any machine")
 
 
 def pytest_xdist_auto_num_workers() -> int:

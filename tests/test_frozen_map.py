@@ -129,7 +129,7 @@ def test_a_frozen_map_equals_its_map(maps, name):
     frozen.check_map(error_map)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.sampled_from(["paper", "ur10", "calibrated"]),
     st.lists(st.floats(-400.0, 400.0), min_size=3, max_size=3),

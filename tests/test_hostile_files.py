@@ -303,7 +303,7 @@ GOOD = {
 
 
 @pytest.mark.promise("Random mutations of good tables, cells, robots and readings give a result or one typed error")
-@settings(max_examples=250, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=250, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_mutated_text(tmp_path_factory, data):
     reader = data.draw(st.sampled_from(sorted(GOOD)))

@@ -233,7 +233,7 @@ def test_other_packing_is_refused(good):
 
 
 @pytest.mark.promise("No flipped bit, cut or doubled member of a map file gives anything but the map or one error")
-@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_mutated_archives(good, parts, data):
     broken = bytearray(good)

@@ -42,7 +42,7 @@ def plain(models, matrices, x, e, targets, noise):
     return np.array(mean), np.array(covariance)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 6]), st.booleans(), st.sampled_from(["none", "turns", "each"])
 )

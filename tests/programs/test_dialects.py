@@ -291,7 +291,7 @@ def attempt(path: Path, error_map: Any, **more: Any) -> CorrectedProgram | str:
 
 
 ANY_FOLDER = settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], deadline=None, max_examples=60
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60
 )
 
 

@@ -17,7 +17,7 @@ from truepose.programs.core import forms
 from truepose.programs.core.forms import Run
 
 FRAMES = FrameTable(tools={0: np.eye(4), 1: np.eye(4)}, bases={0: np.eye(4), 1: np.eye(4), "fOwn": np.eye(4)})
-PROPERTY = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+PROPERTY = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def told(path: Path, make_map: Any, fewest: int, **options: Any) -> list[Any]:

@@ -311,7 +311,7 @@ def test_orientation_is_corrected_too(tmp_path: Path, maker: Maker) -> None:
         np.testing.assert_allclose(vector, [4e-4, -3e-4, 2e-4], atol=4 * np.radians(maker.step))
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_joints_any_digits(tmp_path: Path, data: st.DataObject) -> None:
     """Whatever the digits: nothing but joints changes, by less than what the error asks for and half a digit each."""

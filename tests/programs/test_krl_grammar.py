@@ -195,7 +195,7 @@ def attempt(path: Path, error_map: Any, **more: Any) -> CorrectedProgram | str:
         return str(error)
 
 
-ANY_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], deadline=None)
+ANY_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
 
 @ANY_FOLDER

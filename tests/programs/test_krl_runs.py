@@ -62,7 +62,7 @@ def told(folder: Path, body: str, fewest: int) -> list[tuple[Any, ...]] | str:
     return [tuple(getattr(target, name) for name in names) for target in program.targets]
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(body=bodies())
 def test_runs_and_single_lines_agree(body: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("runs")

@@ -64,7 +64,7 @@ def tasks(draw: Any) -> list[str]:
     return [f"MODULE A\n{data}\nENDMODULE\n", f"MODULE B\n{body}\nENDMODULE\n"]
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     modules=tasks(),
     options=st.sampled_from([ReadOptions(), ReadOptions(whole_task=True), ReadOptions(derived=True)]),

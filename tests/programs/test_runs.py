@@ -216,7 +216,7 @@ def told(path: Path, make_map: Any, fewest: int, options: ReadOptions | None = N
         return [*found, corrected.files, corrected.to_csv(), corrected.to_dict()]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     body=bodies(rapid_line, RAPID_BETWEEN, RAPID_BROKEN),
     options=st.sampled_from([ReadOptions(), ReadOptions(external_axes=True)]),
@@ -229,7 +229,7 @@ def test_rapid_runs_and_single_lines_agree(
     assert told(path, make_map, 1, options) == told(path, make_map, 10**9, options)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=bodies(ur_line, UR_BETWEEN, UR_BROKEN))
 def test_urscript_runs_and_single_lines_agree(
     body: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any
@@ -239,7 +239,7 @@ def test_urscript_runs_and_single_lines_agree(
     assert told(path, make_map, 1) == told(path, make_map, 10**9)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=fanuc_parts())
 def test_fanuc_runs_and_single_lines_agree(text: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any) -> None:
     path = tmp_path_factory.mktemp("runs") / "a.ls"

@@ -106,7 +106,7 @@ def test_paths_that_share_a_point_agree_on_it(tmp_path: Path, make_map: Any, lim
     assert read_program(tmp_path / "two.src").counts()["correct"] == 9
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(3, 30), st.integers(0, 10**6), st.floats(0.005, 0.2))
 def test_smoothed_corrections_keep_both_limits(n: int, seed: int, limit: float) -> None:
     rng = np.random.default_rng(seed)

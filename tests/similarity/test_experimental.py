@@ -25,7 +25,7 @@ def by_hand(x, e, edges):
     return lag, gamma, pairs
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(2, 700),

@@ -25,7 +25,7 @@ def problem(rng, family="matern52", method="reml", ranges="each", n=25, d=3, com
     return _Problem(Parametrisation.of(family, ranges, d), method, common, x, e, F)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     d=st.sampled_from([1, 2, 3, 6]),

@@ -131,7 +131,7 @@ def test_derivatives_by_parameters(family, extra):
         np.testing.assert_allclose(found["sill_of_2"], 1 - np.exp(-h / 1.5))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     d=st.sampled_from([1, 2, 3, 6]),
@@ -154,7 +154,7 @@ def test_covariance_is_positive_definite(seed, d, family, ranges):
     np.testing.assert_allclose(matrix, model_of(family).signal_covariance(stretched), atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([1, 2, 3, 6]), alpha=st.floats(0.05, 1.95))
 def test_pseudo_sill_makes_it_positive_definite(seed, d, alpha):
     rng = np.random.default_rng(seed)

@@ -99,7 +99,6 @@ def test_any_request_has_an_answer(client: TestClient, known: dict[str, list[str
 
     @settings(
         max_examples=EXAMPLES,
-        deadline=None,
         derandomize=True,
         database=None,
         suppress_health_check=list(HealthCheck),

@@ -237,7 +237,7 @@ def test_changes_of_keys_keep_comments_and_order(client: TestClient, cell: str) 
         max_size=4,
     )
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_changed_keys_have_their_values_and_others_theirs(values: dict[str, float | None]) -> None:
     before = tomllib.loads(template(ROBOT))
     after = tomllib.loads(
