@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truepose import Cell, VirtualCell, correct_program, fit_cell
+from truepose import Cell, VirtualCell, correct_program, fit_cell, recheck
 from truepose.cell import ConditionsSection
 from truepose.errors import DataError, FileError
 from truepose.geometry import make_transform
@@ -97,6 +97,23 @@ def test_a_pose_under_conditions_that_no_sample_had_is_uncertain(single, predict
         assert (pose_std[:, 3:] > error_map.predict_pose_errors(Poses(q=q))[1][:, 3:]).all()
     usual = Poses(q=q, load=np.full(N, float(samples.load[0])), temperature=np.full(N, samples.temperature.mean()))
     np.testing.assert_allclose(np.linalg.norm(error_map.predict_errors(usual)[1], axis=1), plain)
+
+
+@pytest.mark.parametrize("predictor", [KRIGING, "ordinary-kriging"])
+def test_samples_under_conditions_that_no_sample_had_do_not_pass_for_a_map_that_holds(single, predictor):
+    """The uncertainty of a strange condition is for poses that are not measured; readings show its effect."""
+    virtual, samples = single
+    error_map = fit_cell(virtual.cell, samples, predictor)
+    q = virtual.design(20, seed=4)
+    found = recheck(error_map, virtual.measure(q, seed=4, payload_kg=30.0))
+    assert found.holding.verdict != "holds"
+    assert found.words[1] == (
+        "20 of 20 samples have a payload of 30 kg, those of the map 120 kg, and the map does not know its effect: fit "
+        "a new map with all samples."
+    )
+    usual = recheck(error_map, virtual.measure(q, seed=4))
+    assert usual.holding.verdict == "holds"
+    assert usual.strange == []
 
 
 def test_loads_of_targets_are_those_of_a_table(loaded):

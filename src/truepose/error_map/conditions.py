@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from truepose._typing import FloatArray
+from truepose._typing import BoolArray, FloatArray
 from truepose.cell import Cell
 from truepose.error_map.points import reflector_columns
 from truepose.errors import DataError
@@ -170,13 +170,42 @@ def not_measured(
     """
     known, reach = _unknown_to(predictor, samples, cell), float(np.linalg.norm(p_cmd, axis=1).max())
     variance = np.zeros(1)
-    for name, own in known.items():
-        if (values := given.get(name)) is None:
-            continue
-        least = _least(name, np.append(own, values[np.isfinite(values)]))
-        beyond = (values < own.min() - least) | (values > own.max() + least)
-        variance = variance + np.where(beyond, _effect(name, values - own.mean(), reach) ** 2, 0.0) / 3.0
+    for name, beyond in _beyond(known, given).items():
+        effect = np.where(beyond, _effect(name, given[name] - known[name].mean(), reach), 0.0)
+        variance = variance + effect**2 / 3.0
     return variance
+
+
+def strange_conditions(predictor: Predictor, samples: Samples, cell: Cell, others: Samples) -> list[str]:
+    """Name the temperatures and payloads of other samples that no sample of a fit had and its predictor does not know.
+
+    Each is a sentence with the values and the remedy.
+    """
+    known, given = _unknown_to(predictor, samples, cell), conditions_of(others, cell)
+    said = []
+    for name, beyond in _beyond(known, given).items():
+        if beyond.any():
+            at, own = _range(name, given[name][beyond]), _range(name, known[name])
+            said.append(
+                f"{beyond.sum()} of {len(others)} samples have a {name} of {at}, those of the map {own}, and the map "
+                "does not know its effect: fit a new map with all samples."
+            )
+    return said
+
+
+def _beyond(known: Mapping[str, FloatArray], given: Mapping[str, FloatArray | None]) -> dict[str, BoolArray]:
+    """Return where given conditions are beyond the known ones, by name."""
+    found = {}
+    for name, own in known.items():
+        if (values := given.get(name)) is not None:
+            least = _least(name, np.append(own, values[np.isfinite(values)]))
+            found[name] = (values < own.min() - least) | (values > own.max() + least)
+    return found
+
+
+def _range(condition: str, values: FloatArray) -> str:
+    ends = dict.fromkeys(f"{value:g}" for value in (values.min(), values.max()))
+    return f"{' to '.join(ends)} {'°C' if condition == 'temperature' else 'kg'}"
 
 
 def _unknown_to(predictor: Predictor, samples: Samples, cell: Cell) -> dict[str, FloatArray]:

@@ -7,14 +7,14 @@ then added to the samples of the map, with its hyperparameters; or only station 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
-from truepose.error_map.conditions import knows, with_conditions
+from truepose.error_map.conditions import knows, strange_conditions, with_conditions
 from truepose.error_map.map import ErrorMap
 from truepose.error_map.orientations import mounting_of, orientation_columns
 from truepose.error_map.points import points_on_tool
@@ -65,12 +65,15 @@ class Recheck:
         The possible causes, the likeliest first; empty where the map holds.
     time, temperature : Drift, optional
         The drift of the unexplained errors [mm/h], [mm/K]; None where the samples do not determine it.
+    strange : list of str
+        The conditions of the samples that no sample of the map had and the map does not know, each a sentence.
     """
 
     holding: ConsistencyTest
     causes: list[Explanation]
     time: Drift | None
     temperature: Drift | None
+    strange: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<Recheck: {' '.join(self.words)}>"
@@ -82,7 +85,7 @@ class Recheck:
         verdict = "may no longer hold" if found.verdict == "doubtful" else found.verdict
         size = f"residuals are {found.ratio:.2f} times what it predicts"
         said = [f"The map {verdict}: {size} (p = {found.p_value:.2g}, {found.n} readings)."]
-        said += [_sentence(cause) for cause in self.causes[:1]]
+        said += [*self.strange, *(_sentence(cause) for cause in self.causes[:1])]
         for other in self.causes[1:3]:
             alike = self.causes[0].explained - other.explained < _ALIKE
             said.append(f"{'Equally likely:' if alike else 'Less likely:'} {other.cause}.")
@@ -104,6 +107,7 @@ class Recheck:
             ],
             "time": None if self.time is None else self.time.to_dict("h"),
             "temperature": None if self.temperature is None else self.temperature.to_dict("K"),
+            "strange": self.strange,
             "words": self.words,
         }
 
@@ -147,7 +151,8 @@ def recheck(error_map: ErrorMap, samples: Samples) -> Recheck:
             return None
         return drift(residual, covariance, quantity * scale)
 
-    return Recheck(found, why, over(samples.time, 1 / 3600.0), over(samples.temperature, 1.0))
+    strange = strange_conditions(error_map.predictor, error_map.samples, error_map.cell, samples)
+    return Recheck(found, why, over(samples.time, 1 / 3600.0), over(samples.temperature, 1.0), strange)
 
 
 def update_map(error_map: ErrorMap, samples: Samples, refit: Refit | None = None) -> ErrorMap:
@@ -328,12 +333,14 @@ def _with_body(
 def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return residuals (n, 3) of samples against the map, their covariance, and the variance that they may share."""
     e, noisy = error_map.predict_reading(samples)
+    strange = error_map.not_measured({"temperature": samples.temperature, "payload": samples.load})[:, None]
+    noisy = np.sqrt(noisy**2 - strange)  # what no sample of the map had is to be found, not to be expected
     residual = error_map.errors(samples) - e
     predictor, apart = error_map.predictor, error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER
     if apart or not isinstance(predictor, JointlyPredicting):
         _, std = error_map.predict_errors(samples)
-        field = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
-        return residual, noisy[:, :, None] ** 2 * np.eye(3), field
+        alike = np.maximum(std**2 - strange - error_map.unexplained, 0.0)  # the rest differs from pose to pose
+        return residual, noisy[:, :, None] ** 2 * np.eye(3), alike
     _, covariance = predictor.predict_together(error_map.inputs(samples))
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
     return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
