@@ -85,7 +85,7 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "robot: its geometry, seen through the noise of the tracker. They are not where more poses know more. The "
         "three share one motion, so repeatability is averaged over a third of the motions. They share one angle of "
         "each joint, so an error that depends on this angle is seen at a third of the angles, and gravity in a third "
-        "of the postures. The ratios are the same with known hyperparameters, so no better fit would change them."
+        "of the postures. Known hyperparameters hardly change the ratios, so no better fit would."
     )
 
 
