@@ -94,6 +94,7 @@ def _backlash(seed: int) -> Iterator[Case]:
     rows = {
         "approach stated": fit_cell(cell.cell, samples, PREDICTOR),
         "approach from the order of rows": fit_cell(by_order, replace(samples, approach=None), PREDICTOR),
+        "approach stated, backlash_shape=no": fit_cell(cell.cell, samples, CONSTANT),
         "conditions=none": fit_cell(cell.cell, samples, WITHOUT),
     }
     for name, error_map in rows.items():

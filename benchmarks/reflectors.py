@@ -59,7 +59,12 @@ def report(path: Path | None, *, quick: bool = False) -> None:
         "them: what is left is what the readings say of the robot. Conditions of the poses are left out."
     )
     page.head(
-        ["errors of the robot", f"3 reflectors, {POSES} poses [mm]", f"1 reflector, {3 * POSES} poses [mm]", "ratio"]
+        [
+            "errors of the robot",
+            f"3 reflectors, {POSES} poses [mm]",
+            f"1 reflector, {REFLECTORS * POSES} poses [mm]",
+            "ratio",
+        ]
     )
     for group, preset, without in GROUPS:
         means = np.array([known(preset, without, seed) for seed in seeds]).mean(axis=0)

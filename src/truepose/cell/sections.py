@@ -171,10 +171,12 @@ class ConditionsSection(CellSection):
         names = ("temperature_C", "payload_kg", "payloads")
         return {name: value for name in names if (value := getattr(self, name)) not in (None, {})}
 
-    def __str__(self) -> str:
-        said = {name: value for name, value in self.at_work.items() if name != "payloads"}
-        said |= {f"payload of tool {key}": f"{payload.mass_kg:g} kg" for key, payload in self.payloads.items()}
-        return ", ".join(f"{name} {value}" for name, value in said.items())
+    @property
+    def words(self) -> str:
+        """Temperature and payloads in words."""
+        said = [f"{name} {value:g}" for name, value in self.at_work.items() if name != "payloads"]
+        said += [f"payload with tool {key} {payload.mass_kg:g} kg" for key, payload in self.payloads.items()]
+        return ", ".join(said)
 
 
 def conditions_at_work(temperature: float | None, payload: float | None) -> ConditionsSection:

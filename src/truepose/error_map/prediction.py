@@ -196,8 +196,12 @@ class PredictingMap(MapData):
     def predict_reading(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
         """Return expected errors (n, 3) [mm] of new samples, and their standard deviation with a reading's noise."""
         e, std = self.predict_errors(samples)
+        return e, self.reading_std(samples, std)
+
+    def reading_std(self, samples: Samples, std: FloatArray) -> FloatArray:
+        """Return the standard deviations of predictions (n, 3) [mm] with the noise of a motion and of a reading."""
         known = self.reading_noise(samples)
-        return e, np.sqrt(std**2 + self._nugget_and_known[1] + (0.0 if known is None else known**2))
+        return np.sqrt(std**2 + self._nugget_and_known[1] + (0.0 if known is None else known**2))
 
     def predict_pose_errors(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return predicted errors of position and orientation at commanded configurations, and their std.

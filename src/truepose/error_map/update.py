@@ -332,16 +332,14 @@ def _with_body(
 
 def _surprise(error_map: ErrorMap, samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return residuals (n, 3) of samples against the map, their covariance, and the variance that they may share."""
-    e, noisy = error_map.predict_reading(samples)
-    strange = error_map.not_measured({"temperature": samples.temperature, "payload": samples.load})[:, None]
-    noisy = np.sqrt(noisy**2 - strange)  # what no sample of the map had is to be found, not to be expected
-    residual = error_map.errors(samples) - e
+    x = error_map.inputs(samples)
+    e, std = error_map.predict_at(x)  # conditions that no sample of the map had are to be found, not to be expected
+    noisy, residual = error_map.reading_std(samples, std), error_map.errors(samples) - e
     predictor, apart = error_map.predictor, error_map.p_flange_sampled is not None or len(samples) > _MOST_TOGETHER
     if apart or not isinstance(predictor, JointlyPredicting):
-        _, std = error_map.predict_errors(samples)
-        alike = np.maximum(std**2 - strange - error_map.unexplained, 0.0)  # the rest differs from pose to pose
+        alike = np.maximum(std**2 - error_map.unexplained, 0.0)  # the rest differs from pose to pose
         return residual, noisy[:, :, None] ** 2 * np.eye(3), alike
-    _, covariance = predictor.predict_together(error_map.inputs(samples))
+    _, covariance = predictor.predict_together(x)
     noise = noisy**2 - np.diag(covariance).reshape(-1, 3)
     return residual, covariance + np.diag(np.maximum(noise, 0.0).reshape(-1)), None
 

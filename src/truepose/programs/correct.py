@@ -52,7 +52,7 @@ from truepose.programs.corrector import (
 )
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.joint_correction import JointCorrection
-from truepose.programs.payloads import loads_of
+from truepose.programs.payloads import loads_of, tools_without_payload
 from truepose.programs.proof import proven_hashes
 from truepose.programs.reading import read_program
 from truepose.programs.record import check_not_corrected
@@ -181,11 +181,10 @@ def correct_program(
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
     reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
     before = poses_before(program) if reversing else None
-    asked_map = error_map
-    if cell is not None and isinstance(error_map, KnowsWork):
-        asked_map = error_map.at_work(cell.conditions)
-        if asked_map is not error_map:
-            warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions}")
+    asked_map = error_map.at_work(cell.conditions) if cell and isinstance(error_map, KnowsWork) else error_map
+    if cell and asked_map is not error_map:
+        warnings.append(f"corrected for the conditions at work that the cell states: {cell.conditions.words}")
+    warnings += tools_without_payload(program, asked_map)
     done = 0
     for rows, columns in program.correctable_columns():
         if near is not None:
