@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.synced
 RUNTIME := $(VENV)/.runtime
 
-.PHONY: setup demo app frontend test lint docs study bench clean
+.PHONY: setup demo app frontend test test-all lint docs study bench clean
 
 setup: $(STAMP)
 
@@ -38,6 +38,10 @@ frontend: $(STAMP)
 test: frontend
 	$(BIN)/python tools/frontend.py test
 	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
+
+# the second tier, too: the same behaviours repeated (see tests/tiers.py)
+test-all: export TRUEPOSE_TESTS := all
+test-all: test
 
 lint: setup
 	$(BIN)/ruff check .

@@ -23,12 +23,23 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job 
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests.tiers import EXHAUSTIVE, examples
 
 import truepose
 from truepose.numerics.threads import cores
 
-settings.register_profile("any machine", deadline=None)  # an example may take as long as a busy machine needs
-settings.load_profile("any machine")
+# an example may take as long as a busy machine needs
+settings.register_profile("this tier", deadline=None, max_examples=examples(100))
+settings.load_profile("this tier")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the second tier out, unless it is asked for (see tests/tiers.py)."""
+    second = [] if EXHAUSTIVE else [item for item in items if item.get_closest_marker("exhaustive")]
+    if second:
+        left_out = set(second)
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=second)
 
 
 def pytest_xdist_auto_num_workers() -> int:

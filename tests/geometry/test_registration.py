@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from tests.tiers import examples
 
 from truepose.errors import DataError, IdentifiabilityError
 from truepose.geometry import (
@@ -51,7 +52,7 @@ def rotation_error(tf: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 class TestExact:
-    @settings(max_examples=30)
+    @settings(max_examples=examples(30))
     @given(seed=st.integers(0, 2**32 - 1), n=st.integers(3, 30), robust=st.booleans())
     def test_rigid(self, seed: int, n: int, robust: bool) -> None:
         s = make_station(np.random.default_rng(seed), n)
@@ -61,7 +62,7 @@ class TestExact:
         assert not found.outliers.any()
         assert found.hint == ""
 
-    @settings(max_examples=30)
+    @settings(max_examples=examples(30))
     @given(seed=st.integers(0, 2**32 - 1), n=st.integers(5, 30), robust=st.booleans())
     def test_with_tool(self, seed: int, n: int, robust: bool) -> None:
         s = make_station(np.random.default_rng(seed), n)
@@ -126,7 +127,7 @@ class TestLeastSquares:
             normalised.append(x @ np.linalg.solve(found.covariance, x) / len(x))
         assert 0.8 < np.mean(normalised) < 1.25  # mean of 60 chi-square values over their degrees of freedom
 
-    @settings(max_examples=20)
+    @settings(max_examples=examples(20))
     @given(seed=st.integers(0, 2**32 - 1))
     def test_moving_the_tracker_moves_only_the_station(self, seed: int) -> None:
         rng = np.random.default_rng(seed)

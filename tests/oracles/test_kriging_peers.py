@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.predictors import OrdinaryKriging, SimpleKriging, UniversalKriging, VecchiaKriging, VectorKriging
 from truepose.similarity import VariogramModel
 
-SETTINGS = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+SETTINGS = settings(max_examples=examples(25), suppress_health_check=[HealthCheck.too_slow])
 
 # Each family in the peers' own parameters: (gstools class, its arguments, pykrige name, its range).
 PEERS = {
@@ -157,7 +158,7 @@ def test_gpboost_vecchia():
     assert model.log_likelihood_[0] == pytest.approx(-195.93753006461216, abs=1e-6)
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3]))
 def test_gstlearn_vector(seed, d):
     """Ordinary cokriging with a linear model of coregionalisation: nugget, exponential and spherical."""

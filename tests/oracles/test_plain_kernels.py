@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks import plain
 
+from benchmarks import plain
 from truepose.numerics.kernels import MATERN32, cross_correlation, pack, weighted_sum
 from truepose.numerics.small_systems import eliminate, pair_distances
 from truepose.predictors import OrdinaryKriging

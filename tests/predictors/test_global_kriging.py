@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
+from tests.tiers import examples
 
 from truepose.errors import DataError, IllConditionedWarning, KrigingError
 from truepose.predictors import (
@@ -37,7 +38,7 @@ def dense(variogram, x, e, targets, drift, f0):
     return mean, prior - np.einsum("mi,ij,mj->m", cross, inverse, cross) + np.einsum("mp,pq,mq->m", lack, spread, lack)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 6]), st.sampled_from(["constant", "linear", "quadratic"]))
 def test_equation_8(seed, d, drift):
     rng = np.random.default_rng(seed)
@@ -198,7 +199,7 @@ def test_a_small_block_is_a_point(rng):
         model.predict_block(targets, 1, nodes=100)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([None, 0.3, "each"]))
 def test_leave_blocks_out_is_refitting(seed, exact, noise):
     rng = np.random.default_rng(seed)

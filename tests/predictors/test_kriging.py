@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
+from tests.tiers import examples
 
 from truepose.errors import IllConditionedWarning, KrigingError
 from truepose.predictors import OrdinaryKriging
@@ -49,7 +50,7 @@ def by_equation_7(variogram, x, e, noise, targets, filtering):
     return weights[:n].T @ e, variance - (variogram.nugget if filtering else 0)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(problems(), st.booleans())
 def test_equation_7(problem, exact):
     variogram, x, e, noise, targets = problem
@@ -63,7 +64,7 @@ def test_equation_7(problem, exact):
         np.testing.assert_allclose(std[:, c] ** 2, np.maximum(variance, 0), atol=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(problems(), st.booleans())
 def test_leave_one_out_is_refitting(problem, exact):
     variogram, x, e, noise, _ = problem
@@ -78,7 +79,7 @@ def test_leave_one_out_is_refitting(problem, exact):
         np.testing.assert_allclose(std[i] ** 2, refitted_std[0] ** 2 + full[i] ** 2, rtol=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(problems(families=("gaussian", "matern32", "matern52", "exponential", "spherical")))
 def test_gradient(problem):
     variogram, x, e, noise, targets = problem
@@ -264,7 +265,7 @@ def test_poor_condition_is_told_with_its_remedy(rng):
         OrdinaryKriging(replace(smooth, nugget=1e-6)).fit(x, x)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(problem=problems(families=BOUNDED))
 def test_condition_is_that_of_the_covariance_matrix(problem):
     variogram, x, e, _, targets = problem

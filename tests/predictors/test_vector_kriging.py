@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
+from tests.tiers import examples
 
 from truepose.errors import DataError, KrigingError
 from truepose.predictors import OrdinaryKriging, VectorKriging
@@ -42,7 +43,7 @@ def plain(models, matrices, x, e, targets, noise):
     return np.array(mean), np.array(covariance)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 6]), st.booleans(), st.sampled_from(["none", "turns", "each"])
 )

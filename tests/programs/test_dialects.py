@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.errors import TrueposeError
 from truepose.programs import CorrectedProgram, FrameTable, ReadOptions, correct_program
@@ -291,7 +292,7 @@ def attempt(path: Path, error_map: Any, **more: Any) -> CorrectedProgram | str:
 
 
 ANY_FOLDER = settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=60
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=examples(60)
 )
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.programs.test_runs import BLANK, GOOD, ODD, facts, pick
+from tests.tiers import examples
 
 from truepose.errors import TrueposeError
 from truepose.programs import FrameTable, ReadOptions, correct_program, read_program
@@ -17,7 +18,7 @@ from truepose.programs.core import forms
 from truepose.programs.core.forms import Run
 
 FRAMES = FrameTable(tools={0: np.eye(4), 1: np.eye(4)}, bases={0: np.eye(4), 1: np.eye(4), "fOwn": np.eye(4)})
-PROPERTY = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+PROPERTY = settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def told(path: Path, make_map: Any, fewest: int, **options: Any) -> list[Any]:

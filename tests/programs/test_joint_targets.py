@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.programs.joint_arms import FRAMES, MAKERS, TOOL, Maker, Sagging, forward
+from tests.tiers import examples
 
 from truepose.errors import RefusedError
 from truepose.programs import CorrectedProgram, Program, ReadOptions, correct_program, read_program
@@ -311,7 +312,7 @@ def test_orientation_is_corrected_too(tmp_path: Path, maker: Maker) -> None:
         np.testing.assert_allclose(vector, [4e-4, -3e-4, 2e-4], atol=4 * np.radians(maker.step))
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(30), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_joints_any_digits(tmp_path: Path, data: st.DataObject) -> None:
     """Whatever the digits: nothing but joints changes, by less than what the error asks for and half a digit each."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.errors import FileError
 from truepose.programs import FrameTable, Program, Target, correct_program, read_program
@@ -62,7 +63,7 @@ def told(folder: Path, body: str, fewest: int) -> list[tuple[Any, ...]] | str:
     return [tuple(getattr(target, name) for name in names) for target in program.targets]
 
 
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 @given(body=bodies())
 def test_runs_and_single_lines_agree(body: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("runs")

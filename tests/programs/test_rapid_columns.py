@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.programs.test_runs import FRAMES, told
+from tests.tiers import examples
 
 from truepose.programs import ReadOptions, read_program
 from truepose.programs.core.columns import TargetColumns
@@ -64,7 +65,7 @@ def tasks(draw: Any) -> list[str]:
     return [f"MODULE A\n{data}\nENDMODULE\n", f"MODULE B\n{body}\nENDMODULE\n"]
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     modules=tasks(),
     options=st.sampled_from([ReadOptions(), ReadOptions(whole_task=True), ReadOptions(derived=True)]),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.errors import TrueposeError
 from truepose.programs import FrameTable, Program, ReadOptions, Target, correct_program, read_program
@@ -216,7 +217,7 @@ def told(path: Path, make_map: Any, fewest: int, options: ReadOptions | None = N
         return [*found, corrected.files, corrected.to_csv(), corrected.to_dict()]
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     body=bodies(rapid_line, RAPID_BETWEEN, RAPID_BROKEN),
     options=st.sampled_from([ReadOptions(), ReadOptions(external_axes=True)]),
@@ -229,7 +230,7 @@ def test_rapid_runs_and_single_lines_agree(
     assert told(path, make_map, 1, options) == told(path, make_map, 10**9, options)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=bodies(ur_line, UR_BETWEEN, UR_BROKEN))
 def test_urscript_runs_and_single_lines_agree(
     body: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any
@@ -239,7 +240,7 @@ def test_urscript_runs_and_single_lines_agree(
     assert told(path, make_map, 1) == told(path, make_map, 10**9)
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(300), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=fanuc_parts())
 def test_fanuc_runs_and_single_lines_agree(text: str, tmp_path_factory: pytest.TempPathFactory, make_map: Any) -> None:
     path = tmp_path_factory.mktemp("runs") / "a.ls"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.cell.sections import Correction, FramesSection
 from truepose.errors import RefusedError
@@ -106,7 +107,7 @@ def test_paths_that_share_a_point_agree_on_it(tmp_path: Path, make_map: Any, lim
     assert read_program(tmp_path / "two.src").counts()["correct"] == 9
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.integers(3, 30), st.integers(0, 10**6), st.floats(0.005, 0.2))
 def test_smoothed_corrections_keep_both_limits(n: int, seed: int, limit: float) -> None:
     rng = np.random.default_rng(seed)

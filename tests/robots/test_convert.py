@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.tiers import examples
 
 from truepose.geometry import make_transform
 from truepose.robots import Robot, list_robots, load_robot, to_mdh
@@ -14,7 +15,7 @@ from truepose.robots import Robot, list_robots, load_robot, to_mdh
 UR = [name for name in list_robots() if name.startswith("universal-robots")]
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(seed=st.integers(0, 2**32 - 1), dof=st.integers(1, 8), convention=st.sampled_from(["mdh", "dh"]))
 def test_poses_are_kept(seed: int, dof: int, convention: str) -> None:
     rng = np.random.default_rng(seed)

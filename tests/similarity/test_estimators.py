@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 from skgstat import estimators as peers
+from tests.tiers import examples
 
 from truepose.errors import DataError
 from truepose.numerics.pairs import smallest_gap
@@ -26,7 +27,7 @@ def differences(x, e, edges=EDGES):
     return [z[(h > low) & (h <= high)] for low, high in itertools.pairwise(edges)]
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([1, 2, 3, 6]), n=st.integers(20, 150))
 @pytest.mark.parametrize(("estimator", "peer"), [("cressie", peers.cressie), ("dowd", peers.dowd)])
 def test_robust_as_scikit_gstat(estimator, peer, seed, d, n):
@@ -39,7 +40,7 @@ def test_robust_as_scikit_gstat(estimator, peer, seed, d, n):
     assert ev.estimator == estimator
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([1, 2, 3]))
 @pytest.mark.parametrize("estimator", ["matheron", "cressie"])
 def test_all_directions_as_gstools(estimator, seed, d):
@@ -51,7 +52,7 @@ def test_all_directions_as_gstools(estimator, seed, d):
     np.testing.assert_allclose(ev.semivariance[ev.pairs > 0, 0], gamma[ev.pairs > 0], rtol=1e-9)
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(
     seed=st.integers(0, 2**32 - 1),
     d=st.sampled_from([2, 3]),
@@ -79,7 +80,7 @@ def test_directional_as_gstools(estimator, seed, d, tolerance, bandwidth):
     np.testing.assert_allclose(ev.semivariance[ev.pairs > 0, 0], gamma[ev.pairs > 0], rtol=1e-9)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.lists(st.integers(-6, 6) | st.floats(-5, 5), min_size=2, max_size=50), st.floats(0, 1))
 def test_smallest_gap_is_an_order_statistic(values, where):
     z = np.sort(np.array(values, dtype=float))

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
+from tests.tiers import examples
 
 from truepose.errors import DataError, KrigingError
 from truepose.similarity import Direction, experimental_variogram
@@ -25,7 +26,7 @@ def by_hand(x, e, edges):
     return lag, gamma, pairs
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(2, 700),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose.errors import KrigingError
 from truepose.similarity import VariogramModel
@@ -25,7 +26,7 @@ FAMILIES = {
 
 
 @pytest.mark.filterwarnings("ignore:JBessel")  # near its lowest order
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(seed=st.integers(0, 2**32 - 1), family=st.sampled_from(list(FAMILIES)), d=st.sampled_from([1, 2, 3]))
 def test_same_semivariance(seed, family, d):
     rng = np.random.default_rng(seed)

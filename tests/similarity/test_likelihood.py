@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+from tests.tiers import examples
 
 from truepose.errors import DataError, KrigingError, VariogramWarning
 from truepose.similarity import VariogramModel, fit_likelihood, likelihood
@@ -25,7 +26,7 @@ def problem(rng, family="matern52", method="reml", ranges="each", n=25, d=3, com
     return _Problem(Parametrisation.of(family, ranges, d), method, common, x, e, F)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     seed=st.integers(0, 2**32 - 1),
     d=st.sampled_from([1, 2, 3, 6]),

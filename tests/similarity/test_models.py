@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from scipy.special import gamma, kv
+from tests.tiers import examples
 
 from truepose.errors import DataError, KrigingError
 from truepose.numerics.kernels import pack
@@ -131,7 +132,7 @@ def test_derivatives_by_parameters(family, extra):
         np.testing.assert_allclose(found["sill_of_2"], 1 - np.exp(-h / 1.5))
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     seed=st.integers(0, 2**32 - 1),
     d=st.sampled_from([1, 2, 3, 6]),
@@ -154,7 +155,7 @@ def test_covariance_is_positive_definite(seed, d, family, ranges):
     np.testing.assert_allclose(matrix, model_of(family).signal_covariance(stretched), atol=1e-12)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(seed=st.integers(0, 2**32 - 1), d=st.sampled_from([1, 2, 3, 6]), alpha=st.floats(0.05, 1.95))
 def test_pseudo_sill_makes_it_positive_definite(seed, d, alpha):
     rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from tests.tiers import examples
 
 from truepose.cell import Cell
 from truepose.errors import DataError
@@ -196,7 +197,7 @@ def test_too_few_and_no_positions(rng: np.random.Generator, p_cmd: FloatArray) -
         match(readings_of(measured(rng, p_cmd)), Poses(q=np.zeros((60, 6)), source="plan.csv"))
 
 
-@settings(max_examples=25, derandomize=True)
+@settings(max_examples=examples(25), derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(25, 120), tool_error=st.sampled_from([0.0, 20.0]))
 def test_missing_doubled_swapped_and_gross_together(seed: int, n: int, tool_error: float) -> None:
     """Issue 7's mixture: 5 % missing, 2 % doubled, 2 % swapped, 1 % gross, all found and named."""

@@ -13,6 +13,7 @@ import pytest
 from fastapi.testclient import TestClient
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 from truepose._io import commits
 from truepose.cell import Cell, template
@@ -237,7 +238,7 @@ def test_changes_of_keys_keep_comments_and_order(client: TestClient, cell: str) 
         max_size=4,
     )
 )
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_changed_keys_have_their_values_and_others_theirs(values: dict[str, float | None]) -> None:
     before = tomllib.loads(template(ROBOT))
     after = tomllib.loads(

@@ -20,7 +20,7 @@ import truepose as tp
 from truepose.errors import DataError
 from truepose.predictors.registry import PREDICTORS, PredictorSpec
 
-FILES = Path(__file__).parents[1] / "docs" / "how-to" / "files"
+FILES = Path(__file__).parents[2] / "docs" / "how-to" / "files"
 SCRIPTS = FILES / "scripts"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 import truepose as tp
 from truepose._io import archive
@@ -129,7 +130,7 @@ def test_a_frozen_map_equals_its_map(maps, name):
     frozen.check_map(error_map)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(
     st.sampled_from(["paper", "ur10", "calibrated"]),
     st.lists(st.floats(-400.0, 400.0), min_size=3, max_size=3),

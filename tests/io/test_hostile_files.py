@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 import truepose as tp
 from truepose.cell import load_cell
@@ -303,7 +304,7 @@ GOOD = {
 
 
 @pytest.mark.promise("Random mutations of good tables, cells, robots and readings give a result or one typed error")
-@settings(max_examples=250, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(250), derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_mutated_text(tmp_path_factory, data):
     reader = data.draw(st.sampled_from(sorted(GOOD)))

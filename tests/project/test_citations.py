@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CITED = re.compile(r"[Tt]heory \((\d+)\)((?: and | or |, )\(\d+\))*")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.needs import needed
 
-TESTS = Path(__file__).parent
+TESTS = Path(__file__).parents[1]
 OPTIONAL = re.compile(r"importorskip\(\"(alembic|sqlalchemy|psycopg|argon2|pyarrow|cryptography|distributed)")
 
 

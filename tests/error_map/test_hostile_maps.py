@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.tiers import examples
 
 import truepose as tp
 from truepose._io import archive
@@ -233,7 +234,7 @@ def test_other_packing_is_refused(good):
 
 
 @pytest.mark.promise("No flipped bit, cut or doubled member of a map file gives anything but the map or one error")
-@settings(max_examples=150, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(150), derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_mutated_archives(good, parts, data):
     broken = bytearray(good)

@@ -17,7 +17,7 @@ from tests.needs import needed
 
 from truepose.cli import app
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
 IMAGE = (DEPLOY / "Containerfile").read_text("utf-8").replace("\\\n", " ")
 DOCS = (ROOT / "docs" / "administration.md").read_text("utf-8")

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import __main__ as command
-from benchmarks import accuracy_data, measured_robots
 from benchmarks.measured_robots import read_robot
 
 import truepose as tp
+from benchmarks import __main__ as command
+from benchmarks import accuracy_data, measured_robots
 from truepose.errors import TrueposeError
 from truepose.samples import write_samples
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "src" / "truepose" / "samples" / "data"
 
 
