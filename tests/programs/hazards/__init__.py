@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from truepose.programs import FrameTable, ReadOptions
 
 HAZARDS = {
-    "unknown-statement": "a statement that no rule knows stands before a change of a frame, of a point, or before a call",
+    "unknown-statement": "a statement that no rule knows stands before a change of a frame or point, or a call",
     "coordinate-in-position": "coordinates of a point are numbers of a position that is written inside a motion",
     "coordinate-in-number": "a coordinate of a point goes to a number that moves, decides, or goes to an output",
     "coordinate-in-frame": "a coordinate of a point goes into a frame or a shift of another point",
     "expression-in-modifier": "a point is read in the modifiers of a motion or in the condition of an interrupt",
     "called-program-shifts": "a called program leaves a shift in force",
     "called-program-sets-frame": "a called program leaves another frame or tool in force",
-    "handler-changes-state": "an interrupt, trap, trigger or thread changes a frame, tool, mode or shift, also through calls",
+    "handler-changes-state": "an interrupt, trap, trigger or thread changes what is in force, also through calls",
     "certain-loop": "a loop that surely runs sets a frame or tool",
     "conditional-frame": "a branch sets a frame or tool",
     "frame-written-by-call": "a function or system routine writes a frame or tool that is handed to it",
