@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job 
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests.kept import kept
 from tests.tiers import EXHAUSTIVE, examples
 
 import truepose
@@ -75,28 +75,11 @@ def ur10() -> Path:
 
 
 @pytest.fixture(scope="session")
-def virtual_cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of ``truepose demo``, made once for all test workers; copy it, and change the copy only."""
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-    folder, done = folder / "virtual-cell", folder / "virtual-cell.done"
-    try:
-        folder.mkdir()
-    except FileExistsError:  # another worker makes it
-        while not done.exists():
-            time.sleep(0.1)
-        assert not done.read_text("utf-8"), done.read_text("utf-8")
-        return folder
-    problem = "another test worker did not make the virtual cell"
-    try:
-        from truepose.studies.demo import run_demo
+def virtual_cell() -> Path:
+    """The folder of ``truepose demo``, made once for all test workers and runs; copy it, and change the copy only."""
+    from truepose.studies.demo import run_demo
 
-        run_demo(folder, progress=lambda _: None)
-        problem = ""
-    finally:
-        done.write_text(problem, "utf-8")
-    return folder
+    return kept("virtual-cell", lambda folder: run_demo(folder, progress=lambda _: None))
 
 
 @pytest.fixture

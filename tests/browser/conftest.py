@@ -23,6 +23,13 @@ AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "ax
 PICTURES = Path(__file__).parents[2] / "build" / "screens"
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave to the second tier what has a server of its own: it goes through a day, or a part of one, with fits."""
+    for item in items:
+        if {"own_server", "own_team"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker("exhaustive")
+
+
 def pytest_runtest_setup() -> None:
     """Skip a test where there is no browser, with one line for all; fail where they are required, as in CI."""
     if not (reason := _obstacle()):

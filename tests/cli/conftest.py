@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.kept import kept
 
 from truepose.samples import write_samples
 from truepose.simulation import VirtualCell
@@ -26,12 +28,16 @@ class CellFiles:
 
 
 @pytest.fixture(scope="session")
-def demo(tmp_path_factory, run) -> tuple[Path, Any]:
+def demo(run) -> tuple[Path, Any]:
     """The folder and the figures of a demonstration."""
-    folder = tmp_path_factory.mktemp("demo")
-    done = run("demo", folder, "--seed", "3", "--json")
-    assert done.code == 0, done.err
-    return folder, done.json
+
+    def make(folder: Path) -> None:
+        done = run("demo", folder / "demo", "--seed", "3", "--json")
+        assert done.code == 0, done.err
+        (folder / "out.json").write_text(done.out, "utf-8")
+
+    folder = kept("demo-of-the-command", make)
+    return folder / "demo", json.loads((folder / "out.json").read_text("utf-8"))
 
 
 @pytest.fixture(scope="session")

@@ -28,10 +28,11 @@ _NUMBERS = itertools.count()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that reach a PostgreSQL server, whether by a fixture or by a parameter."""
+    """Mark the tests that reach a PostgreSQL server, whether by a fixture or by a parameter: the second tier."""
     for item in items:
         if isinstance(item, pytest.Function) and _reaches_postgresql(item):
             item.add_marker("postgresql")
+            item.add_marker("exhaustive")
 
 
 def _reaches_postgresql(item: pytest.Function) -> bool:
