@@ -17,6 +17,7 @@ from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck, check_arm
 from truepose.error_map.conditions import knows, with_conditions
+from truepose.error_map.facts import Fact
 from truepose.error_map.orientations import orientation_columns
 from truepose.error_map.points import commanded_points, reflector_columns
 from truepose.error_map.registration import check_limits, reading_noise
@@ -72,6 +73,8 @@ class MapData:
         The point at which the samples were measured, if the tool was changed since: see `update_map`.
     arm_check : ArmCheck
         The comparison of the nominal arm and the tool with the commanded positions.
+    stated : tuple of Fact
+        What a step found or a user accepted, beside what follows from the other parts; see `truepose.ErrorMap.facts`.
     known_worth : Worth, optional
         The comparison with no map made by `fit_cell`; None in maps of earlier versions and after an update.
     stored : StoredFile, optional
@@ -91,6 +94,7 @@ class MapData:
     campaign: dict[str, Any] = field(default_factory=dict)
     p_flange_sampled: FloatArray | None = None
     arm_check: ArmCheck = UNCHECKED
+    stated: tuple[Fact, ...] = ()
     known_worth: Worth | None = None
     stored: StoredFile | None = None
 

@@ -22,6 +22,7 @@ from truepose.error_map import file_checks
 from truepose.error_map.arm_check import UNCHECKED, ArmCheck
 from truepose.error_map.data import MapData, StoredFile
 from truepose.error_map.distances import distance_rows
+from truepose.error_map.facts import Fact
 from truepose.error_map.selection import arm_of
 from truepose.error_map.worth import Worth
 from truepose.errors import FileError
@@ -73,6 +74,7 @@ def _content(error_map: MapData) -> dict[str, Any]:
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
         "arm_check": error_map.arm_check.to_dict(),
+        **({"facts": [fact.to_dict() for fact in error_map.stated]} if error_map.stated else {}),
         **({} if error_map.known_worth is None else {"worth": error_map.known_worth.to_dict()}),
     }
 
@@ -183,6 +185,7 @@ def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str 
         "excluded": content["excluded"],
         "campaign": content.get("campaign", {}),
         "arm_check": ArmCheck.from_dict(content["arm_check"]) if "arm_check" in content else UNCHECKED,
+        "stated": tuple(Fact.from_dict(found) for found in content.get("facts", [])),
         "known_worth": Worth.from_dict(content["worth"]) if "worth" in content else None,
         "p_flange_sampled": arrays.get("p_flange_sampled"),
     }

@@ -6,10 +6,11 @@ A map is made by `truepose.fit_cell`, used by `ErrorMap.predict` and `ErrorMap.c
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,14 +25,19 @@ from truepose.compensation import Corrections, Guards, JointCoverage, Limits, Li
 from truepose.error_map.conditions import check_work, work_of
 from truepose.error_map.correction import Targets, correct
 from truepose.error_map.encoding import from_bytes, to_bytes
+from truepose.error_map.facts import Fact, refuse
+from truepose.error_map.findings import facts_of
 from truepose.error_map.frozen import FrozenMap, freeze
 from truepose.error_map.guards import arm_branches, found_limits, stated_limits
 from truepose.error_map.points import first_of_visits
 from truepose.error_map.prediction import PredictingMap
 from truepose.error_map.validation import Validation, validate
-from truepose.errors import DataError, RefusedError
+from truepose.errors import DataError
 from truepose.predictors.abilities import Conditional, JointwisePredicting
 from truepose.samples import Poses, Samples
+
+_WEAK: Final = ("weak", "constant-std")
+"""The facts that ``accept_weak_map`` accepts."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,6 +180,7 @@ class ErrorMap(PredictingMap):
         limits: LimitsInForce | None = None,
         orientation: bool = False,
         accept_weak_map: bool = False,
+        accept: Collection[str] = (),
     ) -> Corrections:
         """Return the commands whose predicted outcome is the target (16), guarded.
 
@@ -207,6 +214,9 @@ class ErrorMap(PredictingMap):
         accept_weak_map : bool
             Whether to use a map that is not shown to be better than no map (see `worth`), or whose predictor has one
             standard deviation for all poses, as interpolators have.
+        accept : collection of str
+            The codes of `facts` that refuse corrections and are accepted; ``weak`` and ``constant-std`` are what
+            `accept_weak_map` accepts.
 
         Returns
         -------
@@ -215,7 +225,7 @@ class ErrorMap(PredictingMap):
         Raises
         ------
         RefusedError
-            If the map is weak, unless that is accepted.
+            If one of the map's `facts` refuses corrections and is not accepted.
         DataError
             If a target is no pose; if the map predicts in joint space or orientation is asked for, and only positions
             were given; if the map knows no orientation.
@@ -227,24 +237,30 @@ class ErrorMap(PredictingMap):
         A predictor in joint space is evaluated at the joints by which the controller reaches the command: on the branch
         of the given joints, or nearest to `near`, or that of Status and Turn, or that of the nearest sample.
         """
-        if not accept_weak_map:
-            self._refuse_to_correct()
+        self.refuse_to_correct(accept, accept_weak_map=accept_weak_map)
         limits = limits or self.limits_in_force()
         tool = self.tf_flange_tool if tf_flange_tool is None else tf_flange_tool
         targets = Targets.of(self.robot, poses, tool, status, turn, near, before, load, p_load)
         guards = self.guards_of(limits.limits)
         return correct(self, targets, guards, on_guard or limits.on_guard, orientation=orientation)
 
-    def _refuse_to_correct(self) -> None:
-        """Raise RefusedError where corrections of this map cannot be relied on."""
-        if self.worth.weak:
-            why, remedy = self.worth.words, "measure more samples, try another predictor"
-        elif not self.predictor.has_local_std:
-            why = f"{self.predictor_name} has one standard deviation for all poses, so no guard can tell where it fails"
-            remedy = "fit a Kriging or kinematic predictor"
-        else:
-            return
-        raise RefusedError(f"{why}; {remedy}, or accept it with --accept-weak-map (Python: accept_weak_map=True)")
+    @cached_property
+    def facts(self) -> list[Fact]:
+        """What is known about this map beside its predictions, each with its effect on corrections.
+
+        Facts that refuse corrections come first; `truepose.error_map.facts.CODES` explains each code.
+        """
+        return facts_of(self)
+
+    def refuse_to_correct(self, accept: Collection[str] = (), *, accept_weak_map: bool = False) -> list[str]:
+        """Refuse where a fact forbids corrections; return the sentences of those that are accepted.
+
+        Raises
+        ------
+        RefusedError
+            If a fact refuses corrections and is not accepted.
+        """
+        return refuse(self.facts, {*accept, *(_WEAK if accept_weak_map else ())})
 
     def limits_in_force(self, cell: Cell | None = None, **options: Any) -> LimitsInForce:
         """Return the limits of corrections and the origin of each.

@@ -102,15 +102,15 @@ class PredictingMap(MapData):
 
         The predictor's nugget less the known part of the repeatability; the noise of readings is not in the nugget
         where it is known. What is not known is not subtracted, and counts as error of the arm. The nugget is increased
-        by its standard error: near the repeatability, the difference is mostly that error. A drift that the tests of
-        the campaign found or suspect is added, also below their limit, and twice: it goes on after the campaign, as it
-        does for an arm that warmed up during the measurement. It is not where the effect of time is in the model. The
-        effect of conditions at work that the predictor does not know is added, too.
+        by its standard error: near the repeatability, the difference is mostly that error. A fault that the tests of
+        the campaign found or suspect is added, also below their limit, and twice: a drift goes on after the campaign,
+        as it does for an arm that warmed up during the measurement. A drift is not added where the effect of time is
+        in the model. The effect of conditions at work that the predictor does not know is added, too.
         """
         faults = self.campaign.get("faults", [])
-        left = ("moved",) if models(self.predictor, "time") else ("drift", "moved")
-        sizes = [fault["size"] for fault in faults if fault["kind"] in left]
-        if "drift" in left:
+        timed = models(self.predictor, "time")
+        sizes = [fault["size"] for fault in faults if not (timed and fault["kind"] == "drift")]
+        if not timed:
             sizes.append(self.campaign.get("suspected_drift_mm", 0.0))
         drift = sum((2.0 * size) ** 2 for size in sizes) / 3.0
         nugget, known = self._nugget_and_known
