@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.synced
 RUNTIME := $(VENV)/.runtime
+unexport PYTHONDONTWRITEBYTECODE # tests start many processes, which would compile every module again
 
 .PHONY: setup demo app frontend test test-all lint docs study bench clean
 

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from tests.kept import kept
-from tests.tiers import EXHAUSTIVE, examples
+from tests.tiers import EXHAUSTIVE, examples, second_tier
 
 import truepose
 from truepose.numerics.threads import cores
@@ -35,8 +35,7 @@ settings.load_profile("this tier")
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the second tier out, unless it is asked for (see tests/tiers.py)."""
-    second = [] if EXHAUSTIVE else [item for item in items if item.get_closest_marker("exhaustive")]
-    if second:
+    if second := [] if EXHAUSTIVE else second_tier(items):
         left_out = set(second)
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=second)

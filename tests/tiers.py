@@ -1,14 +1,16 @@
 """The two tiers of tests: every behaviour once by default, and its repetitions with ``TRUEPOSE_TESTS=all``.
 
-``make test`` runs the first tier, ``make test-all`` both. A test of the second tier alone has the mark ``exhaustive``;
-`sampled` marks all but a few of a test's parameters, and `examples` gives a property fewer examples in the first tier.
+``make test`` runs the first tier, ``make test-all`` both. A test with the mark ``exhaustive`` is in the second tier;
+the mark ``sampled(n)`` leaves n parameter sets of a test in the first one, evenly spread; `examples` gives a property
+fewer examples there.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from typing import Any, Final
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Final
 
 import pytest
 
@@ -17,15 +19,6 @@ EXHAUSTIVE: Final = os.environ.get("TRUEPOSE_TESTS") == "all"
 
 _SHARE: Final = 5
 _FEWEST: Final = 8
-_PARAM: Final = type(pytest.param())
-
-
-def sampled(values: Iterable[Any], keep: int = 2) -> list[Any]:
-    """Return the parameters of a test: `keep` of them, evenly spread, for the first tier, the others for the second."""
-    listed = [value if isinstance(value, _PARAM) else _param(value) for value in values]
-    kept = {round(i * (len(listed) - 1) / max(keep - 1, 1)) for i in range(keep)}
-    second = pytest.mark.exhaustive
-    return [one if i in kept else one._replace(marks=(*one.marks, second)) for i, one in enumerate(listed)]
 
 
 def examples(number: int) -> int:
@@ -33,5 +26,14 @@ def examples(number: int) -> int:
     return number if EXHAUSTIVE else min(number, max(number // _SHARE, _FEWEST))
 
 
-def _param(value: Any) -> Any:
-    return pytest.param(*value) if isinstance(value, tuple) else pytest.param(value)
+def second_tier(items: Sequence[pytest.Item]) -> list[pytest.Item]:
+    """Return the tests of the second tier, and mark them as such where `sampled` put them there."""
+    groups = defaultdict(list)
+    for item in items:
+        if mark := item.get_closest_marker("sampled"):
+            groups[item.nodeid.split("[")[0], mark.args[0]].append(item)
+    for (_, keep), group in groups.items():
+        kept = {round(i * (len(group) - 1) / max(keep - 1, 1)) for i in range(keep)}
+        for i in set(range(len(group))) - kept:
+            group[i].add_marker("exhaustive")
+    return [item for item in items if item.get_closest_marker("exhaustive")]

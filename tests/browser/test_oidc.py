@@ -22,6 +22,7 @@ from truepose.store.store import Store
 from truepose.store.users import add_user
 
 
+@pytest.mark.exhaustive
 def test_the_button_leads_to_the_provider_and_back(
     browser: Browser, virtual_cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

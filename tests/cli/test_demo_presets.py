@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 
+
+@pytest.mark.exhaustive
 def test_demo_on_the_hard_cell(run, tmp_path):
     done = run("demo", tmp_path, "--preset", "hard", "--json")
     assert done.code == 0, done.err

@@ -38,6 +38,7 @@ def test_corrected_program_is_not_corrected_again(run, demo, tmp_path):
     assert not (tmp_path / "twice").exists()
 
 
+@pytest.mark.exhaustive
 def test_demo_table_for_people(run, tmp_path):
     done = run("demo", tmp_path / "d")
     assert done.code == 0

@@ -33,6 +33,7 @@ def std_of(run, map_path, poses, out) -> np.ndarray:
         return np.array([float(row["std_mm"]) for row in csv.DictReader(rows)])
 
 
+@pytest.mark.sampled(1)
 def test_explain_speaks_of_poses_that_are_measured_or_used(run, cell_map, tmp_path):
     folder, path = cell_map
     found = run("explain", path, "--json").json
@@ -63,6 +64,7 @@ def test_explain_and_predict_give_one_deviation_for_one_pose(run, cell_map, tmp_
     assert std_of(run, path, poses, tmp_path / "out.csv")[0] == pytest.approx(first["std_mm"], rel=1e-3)
 
 
+@pytest.mark.sampled(1)
 def test_correct_and_predict_give_one_deviation_for_one_target(run, cell_map, tmp_path):
     folder, path = cell_map
     options = ("--accept-weak-map", "--on-guard", "skip", "--out", tmp_path)
@@ -81,6 +83,7 @@ def test_correct_and_predict_give_one_deviation_for_one_target(run, cell_map, tm
     assert np.array(pairs)[:, 0].mean() == pytest.approx(held_out.mean(), rel=0.2)
 
 
+@pytest.mark.sampled(1)
 def test_report_and_validate_give_one_accuracy(run, cell_map):
     folder, path = cell_map
     test = folder / "held_out_samples.csv"
@@ -90,6 +93,7 @@ def test_report_and_validate_give_one_accuracy(run, cell_map):
         assert reported[state] == pytest.approx(shown[state], rel=1e-9)
 
 
+@pytest.mark.sampled(1)
 def test_validate_and_update_say_the_same_of_the_map(run, cell_map):
     folder, path = cell_map
     test = folder / "held_out_samples.csv"

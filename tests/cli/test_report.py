@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 
+
+@pytest.mark.exhaustive
 def test_report_in_german_as_pdf_and_page(run, cell_files, tmp_path):
     for ending in ("html", "pdf"):
         out = tmp_path / f"bericht.{ending}"

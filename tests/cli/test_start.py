@@ -35,6 +35,7 @@ print(*sys.modules, file=sys.stderr)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.sampled(3)
 def test_a_command_imports_what_it_uses(demo: tuple[Path, object], tmp_path: Path, name: str) -> None:
     arguments, uses = COMMANDS[name]
     given = [one.format(demo=demo[0], out=tmp_path / "out.csv") for one in arguments]

@@ -109,6 +109,7 @@ def test_a_turned_tracker_stops_the_fit(virtual: VirtualCell, sound: Samples):
 
 @pytest.mark.parametrize("fault", [moved, scaled, creeping, turned])
 @pytest.mark.promise("a fault of a campaign is found behind every effect of a virtual cell, orientations included")
+@pytest.mark.sampled(1)
 def test_faults_are_found_behind_all_effects(fault: Fault, record_property: Any):
     record_property("cases", 2)
     for seed in range(2):
@@ -119,6 +120,7 @@ def test_faults_are_found_behind_all_effects(fault: Fault, record_property: Any)
 
 @pytest.mark.parametrize("preset", ["paper", "hard"])
 @pytest.mark.promise("a sound campaign raises no alarm, whether its plan is mixed or runs from one end to the other")
+@pytest.mark.sampled(1)
 def test_sound_campaigns_raise_no_alarm(preset: str, record_property: Any):
     record_property("cases", 6)
     for seed in range(3):
@@ -130,6 +132,7 @@ def test_sound_campaigns_raise_no_alarm(preset: str, record_property: Any):
 
 
 @pytest.mark.promise("estimates of a campaign's faults lie about the truth as their standard errors say")
+@pytest.mark.exhaustive
 def test_standard_errors_are_honest(record_property: Any):
     record_property("cases", 8)
     far = []

@@ -65,6 +65,7 @@ STATED = {
 
 @pytest.mark.parametrize("stated", STATED)
 @pytest.mark.parametrize("orientation", [False, True])
+@pytest.mark.sampled(4)
 def test_a_correction_is_for_the_conditions_that_a_prediction_is_for(request, stated, orientation):
     """The error that a correction takes away is the one that is predicted at its command, with its deviation."""
     where, conditions = STATED[stated]

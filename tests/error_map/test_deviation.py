@@ -58,6 +58,7 @@ def inside(error, std):
 
 
 @pytest.mark.promise("95 % intervals of every predictor hold true errors, also where a map does not see orientation")
+@pytest.mark.exhaustive
 def test_intervals_hold_true_errors_at_orientations_that_the_map_does_not_see(turned, maps, record_property):
     virtual, _ = turned
     q = virtual.design(100, seed=40)
@@ -68,6 +69,7 @@ def test_intervals_hold_true_errors_at_orientations_that_the_map_does_not_see(tu
 
 
 @pytest.mark.promise("95 % intervals of kinematic Kriging hold true errors of arms whose motors ripple")
+@pytest.mark.exhaustive
 def test_intervals_of_kinematic_kriging_hold_where_motors_ripple(record_property):
     share, seeds = [], range(200, 204)
     for seed in seeds:
@@ -104,6 +106,7 @@ def test_the_deviation_is_field_and_nugget_less_repeatability(turned, maps, reco
 
 
 @pytest.mark.promise("noise that nobody states is not taken off: it counts as an error of the arm")
+@pytest.mark.exhaustive
 def test_unknown_noise_counts_as_error(turned, record_property):
     virtual, samples = turned
     names = ("ordinary-kriging", "calibration", "kinematic-kriging", "calibration-network")

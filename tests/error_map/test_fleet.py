@@ -86,6 +86,7 @@ def test_distances_enter_a_fit_with_a_fleet(alike, earlier, following, tmp_path)
         np.testing.assert_allclose(a, b, atol=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_robots_with_nothing_in_common_do_not_harm():
     """Three fleets: what is not common is not believed."""
     ratio = []

@@ -87,6 +87,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.sampled(3)
 def test_arrays_predict_what_the_model_predicts(name):
     """At 10,000 random joints within the limits, positions to 1 µm and orientations to 1 µrad."""
     model = MODELS[name]()
@@ -120,6 +121,7 @@ def maps(tmp_path_factory) -> dict[str, tp.ErrorMap]:
 
 @pytest.mark.promise("A frozen map equals its map to 1 µm at 100,000 random poses")
 @pytest.mark.parametrize("name", ["paper", "hard", "ur10", "calibrated"])
+@pytest.mark.sampled(1)
 def test_a_frozen_map_equals_its_map(maps, name):
     error_map = maps[name]
     frozen, q = error_map.freeze(), joints(error_map.robot, COUNT)
@@ -296,6 +298,7 @@ def test_frozen_map_is_plain(maps):
 
 @pytest.mark.promise("The standard deviation of a frozen map is not below that of its map by more than 1 nm")
 @pytest.mark.parametrize("name", ["paper", "hard", "ur10"])
+@pytest.mark.sampled(1)
 def test_the_frozen_deviation_is_an_upper_bound(maps, name):
     """At 20,000 poses within the limits and 20,000 among the samples; there it is seldom more than 2 % above."""
     error_map, rng = maps[name], np.random.default_rng(8)
@@ -312,6 +315,7 @@ def test_the_frozen_deviation_is_an_upper_bound(maps, name):
 
 
 @pytest.mark.parametrize("name", ["all terms, basis", "seven axes", "both rests", "no rest", "no joint errors"])
+@pytest.mark.sampled(2)
 def test_combinations_of_readings_bound_the_variance(name):
     """All options of the model, with the variance of the field alone; a cell's part beyond the field hides nothing."""
     model = MODELS[name]()

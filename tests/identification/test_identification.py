@@ -56,6 +56,7 @@ def case(arm, rng):
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.sampled(2)
 def test_estimators_agree_within_their_standard_errors(arm, seed):
     """Every parameter, base and tool too, is off by its whole tolerance."""
     _, data = simulate(arm, 60, np.random.default_rng(seed), size=1.0)
@@ -87,6 +88,7 @@ def test_levenberg_marquardt_is_at_the_optimum_of_scipy(arm, case, rng):
 
 
 @pytest.mark.parametrize(("subset", "seeds"), [(False, 200), (True, 60)])
+@pytest.mark.exhaustive
 def test_intervals_hold_the_truth(subset, seeds):
     """Identifiable combinations lie in their 95 % intervals 93-97 % of the time, over 200 virtual robots."""
     robot = load_robot("kuka-kr210-r2700-extra")

@@ -83,6 +83,7 @@ def one_error(read: Callable[[Path], Any], path: Path) -> str:
 
 @pytest.mark.promise("Every reader answers every broken or hostile file with one typed error on one line")
 @pytest.mark.parametrize("reader", READERS)
+@pytest.mark.sampled(6)
 def test_content(reader, tmp_path, record_property):
     ending, read = READERS[reader]
     told: list[str] = []
@@ -341,6 +342,7 @@ def test_errors_are_one_line():
     "A reader of the output that goes away ends a command silently, with the exit code of a broken pipe"
 )
 @pytest.mark.parametrize("arguments", [["robots"], ["robots", "--json"], ["--help"], ["--version"]])
+@pytest.mark.sampled(1)
 def test_broken_pipe(arguments):
     read, write = os.pipe()
     os.close(read)

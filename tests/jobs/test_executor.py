@@ -158,6 +158,7 @@ def test_parts_of_a_long_program_are_kept_in_pieces():
         assert max(map(len, pieces)) <= parallel._PIECE
 
 
+@pytest.mark.exhaustive
 def test_cross_validation_is_the_same_in_all_forms(form, virtual):
     samples = virtual.measure(virtual.design(24, seed=4))
     candidates = ["registration", "ordinary-kriging"]
@@ -211,6 +212,7 @@ def test_a_killed_worker_loses_nothing_and_a_slow_one_delays_only(cluster, tmp_p
     assert not list((shared / "done").iterdir())  # nothing is left of a run that has ended
 
 
+@pytest.mark.exhaustive
 def test_results_survive_a_lost_scheduler(cluster, tmp_path):
     kept, notes = tmp_path / "kept", tmp_path / "notes"
     notes.mkdir()

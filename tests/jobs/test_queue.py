@@ -166,6 +166,7 @@ def test_a_job_may_be_cancelled_before_its_process_exists(queue: JobQueue, submi
         assert queue.cancel(submit(*SLOW).id).state == "cancelled"
 
 
+@pytest.mark.exhaustive
 def test_jobs_may_be_cancelled_by_many_at_once(queue: JobQueue, submit: Submit) -> None:
     job = with_step(queue, submit(*SLOW))
     found: list[str] = []
@@ -234,6 +235,7 @@ def test_wrong_usage_is_a_problem(queue: JobQueue, submit: Submit) -> None:
 
 @posix
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
+@pytest.mark.sampled(1)
 def test_a_killed_process_fails_with_words(queue: JobQueue, submit: Submit, number: signal.Signals) -> None:
     job = with_step(queue, submit(*SLOW))
     process = queue._running[job.id].process
@@ -276,6 +278,7 @@ def test_a_folder_that_has_gone_fails_the_job_only(queue: JobQueue, submit: Subm
 # --- disks -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.exhaustive
 def test_a_large_result_stays_in_its_file(
     queue: JobQueue, submit: Submit, monkeypatch: pytest.MonkeyPatch, run: Any
 ) -> None:
@@ -316,6 +319,7 @@ def test_a_full_disk_fails_what_cannot_be_written_and_the_queue_lives(
 
 
 @posix
+@pytest.mark.exhaustive
 def test_a_disk_that_gets_full_under_the_result_is_told(queue: JobQueue, submit: Submit) -> None:
     import resource
 
@@ -422,6 +426,7 @@ def test_two_queues_in_one_workspace_are_refused(queue: JobQueue, workspace: Pat
         b"[" * 100_000,
     ],
 )
+@pytest.mark.sampled(2)
 def test_torn_and_foreign_files_are_left_out(workspace: Path, content: bytes) -> None:
     with JobQueue(workspace, ready=False) as queue:
         job = queue.submit(QUICK, folder=workspace, cell="", title="")
@@ -447,6 +452,7 @@ def test_torn_and_foreign_files_are_left_out(workspace: Path, content: bytes) ->
         {"revision": "many"},
     ],
 )
+@pytest.mark.sampled(2)
 def test_a_job_with_strange_values_is_left_out(workspace: Path, change: dict[str, Any]) -> None:
     with JobQueue(workspace, ready=False) as queue:
         job = queue.submit(QUICK, folder=workspace, cell="", title="")

@@ -71,6 +71,7 @@ def test_forward_is_the_product_of_links(rng: np.random.Generator, convention: s
 
 
 @pytest.mark.parametrize("name", list_robots())
+@pytest.mark.sampled(8)
 def test_forward_of_library_robots(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = rng.uniform(-np.pi, np.pi, (20, robot.dof))

@@ -28,6 +28,7 @@ def joints_within_limits(name: str, rng: np.random.Generator, n: int) -> np.ndar
 
 
 @pytest.mark.parametrize("name", ARMS)
+@pytest.mark.sampled(6)
 def test_every_branch_leads_back_and_the_joints_are_among_them(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = joints_within_limits(name, rng, 5000)

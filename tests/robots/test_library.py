@@ -45,6 +45,7 @@ def test_the_library_has_78_arms_of_14_makers() -> None:
 
 
 @pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.sampled(8)
 def test_the_reach_is_that_of_the_data_sheet(name: str) -> None:
     """To half of its last digit and 0.3 %, which the rounding of dimensions and the makers' reading of "reach" need."""
     robot = load_robot(name)

@@ -193,6 +193,7 @@ def test_no_joints_and_other_roots(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", list_robots())
 @pytest.mark.parametrize("kind", ["urdf", "toml"])
+@pytest.mark.sampled(12)
 def test_round_trip(name, kind, rng, tmp_path):
     nominal = load_robot(name)
     size = {"alpha": 3e-4, "offset": 3e-4, "beta": 3e-4, "a": 0.3, "d": 0.3}

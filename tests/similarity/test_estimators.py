@@ -174,6 +174,7 @@ def test_dowd_is_the_median_of_all_differences(rng, direction, values):
         np.testing.assert_allclose(gamma, expected, rtol=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_dowd_of_many_points_needs_little_memory(rng):
     """6,000 points have 18 million pairs: 430 MB if they were held."""
     x, e = rng.random((6000, 1)), rng.standard_normal(6000)

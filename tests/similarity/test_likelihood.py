@@ -168,6 +168,7 @@ def test_finds_two_structures(rng):
     assert found.fit.log_likelihood > one.fit.log_likelihood + 10
 
 
+@pytest.mark.exhaustive
 def test_standard_errors_are_the_spread_of_fits():
     """Over 60 drawn data sets; the standard error is asymptotic, so within a third."""
     rng = np.random.default_rng(8)

@@ -247,6 +247,7 @@ def test_invalid_measurements_are_refused():
 
 @pytest.mark.parametrize("preset", ["paper", "hard"])
 @pytest.mark.parametrize("name", list_robots())
+@pytest.mark.sampled(10)
 def test_every_robot_of_the_library_can_be_virtual(name, preset):
     """The region, at its orientations, is reached on one branch within limits, and errors scale with the arm."""
     cell = VirtualCell(preset, robot=name, seed=1)

@@ -171,6 +171,7 @@ def _execute(store: Store, statement: str) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="writers are forked, so that 100 of them start fast")
+@pytest.mark.exhaustive
 def test_a_store_is_whole_after_its_writers_were_killed(address: str) -> None:
     """Two writers at once; each is killed at a random moment, and what it said was stored must be there."""
     halves = [[sys.executable, str(WRITER), address, str(KILLS // 2), str(seed)] for seed in (17, 18)]
