@@ -151,7 +151,7 @@ def test_what_was_not_checked_is_said(run, cell_text, bare, tmp_path, no_figures
     cell.write_text(cell_text)
     write_samples(tmp_path / "samples.csv", bare)
     done = run("fit", cell, tmp_path / "samples.csv", "--predictor", "registration", "--out", tmp_path / "m.truepose")
-    assert "Arm and tool: The arm's model and the tool were not checked" in done.out
+    assert "Arm and tool: The arm's model, its base and the tool were not checked" in done.out
     assert "truepose check-point" in done.out
     write_report(error_map, tmp_path / "report.html")
     assert load_locale("en")("cell.arm_not_checked") in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))

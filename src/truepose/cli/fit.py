@@ -114,6 +114,10 @@ def _show(error_map: ErrorMap, *, parameters: bool) -> None:
     show_tool(error_map.cell, registration, tool_estimate(error_map.cell, error_map.robot, error_map.samples))
     colour = "green" if error_map.arm_check.checked else "yellow"
     say(f"[{colour}]Arm and tool[/]: {escape(error_map.arm_check.words)}")
+    for fact in error_map.facts:
+        if fact.effect in ("refuses", "transforms") and fact.code not in ("weak", "constant-std"):
+            effect = "'truepose correct' refuses" if fact.effect == "refuses" else "corrections follow it"
+            say(f"[yellow]Fact {fact.code}[/]: {escape(fact.words)} ({effect}).")
     if registration.hint:
         say(f"[yellow]Note[/]: {registration.hint}.")
     if models(error_map.predictor, "payload") and error_map.samples.p_load is None:

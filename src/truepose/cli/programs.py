@@ -52,6 +52,10 @@ OtherMaker = Annotated[
 AcceptWeakMap = Annotated[
     bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
 ]
+Accept = Annotated[
+    list[str] | None,
+    typer.Option("--accept", help="Accept a fact of the map that refuses corrections, by its code; may be repeated."),
+]
 
 
 ReportPath = Annotated[
@@ -277,6 +281,7 @@ def correct(
     require: Require = None,
     other_maker: OtherMaker = False,
     accept_weak_map: AcceptWeakMap = False,
+    accept: Accept = None,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Overwrite the programs; keep each original as NAME.original.")
     ] = False,
@@ -343,6 +348,7 @@ def correct(
                 require=require,
                 other_maker=other_maker,
                 accept_weak_map=accept_weak_map,
+                accept=accept or (),
                 progress=progress.count,
             )
         if row is not None:

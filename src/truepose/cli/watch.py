@@ -12,6 +12,7 @@ import typer
 from truepose.cli.options import Force, Json, MapPath, check_pairs, with_groups
 from truepose.cli.output import emit_json, say, working
 from truepose.cli.programs import (
+    Accept,
     AcceptWeakMap,
     GuardPolicy,
     Orientation,
@@ -38,6 +39,7 @@ def watch(
     require: Require = None,
     other_maker: OtherMaker = False,
     accept_weak_map: AcceptWeakMap = False,
+    accept: Accept = None,
     settle: Annotated[
         float,
         typer.Option("--settle", min=0.0, help="Seconds for which a program must be unchanged before it is read."),
@@ -67,6 +69,7 @@ def watch(
         "require": require,
         "other_maker": other_maker,
         "accept_weak_map": accept_weak_map,
+        "accept": accept or (),
     }
     with ExitStack() as stack:
         record = stack.enter_context(recorder(store, "correct"))

@@ -7,7 +7,7 @@ of the same poses check both: p = F(q) · tool.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from truepose._typing import FloatArray
 from truepose.cell import Cell
 from truepose.cell.sections import Fit
+from truepose.error_map.facts import Fact
 from truepose.errors import DataError, IdentifiabilityError, RobotError
 from truepose.geometry import Registration, invert_transform, register_with_tool
 from truepose.robots import Robot, shown_joints
@@ -26,22 +27,21 @@ _ROUNDING_MM: Final = 0.3  # rounded joints of a large arm, or the servo errors 
 _TOOL_MM: Final = 0.1
 _OWN_MM: Final = 1e-5  # no controller shows positions with so many digits
 _OTHER_POINT_MM: Final = 1.0  # largest distance of a fitted tool to that of the controller without a note
+_OTHER_FRAME_MM: Final = 1.0  # smaller differences are errors of the model
+_QUARTER_TURNS: Final = [np.array([[c, -s], [s, c]], float) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
 _KNOWN_MM: Final = 1.0  # directions of the tool with a larger standard deviation are not compared
 _SIGMAS: Final = 4.0
 _ANGLE: Final = float(np.deg2rad(0.2))
 _FEWEST: Final = 8
+_UNCHECKED: Final = "The arm's model, its base and the tool were not checked"
 _REMEDY: Final = "Check one taught point with 'truepose check-point'."
-NOT_CHECKED: Final = f"The arm's model and the tool were not checked: the joints have no commanded positions. {_REMEDY}"
-_UNDECIDED: Final = (
-    "The arm's model and the tool were not checked: too few poses, or one orientation in an unknown frame. " + _REMEDY
-)
+NOT_CHECKED: Final = f"{_UNCHECKED}: the joints have no commanded positions. {_REMEDY}"
+_UNDECIDED: Final = f"{_UNCHECKED}: too few poses, or one orientation in an unknown frame. " + _REMEDY
 _OWN: Final = (
-    "The arm's model and the tool were not checked: the commanded positions are the model's own to the last digit, not "
-    f"the controller's. {_REMEDY}"
+    f"{_UNCHECKED}: the commanded positions are the model's own to the last digit, not the controller's. {_REMEDY}"
 )
 _NO_JOINTS: Final = (
-    "The arm's model and the tool were not checked: the samples have no joints, and their positions are taken as the "
-    f"controller's own. {_REMEDY}"
+    f"{_UNCHECKED}: the samples have no joints, and their positions are taken as the controller's own. {_REMEDY}"
 )
 
 
@@ -175,6 +175,63 @@ def check_arm(robot: Robot, poses: Poses, tf_flange_tool: FloatArray, *, fit: Fi
         notes.append(_check_rotation(poses, turns, Rotation.from_matrix(tf_flange_tool[:3, :3]), fit))
     p = _rounded(implied.p_flange_tool)
     return ArmCheck(True, " ".join(notes), len(poses), implied.residual, p)
+
+
+def in_controllers_base(robot: Robot, poses: Poses) -> tuple[Robot, list[Fact]]:
+    """Return the arm in the base in which its controller shows positions, with what that changes.
+
+    The base of a model may be turned against that of the controller, as in the descriptions of ROS, or lie at another
+    height. Positions of programs are relative to the controller's base, so the model is placed in it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The nominal robot.
+    poses : Poses
+        The joints and the positions that the controller shows.
+
+    Returns
+    -------
+    robot : Robot
+        The robot whose base is the controller's where the two differ by quarter turns about z and by height alone;
+        otherwise the same robot.
+    facts : list of Fact
+        ``base-turned`` for a base that was changed; ``base-elsewhere`` where the positions are in a frame that may be
+        any other one of the controller, such as a work object.
+    """
+    if poses.q is None or poses.p_cmd is None:
+        return robot, []
+    tf_base_flange = robot.forward(poses.q)
+    implied = _implied(tf_base_flange, poses.p_cmd)
+    if implied is None or not implied.frame_differs or implied.residual > _ROUNDING_MM:
+        return robot, []
+    tf = implied.tf_frame_base
+    angle = float(np.arctan2(tf[1, 0], tf[0, 0]))
+    quarter = round(angle / (np.pi / 2.0)) % 4
+    height = float(np.round(tf[2, 3], 2)) + 0.0
+    snapped = np.eye(4)
+    snapped[:2, :2] = _QUARTER_TURNS[quarter]
+    snapped[2, 3] = 0.0 if abs(height) <= _ROUNDING_MM else height
+    again = _implied(snapped @ tf_base_flange, poses.p_cmd)
+    if again is not None and not again.frame_differs:
+        turned = [f"turned by {90 * quarter}° about z"] if quarter else []
+        shifted = [f"{snapped[2, 3]:g} mm higher"] if snapped[2, 3] else []
+        words = (
+            f"the base of {robot.name} is {' and '.join(turned + shifted)} in the controller's base: the model was "
+            "placed in the controller's base, in which programs are corrected"
+        )
+        placed = replace(robot, tf_base_first=snapped @ robot.tf_base_first)
+        return placed, [Fact("base-turned", words, "fit", 90.0 * quarter, None, "deg")]
+    tools = np.einsum("nji,nj->ni", tf_base_flange[:, :3, :3], poses.p_cmd - tf_base_flange[:, :3, 3])
+    spread = float(np.median(np.linalg.norm(tools - np.median(tools, axis=0), axis=1)))
+    if spread <= _OTHER_FRAME_MM:
+        return robot, []
+    words = (
+        "the commanded positions are in a frame in which the model's base lies at "
+        f"{_point(tf[:3, 3])}, turned by {_degrees(Rotation.from_matrix(tf[:3, :3]))}: it is not known whether this is "
+        "the controller's base or another frame"
+    )
+    return robot, [Fact("base-elsewhere", words, "fit", float(np.linalg.norm(tf[:3, 3])), None, "mm")]
 
 
 def check_point(

@@ -34,6 +34,7 @@ def fit_figures(error_map: ErrorMap) -> dict[str, Any]:
         "excluded": error_map.excluded,
         "campaign": error_map.campaign,
         "arm_check": error_map.arm_check.to_dict(),
+        "facts": [fact.to_dict() for fact in error_map.facts],
         "worth": error_map.worth.to_dict(),
         **({} if calibration is None else {"calibration": calibration_data(calibration)}),
         **({"fleet": fleet} if fleet else {}),

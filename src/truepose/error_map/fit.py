@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from truepose.cell import Cell
-from truepose.error_map.arm_check import check_arm
+from truepose.error_map.arm_check import check_arm, in_controllers_base
 from truepose.error_map.campaign import CampaignCheck, check_campaign
 from truepose.error_map.conditions import modelled_conditions
 from truepose.error_map.distances import check_distance_rows, distance_rows, unused_distances, with_origins
@@ -90,7 +90,9 @@ def fit_cell(
             f"candidates, splits and folds have no effect with the predictor {predictor!r}; leave them out, or fit "
             '"auto", which chooses among predictors'
         )
-    samples = with_origins(cell, on_arm(samples, robot := cell.load_robot()))
+    samples = on_arm(samples, cell.load_robot())
+    robot, facts = in_controllers_base(cell.load_robot(), samples)
+    samples = with_origins(cell, samples)
     if cell.conditions.approach == "from-order":
         progress("Finding the directions of approach from the order of rows")
         samples = replace(samples, approach=approach_from_order(samples))
@@ -153,6 +155,7 @@ def fit_cell(
         ],
         campaign=campaign.to_dict(),
         arm_check=check_arm(measured.robot, samples, tf_flange_tool, fit=cell.tool.fit),
+        stated=tuple(facts),
     )
     progress("Comparing the map with registration alone")
     return error_map.changed(known_worth=error_map.worth)

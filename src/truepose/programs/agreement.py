@@ -6,6 +6,7 @@ import re
 import unicodedata
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -26,17 +27,17 @@ _SAME_MM: Final = 1e-3
 _SAME_RAD: Final = 1e-6
 
 
-def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
+def check_cell(own: Cell, robot: Robot, cell: Cell, *, placed: bool = False) -> list[str]:
     """Refuse a cell file of another robot; return warnings about its tables that differ from the map's.
 
-    Such tables have no effect on a correction.
+    Such tables have no effect on a correction. `placed` says that the fit placed the model in the controller's base.
 
     Raises
     ------
     RefusedError
         If the robots differ, or the robot of the same name reaches other poses than when the map was fitted.
     """
-    other = cell.load_robot()
+    other = _placed(cell.load_robot(), robot) if placed else cell.load_robot()
     if other.name != robot.name and to_toml(other) != to_toml(robot):
         raise RefusedError(f"the cell file is of {other.name}, the map of {robot.name}; take the cell file of this map")
     if other.name == robot.name and (change := _change(robot, other)):
@@ -48,15 +49,21 @@ def check_cell(own: Cell, robot: Robot, cell: Cell) -> list[str]:
     return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
 
 
-def check_library(own: Cell, robot: Robot) -> list[str]:
-    """Return the warning of a map whose library arm is described otherwise today."""
+def check_library(own: Cell, robot: Robot, *, placed: bool = False) -> list[str]:
+    """Return the warning of a map whose library arm is described otherwise today; `placed` as of `check_cell`."""
     if robot.name != own.robot.model or robot.name not in list_robots():
         return []
-    if not (change := _change(robot, load_robot(robot.name))):
+    other = load_robot(robot.name)
+    if not (change := _change(robot, _placed(other, robot) if placed else other)):
         return []
     return [
         f"the map was fitted with an earlier description of {robot.name}, whose base it reads programs in: {change}"
     ]
+
+
+def _placed(robot: Robot, like: Robot) -> Robot:
+    """Return a robot in the base of another one."""
+    return replace(robot, tf_base_first=like.tf_base_first)
 
 
 def _change(robot: Robot, other: Robot) -> str:

@@ -6,7 +6,7 @@ own frame and added to its digits. `truepose.programs.proof` requires on every r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -45,6 +45,7 @@ from truepose.programs.corrector import (
     Corrector,
     HasHash,
     KnowsApproach,
+    KnowsFacts,
     KnowsWork,
     KnowsWorth,
     LimitsCorrections,
@@ -75,6 +76,7 @@ def correct_program(
     require: float | str | None = None,
     other_maker: bool = False,
     accept_weak_map: bool = False,
+    accept: Collection[str] = (),
     keep_going: bool = False,
     progress: Progress = lambda _done, _all: None,
     proven: bool = True,
@@ -108,6 +110,8 @@ def correct_program(
         Whether to accept a program of another maker than that of the map's robot.
     accept_weak_map : bool
         Whether to use a map that is not shown to be better than no map; see `truepose.ErrorMap.correct`.
+    accept : collection of str
+        The codes of facts of the map that refuse corrections and are accepted; see `truepose.ErrorMap.facts`.
     keep_going : bool
         Whether to refuse only the modules with refused targets, if the program is a project (KRL) or a task (RAPID) of
         several modules. Their targets stay nominal, and `CorrectedProgram.refused` names their files.
@@ -160,7 +164,7 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
-    warnings = _check_robot(error_map, program, cell, other_maker)
+    warnings = _check_robot(error_map, program, cell, other_maker, accept)
     if proven:
         check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
@@ -176,7 +180,7 @@ def correct_program(
     near: FloatArray | None = None
     more: dict[str, Any] = {}
     if isinstance(error_map, LimitsCorrections):
-        more = {"limits": limits, "accept_weak_map": accept_weak_map}
+        more = {"limits": limits, "accept_weak_map": accept_weak_map, "accept": accept}
         if known.robot is not None:
             near = joints_along_paths(known.robot, program.targets, known.tf_flange_tool)
     reversing = isinstance(error_map, KnowsApproach) and error_map.knows_approach
@@ -269,13 +273,20 @@ def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) ->
     return stated_limits(CorrectionContext.of(error_map).cell, cell, options)
 
 
-def _check_robot(error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool) -> list[str]:
+def _check_robot(
+    error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool, accept: Collection[str]
+) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return the warnings."""
     known = CorrectionContext.of(error_map)
     if known.robot is None:
         return []
-    warnings = [] if known.cell is None else check_library(known.cell, known.robot)
-    warnings += [] if cell is None or known.cell is None else check_cell(known.cell, known.robot, cell)
+    facts = error_map.facts if isinstance(error_map, KnowsFacts) else []
+    placed = any(fact.effect == "transforms" for fact in facts)
+    warnings = [fact.words for fact in facts if fact.effect == "transforms"]
+    warnings += [f"accepted: {fact.words}" for fact in facts if fact.code in accept]
+    if known.cell is not None:
+        warnings += check_library(known.cell, known.robot, placed=placed)
+        warnings += [] if cell is None else check_cell(known.cell, known.robot, cell, placed=placed)
     warnings += check_maker(known.robot, program, other_maker=other_maker)
     if isinstance(error_map, ChecksArm) and not error_map.arm_check.checked:
         warnings.append(error_map.arm_check.words)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truepose._typing import FloatArray, IntArray
 from truepose.cell import Cell, ConditionsSection
 from truepose.compensation import LimitsInForce, Policy
+from truepose.error_map.facts import Fact
 from truepose.programs.core.program import IDENTITY
 from truepose.robots import Robot
 
@@ -149,6 +150,15 @@ class ChecksArm(Protocol):
     @property
     def arm_check(self) -> _ArmCheck:
         """The result of the comparison."""
+
+
+@runtime_checkable
+class KnowsFacts(Protocol):
+    """A corrector that says what is known about it, see `truepose.ErrorMap.facts`."""
+
+    @property
+    def facts(self) -> Sequence[Fact]:
+        """The facts."""
 
 
 class _Worth(Protocol):
