@@ -28,6 +28,7 @@ def series():
 
 
 @pytest.mark.parametrize("method", ["posterior", "sobol", "latin-hypercube"])
+@pytest.mark.sampled(1)
 def test_no_pose_is_measured_twice(series, method):
     """Also where the seed, and so what is offered, is that of the first series."""
     virtual, samples = series
@@ -38,6 +39,7 @@ def test_no_pose_is_measured_twice(series, method):
     assert then.expected[0]["n"] == 0
 
 
+@pytest.mark.exhaustive
 def test_the_forecast_after_a_series_holds(series):
     virtual, samples = series
     held_out = virtual.measure(virtual.design(300, seed=1000), seed=3)

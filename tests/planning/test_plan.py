@@ -120,6 +120,7 @@ def length_of_line(q):
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.sampled(3)
 def test_every_method_plans(method):
     cell = cell_of()
     found = plan(cell, 12, method, rng=3)
@@ -145,6 +146,7 @@ def test_orientations_stay_within_the_tilt():
     np.testing.assert_allclose((at_rest.inv() * still.poses.rotation_cmd).magnitude(), 0.0, atol=1e-8)
 
 
+@pytest.mark.exhaustive
 def test_expected_is_what_is_found():
     """The mean length predicted, noise included, against virtual cells that are measured as planned."""
     cell, found = tp.VirtualCell("hard", seed=0).cell, []
@@ -364,6 +366,7 @@ def test_on_the_command_line(tmp_path):
     assert "plan.csv" in shown
 
 
+@pytest.mark.exhaustive
 def test_the_measured_ur10(ur10):
     """Poses chosen before any reading is looked at leave less than as many at random (marks: 0.33, 0.21 mm)."""
     samples = tp.read_samples(ur10 / "samples.csv")

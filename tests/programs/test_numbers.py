@@ -50,6 +50,7 @@ FORMS = (
 
 @pytest.mark.promise("every form of a number is read as one number or is not corrected, in every language")
 @pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.sampled(7)
 def test_forms_of_numbers(tmp_path: Path, make_map: Any, name: str, record_property: Any) -> None:
     path = tmp_path / name
     options = ReadOptions(angles="z" if name.endswith(".apt") else "kuka", whole_task=True)

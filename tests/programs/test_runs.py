@@ -259,6 +259,7 @@ LINES = {
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 @pytest.mark.parametrize("name", LINES)
+@pytest.mark.sampled(2)
 def test_a_long_program_is_read_in_runs(tmp_path: Path, make_map: Any, name: str, ending: str) -> None:
     frame, line = LINES[name]
     rows = np.random.default_rng(1).uniform(-180, 180, (2_500, 3))

@@ -58,6 +58,7 @@ def test_amplitudes_have_intervals(fitted):
         assert abs(row["estimate"] - abs(ripple)) < 4.5 * row["std"]
 
 
+@pytest.mark.exhaustive
 def test_with_the_term_new_poses_are_predicted_better(fitted):
     q, e = simulate(150, 1, noise=0.0)
     without = KinematicKriging(ROBOT, TOOL, gear_harmonics=False).fit(*simulate(120, 0))
