@@ -47,7 +47,7 @@ CODES: Final = {
     "scale": Kind("widens", "measured lengths have a scale against commanded ones, which was accepted or is small"),
     "reference": Kind("widens", "reference points moved during the campaign, which was accepted or is small"),
     "suspected-drift": Kind("widens", "a drift of the readings is suspected, but too uncertain to be named"),
-    "one-sided": Kind("widens", "all samples came from one side, so that lost motion of the joints is not known"),
+    "one-sided": Kind("told", "all samples came from one side, so that lost motion of the joints is not known"),
     "arm-checked": Kind("told", "the arm's model agrees with the positions that the controller shows"),
     "arm-not-checked": Kind("told", "no positions of the controller were at hand to check the arm's model"),
     "registration": Kind("told", "what the registration found beside station and tool"),
