@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.synced
 RUNTIME := $(VENV)/.runtime
 
-.PHONY: setup demo app frontend test test-all lint docs study bench clean
+.PHONY: setup demo app frontend test test-all lint docs study bench release clean
 
 setup: $(STAMP)
 
@@ -61,6 +61,10 @@ study: setup
 bench: setup
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group bench
 	$(BIN)/python -m benchmarks
+
+# make release VERSION=0.3.0, to see what would stop it first: RELEASEOPTS=--dry-run
+release: frontend
+	$(BIN)/python tools/release.py $(RELEASEOPTS) $(VERSION)
 
 clean:
 	rm -rf $(VENV) build src/truepose/web/static frontend/node_modules
