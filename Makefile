@@ -6,7 +6,7 @@ STAMP := $(VENV)/.synced
 RUNTIME := $(VENV)/.runtime
 unexport PYTHONDONTWRITEBYTECODE # tests start many processes, which would compile every module again
 
-.PHONY: setup demo app frontend test test-all lint docs study bench clean
+.PHONY: setup demo app frontend test test-all lint docs study bench release clean
 
 setup: $(STAMP)
 
@@ -62,6 +62,10 @@ study: setup
 bench: setup
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group bench
 	$(BIN)/python -m benchmarks
+
+# make release VERSION=0.3.0, to see what would stop it first: RELEASEOPTS=--dry-run
+release: frontend
+	$(BIN)/python tools/release.py $(RELEASEOPTS) $(VERSION)
 
 clean:
 	rm -rf $(VENV) build src/truepose/web/static frontend/node_modules

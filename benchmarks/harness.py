@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import truepose
+
 REPEATS = 5
 
 HEADS = ("task", "by", "time per item", "minimum", "spread", "times ours", "peak MB", "wanted")
@@ -210,7 +212,9 @@ def about(packages: Iterable[str]) -> str:
 
 
 def version_of(distribution: str) -> str | None:
-    """Return the installed version of a distribution, or None when it is absent."""
+    """Return the installed version of a distribution, or None when it is absent; for truepose that of the sources."""
+    if distribution == "truepose":
+        return truepose.__version__
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:

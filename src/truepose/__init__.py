@@ -9,8 +9,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from truepose._version import __version__
-
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
     from truepose.error_map import ErrorMap, FrozenMap, load_map, recheck, update_map
@@ -45,6 +43,8 @@ if TYPE_CHECKING:
     from truepose.studies.performance import iso9283, iso9283_poses
     from truepose.trackers import import_readings, read_readings, write_readings
     from truepose.verification import accuracy, held_out
+
+    __version__: str
 
 _HOME = {
     "Cell": "cell",
@@ -165,6 +165,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":  # asks git in a checkout, which takes longer than the import
+        from truepose._version import version
+
+        return version()
     try:
         module = importlib.import_module(f"truepose.{_HOME[name]}")
     except KeyError:

@@ -74,7 +74,7 @@ def test_help_is_light():
 def test_version(run):
     assert run("--version").out.startswith("truepose ")
     done = subprocess.run([sys.executable, "-m", "truepose", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout == run("--version").out
+    assert done.stdout == run("--version").out == f"truepose {tp.__version__}\n"
 
 
 def test_wrong_usage_exits_2(run):

@@ -33,6 +33,28 @@ except SystemExit as end:
 print(*sys.modules, file=sys.stderr)
 """
 
+NO_PROCESS = """
+import sys
+
+def refuse(event, arguments):
+    if event in ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.exec"):
+        raise RuntimeError(f"{event}: {arguments}")
+
+sys.addaudithook(refuse)
+"""
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"], ["robots", "--json"]])
+def test_a_start_runs_no_other_program(arguments: list[str]) -> None:
+    """The version comes from git, which would take longer than the rest of a start."""
+    subprocess.run([sys.executable, "-c", NO_PROCESS + RUN, *arguments], capture_output=True, text=True, check=True)
+
+
+def test_the_package_is_imported_without_what_runs_programs() -> None:
+    code = "import sys; old = set(sys.modules); import truepose; print(*set(sys.modules) - old)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"subprocess", "importlib.metadata", "numpy"} & set(done.stdout.split())
+
 
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.sampled(3)

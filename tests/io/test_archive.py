@@ -5,6 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 
+import truepose
 from truepose._io import archive
 from truepose.errors import FileError
 
@@ -76,6 +77,11 @@ def test_pickled_array_is_refused(packed):
     forged = rewrite(rewrite(packed, "arrays/q.npy", buffer.getvalue()), "manifest.json", json.dumps(manifest).encode())
     with pytest.raises(FileError, match=r"arrays/q\.npy is not a plain array"):
         archive.unpack(forged, "m.truepose")
+
+
+def test_a_map_names_the_software_that_wrote_it(packed):
+    with zipfile.ZipFile(io.BytesIO(packed)) as z:
+        assert json.loads(z.read("manifest.json"))["written_by"] == f"truepose {truepose.__version__}"
 
 
 def test_newer_schema_is_told(packed):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -313,6 +314,10 @@ def test_other_versions_are_named():
     own = identity()
     assert differences(own, dict(own)) == ""
     assert "numpy 1.0, here " in differences(own, {**own, "numpy": "1.0"})
+
+
+def test_workers_with_the_same_code_of_other_commits_agree():
+    assert re.fullmatch(r"\d+\.\d+\.\d+, code [0-9a-f]{12}", identity()["truepose"])  # and no commit
 
 
 def test_workers_with_several_threads_are_refused():

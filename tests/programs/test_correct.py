@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import truepose
 from truepose.errors import DataError, FileError, RefusedError
 from truepose.programs import FrameTable, ReadOptions, correct_program
 
@@ -152,6 +153,7 @@ def test_write_leaves_every_file_and_the_record(path: Path, frames: FrameTable, 
     record = json.loads(written[2].read_text())
     assert record == corrected.to_dict()
     assert record["map_sha256"] == "0" * 64
+    assert record["written_by"] == f"truepose {truepose.__version__}"
     assert record["summary"]["corrected"] == 3
     assert record["summary"]["largest_correction_mm"] == pytest.approx(np.sqrt(0.14), abs=2e-3)
     assert record["summary"]["largest_std_mm"] == pytest.approx(2.0 * np.sqrt(3))

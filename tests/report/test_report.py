@@ -18,6 +18,7 @@ from fontTools.ttLib import TTFont
 from scipy.spatial.transform import Rotation
 from tests.report.conftest import DATE, EN, Asked
 
+import truepose
 from truepose.error_map import load_map
 from truepose.error_map.fit import fit_cell
 from truepose.errors import DataError, FileError
@@ -72,6 +73,13 @@ def test_every_section_is_told(evidence, documents, locale):
         say("signatures.approved"),
     ):
         assert word in text
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+def test_the_report_names_the_software_that_wrote_it(documents, locale):
+    shown = f"truepose {truepose.__version__}"
+    assert shown in documents[locale].stamp
+    assert shown in documents[locale].text()
 
 
 def test_german_numbers_have_commas_everywhere(documents):

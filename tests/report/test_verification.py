@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+import truepose
 from truepose.errors import FileError
 from truepose.programs import ProgramVerification, VerifiedTarget
 from truepose.report.document import Picture, Table
@@ -53,6 +54,10 @@ def test_section_has_the_decision_a_picture_and_the_table(locale):
     assert [row[-1] for row in table.rows[-2:]] == [say("conformity.undecided"), say("conformity.fail")]
     assert sum(isinstance(block, Picture) for block in made.blocks) == 1
     assert say("conformity.title") in made.blocks[-1].text
+
+
+def test_a_verification_names_the_software_that_wrote_it():
+    assert verification().to_dict()["written_by"] == f"truepose {truepose.__version__}"
 
 
 def test_what_weakens_the_proof_is_a_warning():

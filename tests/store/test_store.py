@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,6 +13,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from tests.needs import needed
 
+import truepose
 from truepose.errors import DataError, StoreError
 from truepose.store import audit, schema
 from truepose.store.store import Store
@@ -57,6 +59,14 @@ def test_rows_are_updated_and_removed_with_entries(store: Store) -> None:
         actions = connection.execute(sa.select(schema.audit.c.action).order_by(schema.audit.c.sequence)).scalars()
         assert list(actions)[1:] == ["site.add", "site.change", "site.remove", "site.add"]
         assert list(audit.broken_links(connection)) == []
+
+
+def test_the_trail_begins_with_the_software_that_made_the_store(store: Store) -> None:
+    with store.reading() as connection:
+        first = (
+            connection.execute(sa.select(schema.audit.c.payload).order_by(schema.audit.c.sequence)).scalars().first()
+        )
+    assert json.loads(first or "")["program"] == truepose.__version__
 
 
 def test_secrets_are_not_in_the_audit_trail(store: Store) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+import truepose
 from truepose.web import Workspace, create_app
 from truepose.web.security import CSRF_HEADER, HEADERS, Guard
 
@@ -47,6 +48,10 @@ def test_without_a_session_nothing_is_told(client: TestClient) -> None:
     assert answer.status_code == 401
     assert answer.headers["content-type"] == "application/problem+json"
     assert "truepose app" in answer.json()["detail"]
+
+
+def test_everybody_may_ask_for_the_version(client: TestClient) -> None:
+    assert client.get("/version").json()["version"] == truepose.__version__
 
 
 def test_wrong_tries_are_refused_and_then_stopped(client: TestClient, guard: Guard) -> None:

@@ -141,6 +141,9 @@ def test_a_result_is_computed_once_and_kept_in_the_workspace(page: Page, monkeyp
     monkeypatch.setattr(arrays, "volume", lambda *_: pytest.fail("computed again"))
     assert page.get(f"/maps/{sha}/volume.bin", n=4) == first
     assert any((page.root / ".truepose" / "cache").iterdir())
+    monkeypatch.setattr(arrays, "volume", lambda *_: b"anew")
+    monkeypatch.setattr("truepose.web.cache.code_hash", lambda: "of other code")
+    assert page.get(f"/maps/{sha}/volume.bin", n=4) == b"anew"
 
 
 @pytest.mark.parametrize("table", ["samples", "figures", "candidates", "curves", "excluded", "variogram"])

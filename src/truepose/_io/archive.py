@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truepose._io.strict import LARGEST, parse_json
-from truepose._version import __version__
+from truepose._version import version
 from truepose.errors import DataError, FileError
 
 FORMAT: Final = "truepose map"
@@ -75,7 +75,7 @@ def pack(content: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], form: s
     manifest = {
         "format": form,
         "schema": SCHEMA,
-        "written_by": f"truepose {__version__}",
+        "written_by": f"truepose {version()}",
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
     }
     out = io.BytesIO()

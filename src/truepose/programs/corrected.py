@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from truepose._io import files
 from truepose._io.workbook import to_workbook
 from truepose._io.zips import is_zip, on_disk
+from truepose._version import version
 from truepose.compensation import LimitsInForce, Policy
 from truepose.errors import FileError
 from truepose.programs import history
@@ -136,6 +137,7 @@ class CorrectedProgram:
         return {
             "format": FORMAT,
             "schema": SCHEMA,
+            "written_by": f"truepose {version()}",
             "program": str(self.program.path),
             "files": [
                 {

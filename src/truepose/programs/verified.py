@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from truepose._io.delimited import escaped
+from truepose._version import version
 from truepose.verification.conformity import CONFORMITIES, RULE, Conformity, overall
 
 FORMAT: Final = "truepose verification"
@@ -163,9 +164,9 @@ class ProgramVerification:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verification for JSON, as the report reads it."""
-        head = {"format": FORMAT, "schema": SCHEMA, "decision": self.decision, "counts": self.counts}
+        head = {"format": FORMAT, "schema": SCHEMA, "written_by": f"truepose {version()}"}
         own = asdict(self)
-        return {**head, "figures": self.figures, "rule": RULE, **own}
+        return {**head, "decision": self.decision, "counts": self.counts, "figures": self.figures, "rule": RULE, **own}
 
     def to_csv(self) -> str:
         """Return the measured targets as CSV, units in the names."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from truepose._io import files
-from truepose._version import __version__
+from truepose._version import version
 from truepose.errors import FileError
 from truepose.programs.coverage import Coverage, CoverageLine
 from truepose.report.document import Attachment, Block, Document, Section, Table, Text
@@ -72,7 +72,7 @@ def document(coverage: Coverage) -> Document:
     lead = Text(f"Counts are of targets that motions go to, {how}. A joint target counts, too.")
     attached = Attachment("coverage.csv", "all programs and reasons", coverage.to_csv())
     return Document(
-        "en", (), "Coverage of robot programs", f"truepose {__version__}", "page", "Tables", tiles, [lead], sections,
+        "en", (), "Coverage of robot programs", f"truepose {version()}", "page", "Tables", tiles, [lead], sections,
         attachments=[attached],
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from truepose._io import files
 from truepose._typing import FloatArray
-from truepose._version import __version__
+from truepose._version import version
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
 from truepose.error_map.registration import reading_noise
@@ -120,7 +120,7 @@ class Evidence:
     def versions(self) -> str:
         """The versions of truepose, Python and the numerical libraries."""
         libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
-        return f"truepose {__version__}, Python {platform.python_version()}, {libraries}"
+        return f"truepose {version()}, Python {platform.python_version()}, {libraries}"
 
     @property
     def held_out_sha256(self) -> str:

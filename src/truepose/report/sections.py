@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truepose._version import __version__
+from truepose._version import version
 from truepose.geometry import ANGLES, euler
 from truepose.report import conformity, identity, records, scene, verification
 from truepose.report.arm import rods
@@ -55,7 +55,7 @@ def document(evidence: Evidence, say: Locale, *, interactive: bool = False) -> D
         language=say.name,
         fonts=say.fonts,
         title=say("report.of", robot=robot),
-        stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=__version__),
+        stamp=say("report.stamp", date=_date(evidence), hash=error_map.hash[:_HASH], version=version()),
         page=say("report.page"),
         attached=say("report.attached"),
         tiles=_tiles(evidence, say),

@@ -23,7 +23,7 @@ import sqlalchemy as sa
 
 from truepose._io import files
 from truepose._io.commits import sync_folder
-from truepose._version import __version__
+from truepose._version import version
 from truepose.errors import FileError
 from truepose.store import audit, migrate, schema
 from truepose.store.audit import Head
@@ -112,7 +112,7 @@ def _write(store: Store, archive: zipfile.ZipFile, progress: Progress) -> None:
     manifest = {
         "format": FORMAT,
         "schema": schema.VERSION,
-        "written_by": f"truepose {__version__}",
+        "written_by": f"truepose {version()}",
         "time": audit.now(),
         "sequence": head.sequence,
         "head": head.hash,
@@ -164,7 +164,7 @@ def restore(path: str | Path, address: str | Path, *, progress: Progress = SILEN
             if faults := check_trail(connection, progress).faults:
                 raise FileError(path, f"{len(faults)} faults, first: {faults[0]}; {_DAMAGED}")
             migrate.upgrade(connection)
-            note = {"head": moved.head.hash, "from": manifest["schema"], "to": schema.VERSION, "program": __version__}
+            note = {"head": moved.head.hash, "from": manifest["schema"], "to": schema.VERSION, "program": version()}
             change = Change(connection, "truepose", store.blobs)
             change.note("store.restore", note)
     return moved

@@ -13,7 +13,7 @@ from typing import Self
 import sqlalchemy as sa
 
 from truepose._io.blobs import BlobFolder
-from truepose._version import __version__
+from truepose._version import version
 from truepose.errors import DataError, StoreError
 from truepose.store import anchor, audit, schema
 from truepose.store.address import backend_of
@@ -69,7 +69,7 @@ class Store:
         if create:
             with cls.making(address) as (store, connection):
                 upgrade(connection)
-                identity = {"store": str(uuid.uuid4()), "schema": schema.VERSION, "program": __version__}
+                identity = {"store": str(uuid.uuid4()), "schema": schema.VERSION, "program": version()}
                 Change(connection, "truepose", store.blobs).note("store.init", identity)
             return store
         store = cls.unchecked(address)
@@ -177,7 +177,7 @@ class Store:
                 return before, before
             upgrade(connection)
             change = Change(connection, user, self.blobs)
-            change.note("store.migrate", {"from": before, "to": schema.VERSION, "program": __version__})
+            change.note("store.migrate", {"from": before, "to": schema.VERSION, "program": version()})
         anchor.write(self.backend.anchor, change.head)
         return before, schema.VERSION
 

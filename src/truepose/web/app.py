@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, Request
 
-from truepose import __version__
+from truepose._version import version
 from truepose.jobs import JobQueue
 from truepose.web import history, jobs, login, pages, problems, releases, reports, session, users, verifications
 from truepose.web.arms import routes as arms
@@ -59,7 +59,7 @@ def create_app(
 
     app = FastAPI(
         title="truepose",
-        version=__version__,
+        version=version(),
         lifespan=running,
         docs_url=None,  # these pages load scripts from elsewhere
         redoc_url=None,

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
 
-from truepose import __version__
 from truepose._io.files import write_atomic
 from truepose._io.plain import plain
+from truepose.jobs.executor.identity import code_hash
 from truepose.web.kept import remove_old
 from truepose.web.workspace import Workspace
 
@@ -40,8 +40,8 @@ class ResultCache:
         self._objects: OrderedDict[str, Any] = OrderedDict()
 
     def bytes(self, key: tuple[object, ...], make: Callable[[], bytes]) -> bytes:
-        """Return a result by its key; made anew by each version of the product."""
-        name = hashlib.sha256(repr((__version__, *key)).encode()).hexdigest()[:40]
+        """Return a result by its key; made anew when the code changes."""
+        name = hashlib.sha256(repr((code_hash(), *key)).encode()).hexdigest()[:40]
         path = self._folder / name
         with self._lock(name):
             try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
-from truepose import __version__
+from truepose import _version
 from truepose.store.roles import Role
 from truepose.web.team.team import Visitor
 from truepose.web.workspace import InWorkspace
@@ -44,7 +44,7 @@ def session(request: Request, workspace: InWorkspace) -> Session:
     visitor: Visitor | None = getattr(request.state, "visitor", None)
     user = visitor and LoggedIn(name=visitor.identity.name, roles=list(visitor.roles))
     csrf = request.app.state.guard.csrf_of(request)
-    return Session(csrf=csrf, version=__version__, workspace=workspace.root.name, user=user)
+    return Session(csrf=csrf, version=_version.version(), workspace=workspace.root.name, user=user)
 
 
 @health.get("/healthz")
@@ -57,4 +57,4 @@ def healthz() -> dict[str, str]:
 def version(request: Request) -> Version:
     """Return the version of the product, and whether the browser may ask for more."""
     guard = request.app.state.guard
-    return Version(version=__version__, users=guard.has_users, entered=guard.entered(request))
+    return Version(version=_version.version(), users=guard.has_users, entered=guard.entered(request))

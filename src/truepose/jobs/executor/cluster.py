@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from truepose._version import version
 from truepose.errors import DataError
 from truepose.jobs.executor.identity import differences, identity
 from truepose.jobs.executor.results import FinishedResults
@@ -257,8 +258,7 @@ def _check_workers(client: Client, address: str) -> int:
     for worker, other in found.items():
         if isinstance(other, BaseException):
             raise DataError(
-                f"worker {worker} of {address} cannot run truepose ({other}); install the same version there: "
-                f"pip install 'truepose[scale]=={identity()['truepose'].split(',')[0]}'"
+                f"worker {worker} of {address} cannot run truepose ({other}); install truepose[scale] {version()} there"
             )
         if differing := differences(identity(), other):
             raise DataError(_unlike(worker, differing))
