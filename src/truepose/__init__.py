@@ -6,9 +6,9 @@ interface; each is imported when it is first used, so that ``import truepose`` i
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from truepose._lazy import lazy_names
 from truepose._version import __version__
 
 if TYPE_CHECKING:
@@ -164,12 +164,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    try:
-        module = importlib.import_module(f"truepose.{_HOME[name]}")
-    except KeyError:
-        raise AttributeError(f"module 'truepose' has no attribute {name!r}") from None
-    return getattr(module, name)
+__getattr__ = lazy_names(__name__, _HOME)
 
 
 def __dir__() -> list[str]:
