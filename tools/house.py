@@ -24,7 +24,8 @@ from scipy.sparse.csgraph import connected_components
 ROOT = "truepose"
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 Arrow = tuple[str, str]
-EVERYWHERE = {"_lazy", "_typing", "_version", "errors"}  # imported by many, and import no other: not drawn
+EVERYWHERE = {"_deprecated", "_lazy", "_typing", "_version", "errors"}
+"""Modules that many import and that import no room; they are not drawn."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ interface; each is imported when it is first used, so that ``import truepose`` i
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
+
+from truepose._lazy import lazy_names
 
 if TYPE_CHECKING:
     from truepose.cell import Cell, load_cell
@@ -164,16 +165,15 @@ __all__ = [
 ]
 
 
+_lazy = lazy_names(__name__, _HOME)
+
+
 def __getattr__(name: str) -> Any:
     if name == "__version__":  # asks git in a checkout, which takes longer than the import
         from truepose._version import version
 
         return version()
-    try:
-        module = importlib.import_module(f"truepose.{_HOME[name]}")
-    except KeyError:
-        raise AttributeError(f"module 'truepose' has no attribute {name!r}") from None
-    return getattr(module, name)
+    return _lazy(name)
 
 
 def __dir__() -> list[str]:

@@ -124,5 +124,12 @@ class RecoveryWarning(UserWarning):
     """An earlier run was interrupted while it wrote files; they were completed, restored or removed."""
 
 
+class TrueposeDeprecationWarning(FutureWarning):
+    """A former name of a function, argument or option: what to write instead, and the version that removes it.
+
+    Python shows it by default, unlike `DeprecationWarning`, because those who call truepose are its users.
+    """
+
+
 class VariogramWarning(UserWarning):
     """A variogram model that the samples do not support: a parameter at its bound, or no sill within the samples."""

@@ -91,7 +91,7 @@ def test_there_are_no_import_circles(house: ModuleType) -> None:
     assert list(house.circles(graph, arrows)) == []
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "GOVERNANCE.md", "SECURITY.md"])
 def test_links_of_the_pages_above_lead_somewhere(page: str) -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", (ROOT / page).read_text("utf-8"))
     assert links
@@ -104,3 +104,31 @@ def test_readers_of_measurements_need_no_text_tools(page: str) -> None:
     blocks = re.findall(r"```\{run\}\n(.*?)```", (DOCS / page).read_text("utf-8"), re.DOTALL)
     assert blocks
     assert not re.search(r"\b(grep|sed|awk|cut|tail)\b|\|", "".join(blocks))
+
+
+RELEASE = re.compile(r"^## (\d+)\.(\d+)\.(\d+), (\d{4}-\d\d-\d\d)$", re.MULTILINE)
+
+
+def test_the_changelog_begins_each_release_with_what_to_do() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    heads = re.findall(r"^## .*$", text, re.MULTILINE)
+    assert heads[0] == "## Unreleased"
+    assert len(RELEASE.findall(text)) == len(heads) - 1 > 0
+    numbers = [tuple(map(int, release[:3])) for release in RELEASE.findall(text)]
+    assert numbers == sorted(set(numbers), reverse=True)
+    for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        topics = re.findall(r"^### (.*)$", section, re.MULTILINE)
+        assert len(set(topics)) == len(topics)
+        assert topics[:1] in ([], ["What you must do"])
+
+
+def test_the_citation_has_the_newest_release_and_the_fields_of_its_format() -> None:
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    fields = dict(re.findall(r"^([a-z-]+): *(.*)$", text, re.MULTILINE))
+    newest = RELEASE.search((ROOT / "CHANGELOG.md").read_text("utf-8"))
+    assert newest is not None
+    assert fields["version"] == ".".join(newest.groups()[:3])
+    assert fields["date-released"] == newest[4]
+    assert fields["cff-version"] == "1.2.0"
+    assert fields["license"] == "BSD-3-Clause"
+    assert fields.keys() >= {"message", "title", "authors", "type"}

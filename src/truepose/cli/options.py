@@ -8,11 +8,12 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
+from truepose._deprecated import Former, present_options
 from truepose._io.strict import is_whole, to_float
 from truepose.errors import DataError
 
@@ -143,11 +144,19 @@ def parse_numbers(text: str, option: str) -> list[float]:
     return numbers
 
 
+FORMER_OPTIONS: Final[dict[str, Former]] = {}
+"""The options that had another name in the last minor version; none at present."""
+
+
 class Command(TyperCommand):
-    """A command whose numeric options take plain numbers only, unlike Python's ``1_000``, ``٣`` and ``nan``."""
+    """A command that knows former options, and whose numeric options take plain numbers only.
+
+    Plain numbers are those without Python's ``1_000``, ``٣`` and ``nan``.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments after a check of the numbers."""
+        """Parse the arguments after a replacement of former options and a check of the numbers."""
+        args = present_options(args, [flag for one in self.params for flag in one.opts], FORMER_OPTIONS)
         kinds = {flag: kind for one in self.params for flag in one.opts if (kind := _kind(one)) is not None}
         tokens = args[: args.index("--")] if "--" in args else args
         for token, following in zip(tokens, [*tokens[1:], ""], strict=False):

@@ -7,6 +7,7 @@ hyperparameters. Reading it fits the predictor to the samples again with these, 
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from truepose.error_map.selection import arm_of
 from truepose.error_map.worth import Worth
 from truepose.errors import FileError
 from truepose.geometry import Registration
-from truepose.predictors import FORMER_NAMES, make_predictor
+from truepose.predictors import FORMER_NAMES, LATER_PARAMETERS, make_predictor, predictor_spec
 from truepose.robots import parse_robot, to_toml
 from truepose.samples import Distances, Samples
 
@@ -119,6 +120,7 @@ def from_bytes(data: bytes, path: str | Path, kind: type[_Map]) -> _Map:
     content, arrays = archive.unpack(data, path)
     try:
         _replace_former_names(content)
+        _add_later_parameters(content["predictor"])
         error_map = kind(
             **_fields(content, arrays, path), stored=StoredFile(Path(path), hashlib.sha256(data).hexdigest())
         )
@@ -146,6 +148,13 @@ def _replace_former_names(content: dict[str, Any]) -> None:
         row[key] = FORMER_NAMES.get(row[key], row[key])
     if chosen := content["expected"].get("chosen"):
         content["expected"]["chosen"] = {FORMER_NAMES.get(name, name): count for name, count in chosen.items()}
+
+
+def _add_later_parameters(predictor: dict[str, Any]) -> None:
+    """Add the parameters of the predictor that came after version 0.2, in place, if the file has none of them."""
+    later = LATER_PARAMETERS.keys() & inspect.signature(predictor_spec(predictor["name"]).family).parameters.keys()
+    if not later & predictor["parameters"].keys():
+        predictor["parameters"] |= {name: LATER_PARAMETERS[name] for name in later}
 
 
 def _fields(content: dict[str, Any], arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:

@@ -17,13 +17,21 @@ if TYPE_CHECKING:
     from truepose.predictors.kriging.vecchia import VecchiaKriging
     from truepose.predictors.kriging.vector import VectorKriging
     from truepose.predictors.orientation import PosePredictor
-    from truepose.predictors.registry import FORMER_NAMES, PREDICTORS, ArmContext, make_predictor, predictor_spec
+    from truepose.predictors.registry import (
+        FORMER_NAMES,
+        LATER_PARAMETERS,
+        PREDICTORS,
+        ArmContext,
+        make_predictor,
+        predictor_spec,
+    )
     from truepose.predictors.residual_network import ResidualNetwork
     from truepose.predictors.selection.choice import Choice, rank_predictors
     from truepose.predictors.selection.cross_validation import PositionalErrors
 
 _HOME = {
     "FORMER_NAMES": "registry",
+    "LATER_PARAMETERS": "registry",
     "ArmContext": "registry",
     "Choice": "selection.choice",
     "GridCell": "baselines",
@@ -56,6 +64,7 @@ _HOME = {
 
 __all__ = [
     "FORMER_NAMES",
+    "LATER_PARAMETERS",
     "PREDICTORS",
     "ArmContext",
     "Choice",

@@ -117,6 +117,16 @@ FORMER_NAMES: Final[dict[str, str]] = {
 }
 """Names that maps of version 0.1 may have, with the names that replace them."""
 
+LATER_PARAMETERS: Final[dict[str, Any]] = {
+    "backlash_shape": False,
+    "conditions": [],
+    "distances": False,
+    "fleet": None,
+    "gear_harmonics": False,
+    "single_variance": False,
+}
+"""Parameters that maps of version 0.2 lack, with the values that leave a predictor as it was then."""
+
 LARGEST_GLOBAL: Final = 5000
 """Number of samples beyond which `for_many` replaces Kriging from all samples, whose fit takes O(n³) time."""
 
