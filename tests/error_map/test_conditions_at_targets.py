@@ -249,3 +249,14 @@ def test_payloads_with_tools_are_checked(single):
     error_map = fit_cell(no_mass, replace(samples, load=None), "calibration")
     with pytest.raises(DataError, match="no column load_kg"):
         error_map.at_work(ConditionsSection.model_validate({"payloads": {"1": {"mass_kg": 3.0}}}))
+
+
+@pytest.mark.parametrize("load", [-5.0, float("inf"), float("-inf")])
+def test_a_mass_that_cannot_be_is_refused(load: float) -> None:
+    virtual = VirtualCell("paper", seed=1)
+    error_map = fit_cell(virtual.cell, virtual.measure(virtual.design(30)), "ordinary-kriging")
+    q = virtual.design(2, seed=3)
+    with pytest.raises(DataError, match="negative or infinite"):
+        error_map.correct(virtual.robot.forward(q, tool=virtual.tf_flange_tool), load=np.array([1.0, load]))
+    with pytest.raises(DataError, match=r"load_kg is negative|load is not finite"):
+        error_map.predict(Poses(q=q, load=np.array([1.0, load])))

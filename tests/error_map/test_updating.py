@@ -10,7 +10,7 @@ import truepose as tp
 from truepose.error_map.update import GROWTH, STATION, TOOL, Recheck
 from truepose.errors import DataError
 from truepose.geometry import apply_transform, invert_transform, make_transform
-from truepose.samples import Samples
+from truepose.samples import Samples, write_samples
 from truepose.verification.consistency import ConsistencyTest, Drift
 
 
@@ -193,3 +193,25 @@ def test_wrong_words(virtual, error_map):
     bare = Samples(new_readings(virtual, 8).p_meas, p_cmd=np.zeros((8, 3)), source="bare")
     with pytest.raises(DataError, match="bare"):
         tp.update_map(error_map, bare, refit="tool")
+
+
+def test_readings_that_a_map_has_count_once(virtual, error_map, run, tmp_path):
+    """Counted twice, readings would claim twice the evidence: standard deviations too small, corrections too bold."""
+    new = new_readings(virtual, 12, seed=9)
+    once = tp.update_map(error_map, new)
+    for again in (new, error_map.samples[:5], new[3:7]):
+        with pytest.raises(DataError, match="all of these readings are in the map already"):
+            tp.update_map(once, again)
+    later = new_readings(virtual, 4, seed=10)
+    joined = Samples(np.concatenate([new.p_meas, later.p_meas]), q=np.concatenate([new.q, later.q]))
+    twice = tp.update_map(once, joined)
+    assert len(twice.samples) == len(once.samples) + 4
+    assert sum(row["reason"] == "in the map already" for row in twice.excluded) == 12
+    poses = virtual.design(6, seed=11)
+    fitted = tp.update_map(tp.update_map(error_map, later), new)
+    np.testing.assert_allclose(twice.predict(poses).std, fitted.predict(poses).std, rtol=0.05)
+    write_samples(tmp_path / "new.csv", new)
+    once.save(tmp_path / "once.truepose")
+    refused = run("update", tmp_path / "once.truepose", tmp_path / "new.csv", "--out", tmp_path / "twice.truepose")
+    assert "in the map already" in refused.failed()
+    assert not (tmp_path / "twice.truepose").exists()

@@ -121,7 +121,7 @@ class Cell(CellSection):
         >>> from truepose.cell import template
         >>> text = template("kuka-kr150-2").replace("x_mm = 0.0", "x_mm = nan", 1)
         >>> [(problem.loc, problem.line) for problem in Cell.problems(text)]
-        [(('tool', 'x_mm'), 9)]
+        [(('tool', 'x_mm'), 10)]
         """
         try:
             cls.model_validate(parse_toml(text, _UNNAMED), context={"folder": Path(folder)})
@@ -195,6 +195,11 @@ class Cell(CellSection):
             return robot
         model = self.robot.model
         return load_robot(str(self._folder / model) if model.lower().endswith(ROBOT_FILES) else model)
+
+    @property
+    def robot_id(self) -> str | None:
+        """The name of this very robot: ``[robot] id``, else ``[report] robot_serial``; None if neither is stated."""
+        return self.robot.id or self.report.robot_serial
 
     @property
     def controller(self) -> str | None:

@@ -18,11 +18,13 @@ Fit = Literal["none", "position", "pose"]
 class RobotSection(CellSection):
     """``[robot]``: a library name, or the path of a .toml, .csv or .urdf file relative to the cell file.
 
+    ``id`` names this very robot: its serial number, or a name of its own; a map corrects programs of no other one.
     ``repeatability_mm`` is RP of ISO 9283, as stated by the maker. ``world_height_mm`` confirms that the poses of the
     file are relative to the controller's world, see `truepose.cell.world_height`.
     """
 
     model: str
+    id: Annotated[str, Field(strict=True, min_length=1, max_length=200)] | None = None
     repeatability_mm: Positive | None = None
     world_height_mm: Positive | None = None
 

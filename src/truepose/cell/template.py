@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,7 @@ _TEMPLATE: Final = """\
 
 [robot]
 model = {model}        # a library name (see `truepose robots`), or the path of a .toml, .csv or .urdf file
+{id}    # this very robot: its serial number, or a name of its own; a map corrects programs of no other
 {world}# repeatability_mm = 0.06  # RP of ISO 9283; with the noise of a reading it limits the accuracy of any map
 
 [tool]                   # from the flange to the measured point (the reflector)
@@ -145,7 +147,7 @@ world_height_mm = {height}  # the robot's base is the controller's world, this f
 """
 
 
-def template(robot_name: str, folder: str | Path | None = None) -> str:
+def template(robot_name: str, folder: str | Path | None = None, robot_id: str | None = None) -> str:
     """Return a commented ``cell.toml`` for a robot, which is valid as it is.
 
     Parameters
@@ -155,6 +157,8 @@ def template(robot_name: str, folder: str | Path | None = None) -> str:
     folder : str or Path, optional
         The folder of the cell file, to which the path of a robot file is made relative. When not given, the path is
         written as it is.
+    robot_id : str, optional
+        The name of this very robot, such as its serial number. When not given, its line is a comment.
 
     Raises
     ------
@@ -172,6 +176,7 @@ def template(robot_name: str, folder: str | Path | None = None) -> str:
     zero = [f"{key} = {1.0 if key == 'q1' else 0.0}" for key in keys]
     return _TEMPLATE.format(
         model=json.dumps(_model(robot_name, folder), ensure_ascii=False),
+        id='# id = "123456"' if robot_id is None else f"id = {json.dumps(robot_id, ensure_ascii=False)}",
         angles=", ".join(keys),
         world="" if robot.world_height_mm is None else _WORLD.format(height=robot.world_height_mm),
         zero_angles="\n".join(zero),
@@ -180,7 +185,7 @@ def template(robot_name: str, folder: str | Path | None = None) -> str:
     )
 
 
-def write_template(folder: str | Path, robot_name: str) -> Path:
+def write_template(folder: str | Path, robot_name: str, robot_id: str | None = None) -> Path:
     """Write a commented ``cell.toml`` into a folder, which is created if needed; return its path.
 
     Parameters
@@ -189,6 +194,8 @@ def write_template(folder: str | Path, robot_name: str) -> Path:
         The folder of the cell.
     robot_name : str
         The library name, or the path of a .toml, .csv or .urdf file.
+    robot_id : str, optional
+        The name of this very robot, such as its serial number; a made-up one when not given.
 
     Raises
     ------
@@ -198,7 +205,7 @@ def write_template(folder: str | Path, robot_name: str) -> Path:
         If the file exists and may not be overwritten, or cannot be written.
     """
     path = Path(folder) / "cell.toml"
-    text = template(robot_name, folder)
+    text = template(robot_name, folder, robot_id or f"robot-{secrets.token_hex(4)}")
     check_outputs(path)
     write_atomic(path, text)
     return path

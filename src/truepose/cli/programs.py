@@ -49,6 +49,9 @@ Require = Annotated[
 OtherMaker = Annotated[
     bool, typer.Option("--other-maker", help="Accept programs for a robot of another maker than the map's.")
 ]
+OtherRobot = Annotated[
+    str, typer.Option("--other-robot", help="Reason for using the map of another robot of the same type; recorded.")
+]
 AcceptWeakMap = Annotated[
     bool, typer.Option("--accept-weak-map", help="Accept a weak map, or a map of an interpolator.")
 ]
@@ -280,6 +283,7 @@ def correct(
     orientation: Orientation = False,
     require: Require = None,
     other_maker: OtherMaker = False,
+    other_robot: OtherRobot = "",
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     in_place: Annotated[
@@ -347,6 +351,7 @@ def correct(
                 orientation=orientation,
                 require=require,
                 other_maker=other_maker,
+                other_robot=other_robot,
                 accept_weak_map=accept_weak_map,
                 accept=accept or (),
                 progress=progress.count,

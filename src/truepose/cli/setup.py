@@ -149,6 +149,9 @@ def init(
     robot: Annotated[
         str, typer.Option("--robot", help="Library name (see 'truepose robots'), or a .toml, .csv or .urdf file.")
     ],
+    robot_id: Annotated[
+        str | None, typer.Option("--id", help="Serial number or name of this very robot; made up if it is left out.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -156,7 +159,7 @@ def init(
     from truepose.cell import write_template
 
     overwrite(force)
-    path = write_template(directory, robot)
+    path = write_template(directory, robot, robot_id)
     if as_json:
         emit_json({"cell": path})
     else:

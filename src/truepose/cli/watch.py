@@ -17,6 +17,7 @@ from truepose.cli.programs import (
     GuardPolicy,
     Orientation,
     OtherMaker,
+    OtherRobot,
     Reading,
     Require,
 )
@@ -38,6 +39,7 @@ def watch(
     orientation: Orientation = False,
     require: Require = None,
     other_maker: OtherMaker = False,
+    other_robot: OtherRobot = "",
     accept_weak_map: AcceptWeakMap = False,
     accept: Accept = None,
     settle: Annotated[
@@ -68,6 +70,7 @@ def watch(
         "orientation": orientation,
         "require": require,
         "other_maker": other_maker,
+        "other_robot": other_robot,
         "accept_weak_map": accept_weak_map,
         "accept": accept or (),
     }

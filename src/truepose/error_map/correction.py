@@ -88,6 +88,8 @@ class Targets:
         assert p is not None
         _sized("before", before, (n, 4, 4))
         stated = {"payload": _sized("load", load, (n,)), "centre": _sized("p_load", p_load, (n, 3))}
+        if load is not None and (np.isinf(load) | (np.asarray(load) < 0.0)).any():
+            raise DataError("load has a mass that is negative or infinite; state kg, or NaN for the payload at work")
         if isinstance(given, Poses):
             if load is not None or p_load is not None:
                 raise DataError("load and p_load cannot be combined with a table of poses, which states them itself")

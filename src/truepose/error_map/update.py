@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from truepose._typing import FloatArray, IntArray
@@ -49,6 +50,7 @@ TOOL: Final = "the tool point moved"
 GROWTH: Final = "the arm grew"
 _LEAST_TIMED: Final = 6  # readings that a search for a drift needs
 _MOST_TOGETHER: Final = 1000  # readings whose joint covariance is computed
+_SAME_READING: Final = 2e-3  # mm, by the digits of a file; a tracker does not repeat a reading so closely
 _TURNED: Final = 0.2  # mm, how far a turn may move a reflector of a tool that is shifted
 _ALIKE: Final = 0.02  # smaller differences in the explained part do not separate two causes
 
@@ -208,6 +210,7 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     if samples.distances is not None:
         what = "distances are not added to a map; leave them out, or fit a new map with all samples"
         raise samples.distances.error(what)
+    samples = _without_known(error_map.samples, samples)
     e, registration = error_map.errors(samples), error_map.registration
     if knows(error_map.predictor, "time"):
         samples = _later(error_map.samples, samples)
@@ -242,6 +245,25 @@ def _joined(error_map: ErrorMap, samples: Samples) -> ErrorMap:
     x = joined.inputs(joined.samples)
     with points_named(joined.samples):
         return joined.changed(predictor=joined.predictor.with_fitted_parameters().fit(x, joined.e, noise))
+
+
+def _without_known(old: Samples, new: Samples) -> Samples:
+    """Return new samples without those that the map has already: counted twice, a reading claims to be two.
+
+    Raises
+    ------
+    DataError
+        If the map has all of them.
+    """
+    again = KDTree(old.p_meas).query(new.p_meas)[0] < _SAME_READING
+    if again.all():
+        raise new.error(
+            "all of these readings are in the map already, and count once; update it with readings that are new"
+        )
+    if not again.any():
+        return new
+    left_out = [{**new.identify(i), "reason": "in the map already"} for i in np.flatnonzero(again).tolist()]
+    return replace(new[~again], excluded=(*new.excluded, *left_out))
 
 
 def _turns(error_map: ErrorMap, samples: Samples) -> FloatArray | None:

@@ -49,6 +49,33 @@ def check_cell(own: Cell, robot: Robot, cell: Cell, *, placed: bool = False) -> 
     return [f"{what}: 'truepose fit' or 'truepose update' takes them into a map"]
 
 
+def check_identity(own: Cell, cell: Cell, reason: str = "") -> list[str]:
+    """Refuse the cell file of another robot of the same type; return the warning where a reason is given.
+
+    Robots of one type have errors of their own: the map of one makes the programs of another worse.
+
+    Raises
+    ------
+    RefusedError
+        If both cells name their robot, the names differ, and there is no reason.
+    """
+    mine, theirs = own.robot_id, cell.robot_id
+    if mine is None or theirs is None:
+        if mine == theirs:
+            return []
+        where = "the map was fitted without one" if mine is None else "the cell file states none"
+        return [f"it is not known whether this is the robot of the map: [robot] id is {mine or theirs!r}, but {where}"]
+    if mine.strip().casefold() == theirs.strip().casefold():
+        return []
+    what = f"the map is of the robot {mine!r}, the cell file of {theirs!r}"
+    if reason:
+        return [f"{what}; accepted, with the reason: {reason}"]
+    raise RefusedError(
+        f"{what}: each robot has errors of its own, so the map of one makes programs of another worse; take the map of "
+        "this robot, or accept it with --other-robot REASON (Python: other_robot=REASON)"
+    )
+
+
 def check_library(own: Cell, robot: Robot, *, placed: bool = False) -> list[str]:
     """Return the warning of a map whose library arm is described otherwise today; `placed` as of `check_cell`."""
     if robot.name != own.robot.model or robot.name not in list_robots():

@@ -22,7 +22,7 @@ from truepose.compensation import LimitsInForce, Policy
 from truepose.error_map.guards import stated_limits
 from truepose.errors import DataError, RefusedError
 from truepose.geometry import invert_transform
-from truepose.programs.agreement import check_cell, check_library, check_maker
+from truepose.programs.agreement import check_cell, check_identity, check_library, check_maker
 from truepose.programs.core.alternatives import Alternatives, alternatives
 from truepose.programs.core.approaches import poses_before
 from truepose.programs.core.columns import TargetColumns
@@ -75,6 +75,7 @@ def correct_program(
     orientation: bool = False,
     require: float | str | None = None,
     other_maker: bool = False,
+    other_robot: str = "",
     accept_weak_map: bool = False,
     accept: Collection[str] = (),
     keep_going: bool = False,
@@ -108,6 +109,9 @@ def correct_program(
         ``[correction]``, or of the map's own cell.
     other_maker : bool
         Whether to accept a program of another maker than that of the map's robot.
+    other_robot : str
+        The reason why the map of another robot of the same type is used, which the record keeps; by default a cell
+        whose ``[robot] id`` is another one is refused.
     accept_weak_map : bool
         Whether to use a map that is not shown to be better than no map; see `truepose.ErrorMap.correct`.
     accept : collection of str
@@ -164,7 +168,7 @@ def correct_program(
     on_guard = limits.on_guard
     known = CorrectionContext.of(error_map)
     program = _read(path, cell or known.cell, frames, options, orientation)
-    warnings = _check_robot(error_map, program, cell, other_maker, accept)
+    warnings = _check_robot(error_map, program, cell, other_maker, other_robot, accept)
     if proven:
         check_not_corrected(program, known.path)
     resolution = max(resolution, program.finest)
@@ -274,7 +278,12 @@ def _limits_in_force(error_map: Corrector, cell: Cell | None, **options: Any) ->
 
 
 def _check_robot(
-    error_map: Corrector, program: Program, cell: Cell | None, other_maker: bool, accept: Collection[str]
+    error_map: Corrector,
+    program: Program,
+    cell: Cell | None,
+    other_maker: bool,
+    other_robot: str,
+    accept: Collection[str],
 ) -> list[str]:
     """Refuse a program or a cell of another robot than the map's; return the warnings."""
     known = CorrectionContext.of(error_map)
@@ -286,7 +295,9 @@ def _check_robot(
     warnings += [f"accepted: {fact.words}" for fact in facts if fact.code in accept]
     if known.cell is not None:
         warnings += check_library(known.cell, known.robot, placed=placed)
-        warnings += [] if cell is None else check_cell(known.cell, known.robot, cell, placed=placed)
+        if cell is not None:
+            warnings += check_identity(known.cell, cell, other_robot)
+            warnings += check_cell(known.cell, known.robot, cell, placed=placed)
     warnings += check_maker(known.robot, program, other_maker=other_maker)
     if isinstance(error_map, ChecksArm) and not error_map.arm_check.checked:
         warnings.append(error_map.arm_check.words)

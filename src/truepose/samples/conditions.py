@@ -59,8 +59,6 @@ def check_conditions(poses: Poses) -> None:
         _check_approach(poses, poses.approach)
     if poses.temperature is not None:
         _check_temperature(poses, poses.temperature)
-    if poses.load is not None and (negative := poses.load < 0.0).any():
-        raise poses.error("load_kg is negative; state the mass on the flange, 0 without any", negative)
     if poses.p_load is not None:
         _check_centre(poses, poses.p_load)
 

@@ -132,6 +132,10 @@ class Poses:
                 f"{self.source}: {self.rows(bad)}: negative standard deviation in {name}; expected 0 or more"
             )
 
+        if name == "load" and (bad := value < 0.0).any():
+            what = "load_kg is negative; state the mass on the flange, 0 without any"
+            raise DataError(f"{self.source}: {self.rows(bad)}: {what}")
+
     def __len__(self) -> int:
         return len(getattr(self, self.columns()[0]))
 
