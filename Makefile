@@ -3,7 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.synced
-RUNTIME := $(VENV)/.runtime
+REPORT := $(VENV)/.report
+APP := $(VENV)/.app
+SYNC := VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact
+# Node is in $(VENV) for the tests; else it is fetched for the time of the build
+PAGES = $(if $(wildcard $(STAMP)),,$(BIN)/uv run --isolated --locked --only-group pages --python )$(BIN)/python tools/frontend.py
 
 .PHONY: setup demo app frontend test test-all lint docs study bench clean
 
@@ -14,28 +18,33 @@ $(BIN)/uv:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
 
-# what users need; the tests' tools are in $(STAMP)
-$(RUNTIME): $(BIN)/uv pyproject.toml uv.lock
-	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --no-default-groups --compile-bytecode
-	$(BIN)/truepose warm-up
-	touch $(RUNTIME)
+# what users need, without the tools of the tests; Python and numba compile what is used when it is used
+$(REPORT) $(APP): $(BIN)/uv pyproject.toml uv.lock
+	$(SYNC) --no-default-groups --extra $(patsubst .%,%,$(@F))
+	touch $@
 
 $(STAMP): $(BIN)/uv pyproject.toml uv.lock
-	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --compile-bytecode
+	$(SYNC) --compile-bytecode
 	$(BIN)/truepose warm-up
 	$(BIN)/python tools/frontend.py status
-	touch $(STAMP) $(RUNTIME)
+	touch $(STAMP) $(REPORT) $(APP)
 
-demo: $(RUNTIME)
+demo: $(REPORT)
 	$(BIN)/truepose demo build/demo --force
 
-app: frontend
-	$(BIN)/truepose app build/app --demo
+# npm and the virtual cell at the same time
+app: $(APP)
+	$(MAKE) --no-print-directory -j 2 frontend build/.virtual-cell
+	$(BIN)/truepose app build/app $(APPOPTS)
 
-frontend: $(STAMP)
-	$(BIN)/python tools/frontend.py build
+build/.virtual-cell: | $(APP)
+	$(BIN)/truepose demo build/app/virtual-cell --predictor kinematic-kriging --force > /dev/null
+	touch $@
 
-test: frontend
+frontend: $(BIN)/uv
+	$(PAGES) build
+
+test: $(STAMP) frontend
 	$(BIN)/python tools/frontend.py test
 	$(BIN)/pytest -n auto --dist worksteal $(TESTS)
 
@@ -51,7 +60,7 @@ lint: setup
 	$(BIN)/python tools/frontend.py check
 
 docs: setup
-	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group docs
+	$(SYNC) --group docs
 	$(BIN)/sphinx-build -W --keep-going -j auto -b html $(SPHINXOPTS) docs docs/_build/html
 
 study: setup
@@ -59,7 +68,7 @@ study: setup
 	$(BIN)/truepose study docs/validation/hard --preset hard --force
 
 bench: setup
-	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact --group bench
+	$(SYNC) --group bench
 	$(BIN)/python -m benchmarks
 
 clean:
