@@ -6,6 +6,7 @@ STAMP := $(VENV)/.synced
 REPORT := $(VENV)/.report
 APP := $(VENV)/.app
 SYNC := VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/uv sync --active --locked --inexact
+INSTALL_UV := install --quiet --disable-pip-version-check "uv>=0.5"
 # Node is in $(VENV) for the tests; else it is fetched for the time of the build
 PAGES = $(if $(wildcard $(STAMP)),,$(BIN)/uv run --isolated --locked --only-group pages --python )$(BIN)/python tools/frontend.py
 
@@ -13,10 +14,12 @@ PAGES = $(if $(wildcard $(STAMP)),,$(BIN)/uv run --isolated --locked --only-grou
 
 setup: $(STAMP)
 
+# with the machine's pip where it has one: installing another takes longer than installing uv
 $(BIN)/uv:
 	$(PYTHON) -c 'import sys; sys.exit("truepose needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
+	$(PYTHON) -m venv --without-pip $(VENV)
+	if $(PYTHON) -m pip --version > /dev/null 2>&1; then $(PYTHON) -m pip --python $(BIN)/python $(INSTALL_UV); \
+	else $(BIN)/python -m ensurepip > /dev/null && $(BIN)/python -m pip $(INSTALL_UV); fi
 
 # what users need, without the tools of the tests; Python and numba compile what is used when it is used
 $(REPORT) $(APP): $(BIN)/uv pyproject.toml uv.lock
