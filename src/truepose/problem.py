@@ -15,6 +15,7 @@ _KINDS: Final[dict[str, tuple[int, str]]] = {
     "IdentifiabilityError": (422, "Parameters not identifiable"),
     "KrigingError": (422, "Kriging not possible"),
     "RefusedError": (409, "Refused"),
+    "MissingPackageError": (501, "Package not installed"),
     "StoreError": (503, "Store not available"),
     "TrueposeError": (422, "Not possible"),
     "UsageError": (400, "Wrong usage"),

@@ -21,7 +21,7 @@ from tests.report.conftest import DATE, EN, Asked
 import truepose
 from truepose.error_map import load_map
 from truepose.error_map.fit import fit_cell
-from truepose.errors import DataError, FileError
+from truepose.errors import DataError, FileError, MissingPackageError
 from truepose.report import write_report
 from truepose.report.document import Table
 from truepose.report.evidence import gather
@@ -240,7 +240,8 @@ def test_bad_input(error_map, study, tmp_path):
 
 def test_pdf_without_typst_names_the_remedy(error_map, study, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
-    with pytest.raises(FileError, match=r"report.pdf: PDF needs the package typst: pip install 'truepose\[pdf\]'; or"):
+    message = r"a report as PDF needs the package typst; install it with: pip install 'truepose\[pdf\]', or write .html"
+    with pytest.raises(MissingPackageError, match=message):
         write_report(error_map, tmp_path / "report.pdf", study=study)
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import truepose as tp
-from truepose.errors import DataError, FileError
+from truepose.errors import DataError, FileError, MissingPackageError
 from truepose.similarity import ExperimentalVariogram
 
 
@@ -109,7 +109,8 @@ def test_corrections(error_map: tp.ErrorMap, held_out: tp.Samples) -> None:
 
 def test_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(DataError, match=r"pandas is not installed; install it with: pip install truepose\[pandas\]"):
+    message = r"needs the package pandas; install it with: pip install 'truepose\[pandas\]'"
+    with pytest.raises(MissingPackageError, match=message):
         tp.Poses(q=np.zeros((2, 6))).to_frame()
 
 

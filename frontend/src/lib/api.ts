@@ -1,5 +1,5 @@
 /**
- * Typed client of the server. The types come from openapi.json, so a wrong path, parameter or body does not compile:
+ * Typed client of the server. The types come from its OpenAPI document, so a wrong path, parameter or body does not compile:
  *
  *   const cells = await get('/api/v1/cells')
  *   const job = await post('/api/v1/maps', { body: { cell, samples } })

@@ -1,4 +1,4 @@
-"""Tables of results: as HTML for notebooks, and for pandas, which is optional (``pip install truepose[pandas]``)."""
+"""Tables of results: as HTML for notebooks, and for pandas, which is optional (``pip install 'truepose[pandas]'``)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from truepose.errors import DataError
+from truepose._extras import needed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -45,7 +45,7 @@ def data_frame(columns: Mapping[str, Any], **facts: Any) -> DataFrame:
 
     Raises
     ------
-    DataError
+    MissingPackageError
         If pandas is not installed.
 
     Examples
@@ -53,10 +53,8 @@ def data_frame(columns: Mapping[str, Any], **facts: Any) -> DataFrame:
     >>> data_frame({"lag": [1.0, 2.0]}, estimator="matheron").attrs
     {'estimator': 'matheron'}
     """
-    try:
+    with needed("a table of pandas", "pandas"):
         from pandas import DataFrame
-    except ImportError:
-        raise DataError("pandas is not installed; install it with: pip install truepose[pandas]") from None
     frame = DataFrame(dict(columns))
     frame.attrs.update(facts)
     return frame

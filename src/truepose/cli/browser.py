@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from truepose._extras import needed
 from truepose.cli.output import say
 from truepose.errors import DataError
 
@@ -32,12 +34,15 @@ def app(
     """Show the cells of a folder in the browser: measure, fit, correct and report; other machines only with --store."""
     if store is None and (host != "127.0.0.1" or url is not None):
         raise DataError("--host and --url need users, who log in: name their store with --store URL")
-    try:
-        from truepose.web.server import WithUsers, serve
-    except ModuleNotFoundError as error:
-        raise DataError(f"the application needs {error.name}; install it with: pip install 'truepose[app]'") from None
-    from truepose.web.workspace import Workspace
+    with needed("the application", "app"):
+        import python_multipart  # noqa: F401  # FastAPI's own error about it is another
 
+        from truepose.web.pages import not_built
+        from truepose.web.server import WithUsers, serve
+        from truepose.web.workspace import Workspace
+
+    if (remedy := not_built()) is not None:
+        warnings.warn(remedy, UserWarning, stacklevel=1)
     if cluster:
         os.environ["TRUEPOSE_CLUSTER"] = cluster  # an option of the commands that the jobs run
 
@@ -52,4 +57,11 @@ def app(
         say(f"Open {url}", "Stop with Ctrl-C.")
 
     users = None if store is None else WithUsers(store, host, url)
-    serve(workspace, port=port, workers=workers, browser=browser, announce=announce, users=users)
+    serve(
+        workspace,
+        port=port,
+        workers=workers,
+        browser=browser and remedy is None,
+        announce=announce,
+        users=users,
+    )

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from truepose._extras import needed
 from truepose.cli.options import Execution, Force, Json, with_groups
 from truepose.cli.output import accuracy_table, emit_json, overwrite, say, table, working
 
@@ -40,7 +41,7 @@ def demo(
         accuracy_table("Program targets, measured again after the correction", result["remeasured"]),
         result["verification"],
         f"Program:  {result['program']}",
-        f"Report:   {result['report']}",
+        *([] if result["report"] is None else [f"Report:   {result['report']}"]),
     )
 
 
@@ -60,6 +61,8 @@ def study(
     as_json: Json = False,
 ) -> None:
     """Repeat the paper's experiment with its method and ours, on grids and at random, at one and many orientations."""
+    with needed("the picture of the study", "report"):
+        import matplotlib  # noqa: F401  # missing packages are found before the work
     from truepose.studies.paper import PUBLISHED_REDUCTION, STUDY_FILES, groups, run_study, spread, write_study
 
     overwrite(force, *(directory / name for name in STUDY_FILES))

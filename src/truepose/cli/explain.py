@@ -32,7 +32,9 @@ def explain(
     """Show the noise and uncertainty of a map, what contributes to its errors, and what to measure next."""
     from truepose.error_map import load_map
     from truepose.report.knowledge import knowledge
-    from truepose.report.plots.knowledge import PICTURES, save_plots
+
+    if out is not None:
+        from truepose.report.plots.knowledge import PICTURES, save_plots
 
     overwrite(force, *([] if out is None else [out / name for name in PICTURES]))
     with working("Reading the map", quiet=as_json) as progress:

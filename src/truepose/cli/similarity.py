@@ -65,12 +65,13 @@ def similarity(
     from truepose.error_map.fit import fit_cell
     from truepose.report.findings import study_to_dict
     from truepose.report.joint_similarity import joint_similarity
-    from truepose.report.plots.study import plot_format, save_study
     from truepose.report.study import similarity_study
     from truepose.samples import read_samples
 
     overwrite(force, *([] if plot is None else [plot]))
     if plot is not None:
+        from truepose.report.plots.study import plot_format, save_study
+
         plot_format(plot)
     cell, samples = load_cell(cell_path), read_samples(samples_path)
     given = {"nugget": nugget, "sill": sill, "range": range_}

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from truepose._extras import needed
 from truepose.cli.options import Json
 from truepose.cli.output import emit_json, overwrite, say, working
-from truepose.errors import DataError, RefusedError
+from truepose.errors import RefusedError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,10 +33,8 @@ _SHOWN = 20  # faults that are printed without --json
 @contextmanager
 def opened(address: str, *, create: bool = False, unchecked: bool = False) -> Iterator[Store]:
     """Open a store for a command, of any version if `unchecked`; say what to install if its libraries are missing."""
-    try:
+    with needed("a store", "store"):
         from truepose.store.store import Store
-    except ModuleNotFoundError as error:
-        raise DataError(f"a store needs {error.name}; install it with: pip install 'truepose[store]'") from None
     with Store.unchecked(address) if unchecked else Store.open(address, create=create) as store:
         yield store
 
@@ -128,10 +127,8 @@ def restore(
 ) -> None:
     """Make a store from a backup, after a check of the backup; a store that exists is refused."""
     with working("Reading the backup", quiet=as_json) as progress:
-        try:
+        with needed("a store", "store"):
             from truepose.store.backup import restore as read
-        except ModuleNotFoundError as error:
-            raise DataError(f"a store needs {error.name}; install it with: pip install 'truepose[store]'") from None
         made = read(path, store, progress=progress)
     _show_moved("Restored", path, made.rows, made.blobs, made.head.sequence, made.head.hash, as_json)
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from truepose._extras import needed
 from truepose.cli.store import opened
 from truepose.cli.store_login import identify
 from truepose.errors import DataError, FileError, RefusedError, StoreError, TrueposeError
@@ -111,7 +112,8 @@ class Recorder:
     @property
     def _shown(self) -> str:
         """The address for messages: as it was given, but without a password."""
-        import sqlalchemy as sa
+        with needed("a store", "store"):
+            import sqlalchemy as sa
 
         url = "://" in self.address
         return sa.make_url(self.address).render_as_string(hide_password=True) if url else self.address

@@ -10,9 +10,11 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import suppress
 from typing import Final
 
 from truepose import cli
+from truepose.errors import MissingPackageError
 
 _WRITE: Final = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 
@@ -38,7 +40,9 @@ def _import() -> None:
     import truepose.error_map.fit
     import truepose.predictors.registry
     import truepose.programs.batch
-    import truepose.report.page  # noqa: F401
+
+    with suppress(MissingPackageError):  # the command that needs it says so
+        import truepose.report.page  # noqa: F401
 
 
 def _line() -> bytes:

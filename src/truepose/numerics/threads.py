@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import signal
 import threading
@@ -11,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Any, Final
 
 from threadpoolctl import ThreadpoolController
@@ -21,15 +23,30 @@ LARGE: Final = 512
 RANGES: Final = 4
 """Ranges of a compiled loop for each thread: a thread that is ready early takes another."""
 
+CGROUPS: Final = Path("/sys/fs/cgroup")
+"""The control group of a container, as it sees itself."""
+_FIRST: Final = ("quota", "period")
+
 _is_worker = False
 
 
 @cache
 def cores() -> int:
     """Return how many processors this process may use: its CPU affinity and its container's limit count."""
-    import joblib
+    affinity = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(affinity, _container_limit(CGROUPS)))
 
-    return int(joblib.cpu_count())
+
+def _container_limit(folder: Path) -> float:
+    """Return the processors that the control group of this process may use, rounded up; infinity without a limit."""
+    try:
+        if (current := folder / "cpu.max").exists():
+            quota, period = current.read_text(encoding="ascii").split()
+        else:  # the first version of control groups
+            quota, period = ((folder / f"cpu/cpu.cfs_{name}_us").read_text(encoding="ascii") for name in _FIRST)
+        return math.ceil(int(quota) / int(period)) if int(quota) > 0 else math.inf
+    except (OSError, ValueError):  # no control group, or "max"
+        return math.inf
 
 
 def threads() -> int:

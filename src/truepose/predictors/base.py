@@ -16,10 +16,11 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeGuard, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truepose._extras import needed
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.numerics.threads import LARGE, blas_threads
-from truepose.predictors.estimator import Estimator
+from truepose.predictors.estimator import Estimator, not_fitted
 
 
 class LeaveOneOut(NamedTuple):
@@ -266,10 +267,8 @@ class Predictor(Estimator):
         return self.with_fitted_parameters()
 
     def _check_fitted(self) -> None:
-        if not hasattr(self, "_given"):  # scikit-learn's check alone takes a tenth of a small prediction
-            from sklearn.utils.validation import check_is_fitted
-
-            check_is_fitted(self)
+        if not hasattr(self, "_given"):
+            raise not_fitted(self)
 
     def _shaped(self, values: FloatArray) -> FloatArray:
         return values[:, 0] if self._flat else values
@@ -279,8 +278,10 @@ class Predictor(Estimator):
         none = np.empty(0)
         if _is_table(X) and (y is None or (_is_table(y, 1) and len(y) == len(X))) and self._has_plain_columns(X, y):
             return X, none if y is None else y
-        from sklearn.utils.validation import validate_data
-
+        try:
+            from sklearn.utils.validation import validate_data
+        except ModuleNotFoundError:
+            return self._validate_alone(X, y)
         options: dict[str, Any] = {"dtype": np.float64, "ensure_all_finite": False, "reset": y is not None}
         if y is not None:
             _check_finite("y", y)  # before scikit-learn, which does not name the row
@@ -294,6 +295,20 @@ class Predictor(Estimator):
         X, y = checked if y is not None else (checked, none)
         _check_finite("X", X)
         return np.asarray(X, dtype=np.float64), np.asarray(y, dtype=np.float64)
+
+    def _validate_alone(self, X: ArrayLike, y: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
+        """Return X and y as `_validate` does, without scikit-learn, which would check the names of columns."""
+        for name, given in {"X": X, "y": y}.items():
+            if given is not None and not isinstance(given, (np.ndarray, list, tuple)):
+                with needed(f"{name} as {type(given).__name__}", "network", "pass an array"):
+                    import sklearn  # noqa: F401
+        table, answers = _numbers("X", X), np.empty(0) if y is None else _numbers("y", y)
+        if not _is_table(table) or (y is not None and not (_is_table(answers, 1) and len(answers) == len(table))):
+            got = f"X of shape {table.shape}" + ("" if y is None else f" and y of shape {answers.shape}")
+            raise DataError(f"expected X of shape (n, d), and y of n rows in a fit, with n > 0; got {got}")
+        if not self._has_plain_columns(table, y):
+            raise DataError(f"X has {table.shape[1]} columns, but {self.n_features_in_} in the fit")
+        return table, answers
 
     def _has_plain_columns(self, X: FloatArray, y: ArrayLike | None) -> bool:
         """Whether scikit-learn's slower validation has nothing to add for checked arrays: no names, right width."""
@@ -318,6 +333,18 @@ def _is_table(values: ArrayLike, least: int = 2) -> TypeGuard[FloatArray]:
         and values.size > 0
         and math.isfinite(np.vdot(values, values))
     )
+
+
+def _numbers(name: str, values: ArrayLike) -> FloatArray:
+    """Return finite numbers as an array of 64 bits."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in "biuf":
+        raise DataError(f"{name}: expected real numbers in rows of one length")
+    _check_finite(name, array)
+    return np.asarray(array, dtype=np.float64)
 
 
 def _check_finite(name: str, values: Any) -> None:

@@ -1,7 +1,8 @@
 """scikit-learn's contract of estimators without importing scikit-learn, which takes longer than a small fit.
 
 scikit-learn asks an estimator for its parameters and tags, and never for a base class: `clone`, pipelines and searches
-take these estimators as their own. It is imported when it asks, to score, or to say that a model is not fitted.
+take these estimators as their own. It need not be installed; it is imported when it asks, to check inputs that are no
+plain arrays, and for its class of the error that a model is not fitted.
 """
 
 from __future__ import annotations
@@ -71,10 +72,26 @@ class Estimator:
             The measured values.
         sample_weight : (n,) array_like, optional
             The weights of the samples.
-        """
-        from sklearn.metrics import r2_score
 
-        return float(r2_score(y, self.predict(X), sample_weight=sample_weight))  # type: ignore[attr-defined]  # predict is the subclass's
+        Raises
+        ------
+        DataError
+            If y has another shape than the predictions.
+
+        Notes
+        -----
+        A column of y without variance counts as 1 if it is predicted exactly, else as 0.
+        """
+        given = y, self.predict(X)  # type: ignore[attr-defined]  # the subclass's
+        measured, predicted = (np.asarray(one, dtype=np.float64).reshape(len(one), -1) for one in given)
+        if predicted.shape != measured.shape:
+            raise DataError(f"expected y of shape {predicted.shape}, got {measured.shape}")
+        left, total = (
+            np.average((measured - centre) ** 2, axis=0, weights=sample_weight)
+            for centre in (predicted, np.average(measured, axis=0, weights=sample_weight))
+        )
+        constant = np.where(left == 0, 1.0, 0.0)  # a column without variance
+        return float(np.mean(1.0 - np.divide(left, total, out=1.0 - constant, where=total != 0)))
 
     def __repr__(self) -> str:
         default = self._defaults()
@@ -103,6 +120,17 @@ class Estimator:
     def _unfitted(self) -> Self:
         """Return an estimator with copies of the parameters of this one."""
         return type(self)(**{name: _copy(value) for name, value in self.get_params(deep=False).items()})
+
+
+def not_fitted(estimator: Estimator) -> ValueError:
+    """Return the error of an estimator that is used before its fit: scikit-learn's own class, if that is installed."""
+    text = f"this {type(estimator).__name__} is not fitted; call fit first"
+    try:
+        from sklearn.exceptions import NotFittedError
+    except ModuleNotFoundError:
+        return DataError(text)
+    error: ValueError = NotFittedError(text)
+    return error
 
 
 def _copy(value: Any) -> Any:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truepose._extras import needed
 from truepose._typing import FloatArray
 from truepose.errors import DataError
 from truepose.predictors.base import LeaveOneOut, Predictor
@@ -164,7 +165,8 @@ class ResidualNetwork(Predictor):
         return np.column_stack([np.cos(q), np.sin(q), rest])
 
     def _train(self, inputs: FloatArray, left: FloatArray, k: int) -> Layers:
-        from sklearn.neural_network import MLPRegressor
+        with needed("the training of a neural network", "network", "choose another predictor"):
+            from sklearn.neural_network import MLPRegressor
 
         centre, width = inputs.mean(axis=0), inputs.std(axis=0)
         width = np.where(width > 1e-9, width, 1.0)

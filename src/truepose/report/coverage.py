@@ -10,7 +10,6 @@ from truepose._version import version
 from truepose.errors import FileError
 from truepose.programs.coverage import Coverage, CoverageLine
 from truepose.report.document import Attachment, Block, Document, Section, Table, Text
-from truepose.report.page import to_html
 
 _ENDINGS: Final = (".html", ".htm", ".csv")
 _NOTHING: Final = "no option"
@@ -19,15 +18,19 @@ _MOST: Final = 400
 
 
 def check_path(path: Path) -> None:
-    """Refuse a file for the coverage that is neither a page nor a table.
+    """Refuse a file for the coverage that is neither a page nor a table, or that this installation cannot make.
 
     Raises
     ------
     FileError
         If the name has another ending.
+    MissingPackageError
+        If it is a page, and the packages of ``truepose[report]`` are not installed.
     """
     if path.suffix.lower() not in _ENDINGS:
         raise FileError(path, "expected a name that ends in .html or .csv")
+    if path.suffix.lower() != ".csv":
+        import truepose.report.page  # noqa: F401
 
 
 def write_coverage(coverage: Coverage, path: str | Path) -> None:
@@ -44,15 +47,29 @@ def write_coverage(coverage: Coverage, path: str | Path) -> None:
     ------
     FileError
         If the name has another ending, or the file cannot be written.
+    MissingPackageError
+        If it is a page, and the packages of ``truepose[report]`` are not installed.
     """
     path = Path(path)
     check_path(path)
-    text = coverage.to_csv() if path.suffix.lower() == ".csv" else to_html(document(coverage))
-    files.write_atomic(path, text)
+    files.write_atomic(path, coverage.to_csv() if path.suffix.lower() == ".csv" else page(coverage))
+
+
+def page(coverage: Coverage) -> str:
+    """Return the page of a coverage as HTML.
+
+    Raises
+    ------
+    MissingPackageError
+        If the packages of ``truepose[report]`` are not installed.
+    """
+    from truepose.report.page import to_html
+
+    return to_html(document(coverage))
 
 
 def document(coverage: Coverage) -> Document:
-    """Return the page of a coverage."""
+    """Return the content of the page of a coverage."""
     total = coverage.total
     done = "corrected" if coverage.corrected else "correctable"
     how = (

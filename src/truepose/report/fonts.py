@@ -10,6 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Final
 
+from truepose._extras import needed
+
 FAMILY: Final = "Truepose Sans"
 _FIRST_CHINESE: Final = 0x2E80  # start of the Chinese characters and punctuation
 
@@ -22,7 +24,8 @@ def folder() -> Path:
 @cache
 def use_in_figures() -> list[str]:
     """Register the font with matplotlib and return the font families of figures."""
-    from matplotlib import font_manager
+    with needed("a report", "report"):
+        from matplotlib import font_manager
 
     font_manager.fontManager.addfont(_path())
     return [FAMILY, "DejaVu Sans"]
@@ -31,7 +34,8 @@ def use_in_figures() -> list[str]:
 @cache
 def characters() -> frozenset[str]:
     """Return the characters of the font."""
-    from fontTools.ttLib import TTFont
+    with needed("a report", "report"):
+        from fontTools.ttLib import TTFont
 
     with TTFont(_path(), lazy=True) as font:
         return frozenset(map(chr, font.getBestCmap()))
@@ -39,7 +43,8 @@ def characters() -> frozenset[str]:
 
 def embedded(text: str) -> str:
     """Return a font with the Chinese characters of a text, as WOFF in base64; empty without such characters."""
-    from fontTools import subset
+    with needed("a report", "report"):
+        from fontTools import subset
 
     wanted = "".join(sorted(set(_chinese(text)) & characters()))
     if not wanted:

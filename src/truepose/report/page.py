@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
+from truepose._extras import needed
 from truepose._io import files
 from truepose.cell import Cell
 from truepose.error_map import ErrorMap
@@ -79,7 +80,9 @@ def write_report(
     ------
     FileError
         If the path ends neither in ``.html`` nor in ``.pdf``, an interactive PDF is requested, a record cannot be read,
-        the path cannot be written, or a PDF is requested and the package typst is not installed.
+        or the path cannot be written.
+    MissingPackageError
+        If the packages of ``truepose[report]``, or of ``truepose[pdf]`` for a PDF, are not installed.
     DataError
         If the locale is not known, or the held-out samples or the cell do not fit the error map.
 
@@ -95,7 +98,9 @@ def write_report(
     if ending == ".pdf":
         if interactive:
             raise FileError(path, "a PDF cannot be interactive; name an .html file")
-        _typst(path)
+        _typst()
+    else:
+        _jinja2()
     evidence: Evidence = gather(
         error_map,
         held_out,
@@ -112,8 +117,7 @@ def write_report(
 
 def to_html(made: Document) -> str:
     """Return a document as one page that loads nothing; fonts for Chinese characters are embedded."""
-    import jinja2
-
+    jinja2 = _jinja2()
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_resource),
         autoescape=True,
@@ -144,14 +148,16 @@ def to_pdf(made: Document, date: datetime, path: str | Path = "report.pdf") -> b
     Raises
     ------
     FileError
-        If typst is not installed, or no installed font has a character of the report.
+        If no installed font has a character of the report.
+    MissingPackageError
+        If typst is not installed.
 
     Notes
     -----
     The PDF is a PDF/A-3u for archiving, with all fonts embedded and the complete tables attached as CSV. A character
     without a font is an error.
     """
-    typst = _typst(path)
+    typst = _typst()
 
     def compiled(with_system_fonts: bool) -> bytes:
         known = typst.Fonts(include_system_fonts=with_system_fonts, font_paths=[str(fonts.folder())])
@@ -188,18 +194,21 @@ def _themed(svg: str) -> str:
 
 def _breakable(text: str) -> Any:
     """Return escaped text in which a long name may be broken after its underscores, dots and slashes."""
-    from markupsafe import Markup, escape
+    with needed("a report", "report"):
+        from markupsafe import Markup, escape
 
     return Markup("<wbr>").join(escape(part) for part in _JOINTS.split(text)) if len(text) > _LONG else text
 
 
-def _typst(path: str | Path) -> Any:
-    try:
+def _jinja2() -> Any:
+    with needed("a report", "report"):
+        import jinja2
+    return jinja2
+
+
+def _typst() -> Any:
+    with needed("a report as PDF", "pdf", "write .html and print it"):
         import typst
-    except ImportError:
-        raise FileError(
-            path, "PDF needs the package typst: pip install 'truepose[pdf]'; or write .html and print it"
-        ) from None
     return typst
 
 

@@ -13,7 +13,6 @@ from truepose.errors import FileError
 from truepose.programs import ProgramVerification
 from truepose.report.document import Block, Picture, Section, Table, Text
 from truepose.report.locale import Locale
-from truepose.report.plots.verification import target_errors
 
 _SHOWN: Final = 60
 """The largest number of targets that are listed one by one."""
@@ -55,6 +54,8 @@ def section(found: Sequence[ProgramVerification], map_hash: str, say: Locale) ->
 
 
 def _program(one: ProgramVerification, map_hash: str, say: Locale) -> list[Block]:
+    from truepose.report.plots.verification import target_errors
+
     name = Path(one.program).name
     count, after, before = one.counts, one.figures["after"], one.figures.get("before")
     blocks: list[Block] = [

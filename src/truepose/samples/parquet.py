@@ -10,11 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from truepose._extras import needed
 from truepose._io.delimited import TextTable
 from truepose._io.files import check_regular, writing
 from truepose._io.strict import LARGEST
 from truepose._typing import FloatArray
-from truepose.errors import DataError, FileError
+from truepose.errors import FileError
 from truepose.samples.checks import check
 from truepose.samples.frames import quantities
 from truepose.samples.table import Poses
@@ -22,7 +23,6 @@ from truepose.samples.table import Poses
 ENDINGS: Final = (".parquet", ".pq")
 _LARGEST_FILE: Final = 2**40
 _BUFFER: Final = 2**20  # bytes of each column that are read at once
-_REMEDY: Final = "install it with: pip install 'truepose[scale]'"
 
 
 def is_parquet(path: str | Path) -> bool:
@@ -59,7 +59,7 @@ class ParquetTable:
     ------
     FileError
         If the file is not a table in Parquet.
-    DataError
+    MissingPackageError
         If pyarrow is not installed.
     """
 
@@ -146,9 +146,7 @@ def _end(writer: Any) -> None:
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    try:
+    with needed("a table in Parquet", "scale"):
         import pyarrow
         import pyarrow.parquet
-    except ModuleNotFoundError:
-        raise DataError(f"tables in Parquet need pyarrow; {_REMEDY}") from None
     return pyarrow, pyarrow.parquet

@@ -12,6 +12,7 @@ import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
+from truepose._extras import needed
 from truepose.errors import DataError
 from truepose.store.names import name_key
 
@@ -69,7 +70,8 @@ def hashed(password: str) -> str:
 
 def matches(password: str, stored: str | None) -> bool:
     """Return whether a password belongs to a hash; None takes as long, so that time does not tell who exists."""
-    from argon2.exceptions import InvalidHashError, VerificationError
+    with needed("a store", "store"):
+        from argon2.exceptions import InvalidHashError, VerificationError
 
     try:
         return _hasher().verify(stored or _nobody(), _password_form(password)) and stored is not None
@@ -104,7 +106,8 @@ def _password_form(password: str) -> str:
 
 @cache
 def _hasher() -> PasswordHasher:
-    from argon2 import PasswordHasher
+    with needed("a store", "store"):
+        from argon2 import PasswordHasher
 
     return PasswordHasher()
 

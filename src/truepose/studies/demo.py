@@ -6,6 +6,7 @@ program, its corrected copy, and the report.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -20,9 +21,9 @@ from truepose._typing import FloatArray
 from truepose.cell import Cell, load_cell
 from truepose.error_map import ErrorMap, load_map
 from truepose.error_map.fit import fit_cell
+from truepose.errors import MissingPackageError
 from truepose.geometry import apply_transform, euler, make_transform
 from truepose.programs import FrameTable, correct_program, read_program, verify_program
-from truepose.report import write_report
 from truepose.report.findings import structure_verdict
 from truepose.report.locale import load_locale
 from truepose.report.study import similarity_study
@@ -51,7 +52,7 @@ def run_demo(
     predictor: str | None = None,
     progress: Callable[[str], Any],
 ) -> dict[str, Any]:
-    """Run the demonstration and return its figures and paths.
+    """Run the demonstration and return its figures and paths; without the packages of a report, that path is None.
 
     Parameters
     ----------
@@ -93,9 +94,15 @@ def run_demo(
     verified = verify_program(error_map, corrected_path, after, cell=cell, before=before)
 
     progress("Writing the report")
-    report = directory / "report.html"
+    report: Path | None = directory / "report.html"
     sidecar = directory / "corrected" / f"{source.stem}.corrections.json"
-    write_report(error_map, report, held_out, sidecars=[sidecar], verifications=[verified], study=study)
+    try:
+        from truepose.report import write_report
+
+        write_report(error_map, report, held_out, sidecars=[sidecar], verifications=[verified], study=study)
+    except MissingPackageError as error:
+        warnings.warn(f"the demonstration goes on without a report: {error}", UserWarning, stacklevel=2)
+        report = None
     return {
         "preset": preset,
         "seed": seed,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from truepose._extras import needed
 from truepose._io.delimited import escaped
 from truepose._io.files import write_all
 from truepose._typing import FloatArray
@@ -275,7 +276,8 @@ def markdown(results: Sequence[Result]) -> str:
 
 def plot(results: Sequence[Result]) -> Figure:
     """Draw the reduction of the maximum of every cell, and the paper's."""
-    from matplotlib.figure import Figure
+    with needed("the picture of the study", "report"):
+        from matplotlib.figure import Figure
 
     orientations = list(dict.fromkeys(result.orientation for result in results))
     methods = list(dict.fromkeys(result.method for result in results))
@@ -303,7 +305,8 @@ def plot(results: Sequence[Result]) -> Figure:
 
 def write_study(directory: Path, results: Sequence[Result]) -> None:
     """Write results.csv, table.md and reductions.svg to a folder, all or none."""
-    import matplotlib as mpl
+    with needed("the picture of the study", "report"):
+        import matplotlib as mpl
 
     rows = io.StringIO()
     writer = csv.DictWriter(rows, [field.name for field in fields(Result)], lineterminator="\n")

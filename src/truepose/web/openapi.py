@@ -1,9 +1,8 @@
-"""Print the contract of the server: ``python -m truepose.web.openapi > frontend/openapi.json``."""
+"""The contract of the server as text, from which the types of the pages are generated (tools/frontend.py)."""
 
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from pathlib import Path
 
@@ -18,7 +17,3 @@ def contract() -> str:
         document = create_app(Workspace(Path(folder)), Guard(port=0)).openapi()
     document["info"]["version"] = "1"
     return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
-
-
-if __name__ == "__main__":
-    sys.stdout.write(contract())

@@ -24,7 +24,20 @@ _KINDS: Final = {
     ".png": "image/png",
 }
 _PACKED: Final = {"br": ".br", "gzip": ".gz"}
-_NOT_BUILT: Final = "the pages are not built; run 'make frontend' in the source tree, or install a release"
+CLONE: Final = Path(__file__).parents[3]
+"""The folder of the sources, where the package is used from there."""
+
+
+def not_built() -> str | None:
+    """Return one line that says how to get the pages where this installation has none; None where it has them."""
+    if (STATIC / "index.html").is_file():
+        return None
+    if (CLONE / "frontend" / "package.json").is_file():
+        return "the pages are not built; run 'make frontend' in the clone"
+    return (
+        "this installation has no pages, because they were not built when it was made; run 'make frontend' in the "
+        "clone and install it again (pip install '.[app]'), or install the wheel of a release, which has them"
+    )
 
 
 def install(app: FastAPI) -> None:
@@ -32,8 +45,8 @@ def install(app: FastAPI) -> None:
 
     @app.get("/", include_in_schema=False)
     def index(request: Request) -> Response:
-        if not (STATIC / "index.html").is_file():
-            return problem_response(503, "Not built", _NOT_BUILT)
+        if (remedy := not_built()) is not None:
+            return problem_response(503, "Not built", remedy)
         return _send("index.html", request.headers, "no-cache")
 
     @app.get("/assets/{name}", include_in_schema=False)

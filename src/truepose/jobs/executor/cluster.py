@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from truepose._extras import needed
 from truepose._version import version
 from truepose.errors import DataError
 from truepose.jobs.executor.identity import differences, identity
@@ -27,7 +28,6 @@ _CONNECT_S: Final = 10
 _POLL_S: Final = 0.2
 _CLOSE_S: Final = 5.0
 _CLOSE_INTERRUPTED_S: Final = 1.0
-_NEEDED: Final = "a cluster needs the package distributed; install it with: pip install 'truepose[scale]'"
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,9 @@ class Cluster:
     def _result(self, future: Future[Any], function: Function, key: str, finished: int) -> Returned:
         from concurrent.futures import CancelledError
 
-        from distributed.client import FutureCancelledError
-        from distributed.scheduler import KilledWorker
+        with needed("a cluster", "scale"):
+            from distributed.client import FutureCancelledError
+            from distributed.scheduler import KilledWorker
 
         try:
             found: bytes | str = future.result()
@@ -215,11 +216,9 @@ class Cluster:
 
 
 def _connect(address: str, security: Security | None) -> Client:
-    try:
+    with needed("a cluster", "scale"):
         from distributed import Client
         from distributed import Security as DaskSecurity
-    except ModuleNotFoundError:
-        raise DataError(_NEEDED) from None
     for name in ("distributed.client", "distributed.core", "distributed.comm"):  # what they log is raised here
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     secret = None

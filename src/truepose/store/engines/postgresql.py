@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-from truepose.errors import DataError, StoreError
+from truepose._extras import needed
+from truepose.errors import StoreError
 from truepose.store.engines.base import first_line, missing_guards
 
 LOCK_SECONDS: Final = 30
@@ -50,10 +51,8 @@ class PostgresqlBackend:
         self.shown = url.render_as_string(hide_password=True)
         self.blobs = blobs
         self.anchor = None if blobs is None else blobs.parent / f"{blobs.name}.head"
-        try:
+        with needed("a PostgreSQL store", "postgres"):  # SQLAlchemy imports the driver
             self.engine = sa.create_engine(url.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
-        except ModuleNotFoundError as error:
-            raise DataError(f"a PostgreSQL store needs {error.name}; pip install 'truepose[postgres]'") from None
 
     def check_exists(self) -> None:
         """Leave it to the server to refuse a database that does not exist."""

@@ -10,8 +10,7 @@ from pydantic import BaseModel
 from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
 
 from truepose.programs.coverage import Coverage
-from truepose.report.coverage import document
-from truepose.report.page import to_html
+from truepose.report.coverage import page
 from truepose.web.corrections import stored
 from truepose.web.corrections.answers import (
     MOST_ROWS,
@@ -232,7 +231,7 @@ def correction_coverage(
     if format == "csv":
         return Response(coverage.to_csv(), media_type="text/csv; charset=utf-8", headers=headers)
     headers |= {"Content-Security-Policy": _NO_SCRIPTS, "X-Frame-Options": "SAMEORIGIN"}
-    return HTMLResponse(to_html(document(coverage)), headers=headers)
+    return HTMLResponse(page(coverage), headers=headers)
 
 
 def _attached(name: str) -> dict[str, str]:

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from truepose._extras import needed
 from truepose._typing import FloatArray
 from truepose.robots.io.triangles import IntArray
 
@@ -29,7 +30,8 @@ def reduced(points: FloatArray, triangles: IntArray, most: int) -> tuple[FloatAr
     (n', 3) array and (m', 3) array of int32
         Without triangles that have no area by their corners, and without points that no triangle uses.
     """
-    import fast_simplification  # compiled, and only needed here
+    with needed("a mesh of an arm", "app"):
+        import fast_simplification  # compiled, and only needed here
 
     points, triangles, most = *welded(points, triangles), max(most, 4)
     if len(triangles) <= most:

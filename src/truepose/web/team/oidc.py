@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from truepose._extras import needed
 from truepose.errors import DataError, FileError, RefusedError, TrueposeError
 
 if TYPE_CHECKING:
@@ -119,18 +120,15 @@ class Provider:
 
     Raises
     ------
-    DataError
+    MissingPackageError
         If the packages of the extra are not installed.
     """
 
     def __init__(self, settings: Settings, redirect_uri: str, *, clock: Callable[[], float] = time.monotonic) -> None:
-        try:
+        with needed("log-in by OpenID Connect", "oidc", f"unset {_VARIABLE}ISSUER"):
             import authlib  # noqa: F401
             import httpx  # noqa: F401
             import joserfc  # noqa: F401
-        except ModuleNotFoundError as error:
-            what = f"log-in by OpenID Connect needs {error.name}; install it with: pip install 'truepose[oidc]'"
-            raise DataError(f"{what}, or unset {_VARIABLE}ISSUER") from None
         self.settings, self.redirect_uri = settings, redirect_uri
         self._clock = clock
         self._lock = threading.Lock()
