@@ -1,10 +1,11 @@
 """Show by mutation that the tests would notice a fault, and that the default tier notices as much as the complete one.
 
-``python tools/mutate.py record`` runs the tests once, of both tiers, and keeps which functions each of them reaches;
-``python tools/mutate.py run --number 120`` changes single places of the files of tools/mutants.toml and runs the tests
-that reach each change: those of the default tier, the quickest first, and those of the second tier if all of them pass.
-Results are kept in build/mutants: a run that was stopped continues, and ``--again`` tries survivors again after tests
-were added. ``python tools/mutate.py show`` prints the tables of docs/validation/tests.md.
+- ``python tools/mutate.py record`` runs the tests of both tiers once, and keeps which functions each test reaches.
+- ``python tools/mutate.py run --number 120`` changes single places of the files of tools/mutants.toml, and runs the
+  tests that reach each change: those of the default tier, the quickest first; if all of them pass, those of the second
+  tier. Results are kept in build/mutants: a run that was stopped continues, and ``--again survived`` tries survivors
+  again after tests were added and recorded. Delete the folder to start anew.
+- ``python tools/mutate.py show`` prints the tables of docs/validation/tests.md.
 
 No existing tool is used: mutmut and cosmic-ray run one test command for each mutant, while here the tests that reach a
 function must be known, with their tier and time, to compare two tiers in minutes.
@@ -20,9 +21,9 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from mutation.killing import Outcome, Result, kill
+from mutation.killing import Outcome, Result, failing, kill
 from mutation.mutants import Mutant, mutants, sample
-from mutation.recording import record, recorded
+from mutation.recording import leave_out, record, recorded
 from mutation.settings import Equivalent, Settings
 
 SETTINGS = Path(__file__).with_name("mutants.toml")
@@ -54,6 +55,19 @@ def run(settings: Settings, changes: list[Mutant], jobs: int, again: set[str]) -
     _write(settings, known.values())
     if left:
         kill(settings, left, recorded(settings), jobs, done)
+        _check(settings, [known[one.key] for one in left])
+
+
+def _check(settings: Settings, found: list[Result]) -> None:
+    """Require that the tests that killed mutants pass without a change; what others killed is to be tried again."""
+    wrong: list[str] = []
+    for outcome in ("default", "complete"):
+        by = {one.by for one in found if one.outcome == outcome}
+        wrong += failing(settings, [test for test in recorded(settings) if test.id in by], second=outcome == "complete")
+    if wrong:
+        leave_out(settings, [name for name in wrong if "::" in name and not name.endswith(")")])
+        _write(settings, [one for one in results(settings).values() if one.by not in wrong])
+        print(f"Fail without a change, and are left out; run again: {', '.join(wrong)}")
 
 
 def equivalent(settings: Settings, mutant: Mutant) -> str | None:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +29,7 @@ from mutation.recording import PYTEST, RecordedTest
 from mutation.settings import Settings
 
 Outcome = Literal["default", "complete", "survived", "unreached", "equivalent"]
-_LIMIT = 30.0
+_LIMIT = 60.0
 """Seconds that a test may take in addition to ten times its usual time."""
 _COLLECTING = 300.0
 
@@ -44,8 +45,8 @@ class Result:
     outcome : {"default", "complete", "survived", "unreached", "equivalent"}
         The tier that killed it; or it survived, no test reaches it, or it was reviewed and has no effect.
     by : str
-        The test that killed it, with "(time limit)" or "(process ended)" where the test did not end; of an equivalent
-        mutant the reason.
+        The test that killed it, with "(time limit)" or "(process ended)" where it did not end; the reason, if it was
+        reviewed.
     own : bool
         Whether the test is in the room of the file.
     tests : int
@@ -80,15 +81,15 @@ def reaching(mutant: Mutant, tests: Iterable[RecordedTest]) -> list[RecordedTest
     return [test for test in tests if any(name.startswith(f"{mutant.file}:") for name in test.functions)]
 
 
-def in_order(mutant: Mutant, tests: list[RecordedTest]) -> dict[str, list[str]]:
-    """Return tests by file: those of the mutant's room first, and of the same name; then the quickest."""
+def in_order(changed: str, tests: list[RecordedTest]) -> dict[str, list[str]]:
+    """Return tests by file: those of the changed file's room first, and of the same name; then the quickest."""
     files: dict[str, list[RecordedTest]] = defaultdict(list)
     for test in tests:
         files[test.file].append(test)
-    name = f"test_{Path(mutant.file).stem}.py"
+    name = f"test_{Path(changed).stem}.py"
 
     def rank(file: str) -> tuple[bool, bool, float]:
-        own = is_own(mutant.file, file)
+        own = is_own(changed, file)
         return not own, Path(file).name != name, sum(test.seconds for test in files[file])
 
     quick = {file: sorted(files[file], key=lambda test: test.seconds) for file in sorted(files, key=rank)}
@@ -97,27 +98,22 @@ def in_order(mutant: Mutant, tests: list[RecordedTest]) -> dict[str, list[str]]:
 
 def is_own(file: str, test: str) -> bool:
     """Return whether a test is in the room of a file: both lie in the folder of the same name."""
-    return Path(file).parts[0] in Path(test.partition("::")[0]).parts[1:-1]
+    return bool(file) and Path(file).parts[0] in Path(test.partition("::")[0]).parts[1:-1]
 
 
 def kill(
     settings: Settings, mutants: list[Mutant], tests: list[RecordedTest], jobs: int, done: Callable[[Result], None]
 ) -> None:
     """Run the tests that reach each mutant, and hand over each result."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # before numpy is imported: a process with threads must not be forked
-    for name in settings.warm:
-        import_module(name)
+    _warm_up(settings)
     with tempfile.TemporaryDirectory(prefix="mutation-") as made:
-        slots = [Path(made, str(k)) for k in range(min(jobs, len(mutants)))]
-        for slot in slots:
-            shutil.copytree(settings.root / settings.source, slot / "source")
-        waiting, running = list(enumerate(mutants, 1)), dict[int, _Running]()
+        copies = [_Copy(settings, Path(made, str(k)), Path(made, "source")) for k in range(min(jobs, len(mutants)))]
+        waiting, running = list(mutants), dict[int, _Running]()
         try:
             while waiting or running:
-                while waiting and slots:
-                    number, mutant = waiting.pop(0)
-                    one = _Running(settings, mutant, reaching(mutant, tests), slots.pop(), number)
+                while waiting and copies:
+                    mutant = waiting.pop(0)
+                    one = _Running(copies.pop(), mutant, reaching(mutant, tests))
                     running[one.start(second=False)] = one
                 pid, status = os.wait()
                 one = running.pop(pid)
@@ -125,87 +121,133 @@ def kill(
                 if result is None:
                     running[one.start(second=True)] = one
                 else:
-                    slots.append(one.slot)
+                    copies.append(one.copy)
                     done(result)
         finally:
             for pid in running:
                 _end_group(pid)
 
 
-class _Running:
-    """The tests of one mutant in one copy of the sources."""
+def failing(settings: Settings, tests: list[RecordedTest], *, second: bool) -> list[str]:
+    """Return which tests fail without any change, where mutants are tried."""
+    _warm_up(settings)
+    with tempfile.TemporaryDirectory(prefix="mutation-") as made:
+        copy = _Copy(settings, Path(made, "0"), Path(made, "source"))
+        pid = copy.start(tests, in_order("", tests), second=second, stop=False)
+        return copy.failed(*os.waitpid(pid, 0))
 
-    def __init__(self, settings: Settings, mutant: Mutant, tests: list[RecordedTest], slot: Path, number: int) -> None:
-        self._settings, self._mutant, self._tests, self.slot = settings, mutant, tests, slot
-        self._number, self._second = number, False
-        self._start = time.perf_counter()
 
-    def start(self, *, second: bool) -> int:
-        """Start the tests of the first tier, or those that do more in the second; return the process."""
-        self._second = second
-        file, original = self._path(self._mutant.file), self._settings.path(self._mutant.file)
-        file.write_bytes(self._mutant.apply(original.read_bytes()))
-        os.utime(file, (self._number, self._number))  # compiled files are known by this time
-        tests = [test for test in self._tests if (test.grows if second else not test.second)]
-        (self.slot / "state.json").write_text(json.dumps({"by": "", "killer": "", "ended": not tests}), "utf-8")
+def _warm_up(settings: Settings) -> None:
+    """Import what tests need, before processes are forked."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before numpy is imported: a process with threads must not be forked
+    sys.dont_write_bytecode = False  # a copy is compiled once, not for each mutant
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    for plugin in entry_points(group="pytest11"):
+        plugin.load()
+    for name in settings.warm:
+        import_module(name)
+
+
+class _Copy:
+    """A copy of the sources, in which one process at a time runs tests."""
+
+    def __init__(self, settings: Settings, folder: Path, source: Path) -> None:
+        self._settings, self._folder, self._source = settings, folder, folder / "source"
+        shutil.copytree(settings.prepared(source), self._source)
+        self._changes = 0
+
+    def change(self, mutant: Mutant) -> None:
+        """Change a file."""
+        self._changes += 1
+        file = self._source / self._settings.package / mutant.file
+        file.write_bytes(mutant.apply(self._settings.path(mutant.file).read_bytes()))
+        os.utime(file, (self._changes, self._changes))  # compiled files are known by this time
+
+    def restore(self, mutant: Mutant) -> None:
+        """Undo a change."""
+        shutil.copy2(self._settings.path(mutant.file), self._source / self._settings.package / mutant.file)
+
+    def start(self, tests: list[RecordedTest], wanted: dict[str, list[str]], *, second: bool, stop: bool) -> int:
+        """Run tests in the order of `wanted`, up to the first failure if `stop`; return the process."""
+        self._state.write_text(json.dumps({"now": "the start", "failed": [], "ended": not tests}), "utf-8")
         pid = os.fork()
         if pid == 0:
             code = 3
             try:
                 os.setsid()
-                code = self._child(tests)
+                code = self._run(tests, wanted, second, stop) if tests else 0
             finally:
                 os._exit(code)
         return pid
 
-    def ended(self, pid: int, status: int) -> Result | None:
-        """Return the result of a process that has ended; None if the second tier remains to be run."""
-        _end_group(pid)
-        state = json.loads((self.slot / "state.json").read_text("utf-8"))
-        killer = state["killer"]
-        if not state["ended"]:
-            limit = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
-            killer = killer or f"{state['by']} ({'time limit' if limit else 'process ended'})"
-        if not killer and not self._second and any(test.grows for test in self._tests):
-            return None
-        shutil.copy2(self._settings.path(self._mutant.file), self._path(self._mutant.file))
-        outcome: Outcome = "survived" if self._tests else "unreached"
-        if killer:
-            outcome = "complete" if self._second else "default"
-        return Result.of(self._mutant, outcome, killer, len(self._tests), time.perf_counter() - self._start)
+    @property
+    def _state(self) -> Path:
+        return self._folder / "state.json"
 
-    def _path(self, file: str) -> Path:
-        return self.slot / "source" / self._settings.package / file
-
-    def _child(self, tests: list[RecordedTest]) -> int:
-        if not tests:
-            return 0
-        log = os.open(self.slot / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    def _run(self, tests: list[RecordedTest], wanted: dict[str, list[str]], second: bool, stop: bool) -> int:
+        log = os.open(self._folder / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream in (1, 2):
             os.dup2(log, stream)
-        source = str(self.slot / "source")
-        sys.path.insert(0, source)
-        sys.path[:] = [path for path in sys.path if path != str(self._settings.root / self._settings.source)]
-        os.environ["PYTHONPATH"] = os.pathsep.join([source, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = str(self.slot / "hypothesis")
-        os.environ.update(self._settings.second_tier if self._second else {})
-        os.chdir(self._settings.root)
-        wanted, limits = in_order(self._mutant, tests), {test.id: _LIMIT + 10.0 * test.seconds for test in tests}
-        plugin = _InTurn(wanted, limits, self.slot / "state.json")
-        arguments = [*PYTEST, "--tb=short", "--basetemp", str(self.slot / "tmp"), "--hypothesis-seed=0"]
-        return int(pytest.main([*arguments, *list(wanted)[:1]], plugins=[plugin]))
+        settings = self._settings
+        sys.path[:] = [str(self._source), *(path for path in sys.path if path != str(settings.root / settings.source))]
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(self._source), os.environ.get("PYTHONPATH")]))
+        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = str(self._folder / "hypothesis")
+        os.environ.update(settings.second_tier if second else {})
+        os.chdir(settings.root)
+        limits = {test.id: _LIMIT + 10.0 * test.seconds for test in tests}
+        plugin = _InTurn(wanted, limits, self._state, stop)
+        arguments = [*PYTEST, "--tb=short", "--basetemp", str(self._folder / "tmp"), "--hypothesis-seed=0"]
+        return int(pytest.main([*arguments, *wanted], plugins=[plugin]))
+
+    def failed(self, pid: int, status: int) -> list[str]:
+        """Return the failed tests of a process that has ended, with the one that it was ended in."""
+        _end_group(pid)
+        state = json.loads(self._state.read_text("utf-8"))
+        failed: list[str] = state["failed"]
+        if not state["ended"]:
+            limit = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM
+            failed.append(f"{state['now']} ({'time limit' if limit else 'process ended'})")
+        return failed
+
+
+class _Running:
+    """The tests of one mutant."""
+
+    def __init__(self, copy: _Copy, mutant: Mutant, tests: list[RecordedTest]) -> None:
+        self.copy, self._mutant, self._tests, self._second = copy, mutant, tests, False
+        self._start = time.perf_counter()
+        copy.change(mutant)
+
+    def start(self, *, second: bool) -> int:
+        """Start the tests of the first tier, or those that do more in the second; return the process."""
+        self._second = second
+        tests = [test for test in self._tests if (test.grows if second else not test.second)]
+        return self.copy.start(tests, in_order(self._mutant.file, tests), second=second, stop=True)
+
+    def ended(self, pid: int, status: int) -> Result | None:
+        """Return the result of a process that has ended; None if the second tier remains to be run."""
+        failed = self.copy.failed(pid, status)
+        if not failed and not self._second and any(test.grows for test in self._tests):
+            return None
+        self.copy.restore(self._mutant)
+        outcome: Outcome = "survived" if self._tests else "unreached"
+        if failed:
+            outcome = "complete" if self._second else "default"
+        seconds = time.perf_counter() - self._start
+        return Result.of(self._mutant, outcome, failed[0] if failed else "", len(self._tests), seconds)
 
 
 class _InTurn:
-    """The plugin that collects and runs one file of tests after the other, up to the first failure."""
+    """The plugin that imports and runs one file of tests after the other."""
 
-    def __init__(self, wanted: dict[str, list[str]], limits: dict[str, float], state: Path) -> None:
-        self._wanted, self._limits, self._state = wanted, limits, state
-        self._killer = ""
+    def __init__(self, wanted: dict[str, list[str]], limits: dict[str, float], state: Path, stop: bool) -> None:
+        self._wanted, self._limits, self._state, self._stop = wanted, limits, state, stop
+        self._failed: list[str] = []
 
-    def _note(self, by: str, limit: float, *, ended: bool = False) -> None:
+    def _note(self, now: str, limit: float, *, ended: bool = False) -> None:
         """Write what runs, and end this process after the limit."""
-        self._state.write_text(json.dumps({"by": by, "killer": self._killer, "ended": ended}), "utf-8")
+        self._state.write_text(json.dumps({"now": now, "failed": self._failed, "ended": ended}), "utf-8")
         signal.setitimer(signal.ITIMER_REAL, limit)
 
     @pytest.hookimpl(tryfirst=True)
@@ -217,27 +259,28 @@ class _InTurn:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         items = self._items(session)
         item = next(items, None)
-        while item is not None and not self._killer:
+        while item is not None and not (self._failed and self._stop):
             following = next(items, None)  # fixtures that it needs as well are kept
             self._note(item.nodeid, self._limits[item.nodeid])
             session.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
             item = following
-        self._note("", _COLLECTING, ended=True)
+        self._note("the end", _COLLECTING, ended=True)
         return True
 
     def _items(self, session: pytest.Session) -> Iterator[pytest.Item]:
+        modules = {node.nodeid: node for node in session.perform_collect(list(self._wanted), genitems=False)}
         for file, names in self._wanted.items():
             self._note(file, _COLLECTING)
-            found = {item.nodeid: item for item in session.perform_collect([file])}
+            found = {item.nodeid: item for item in session.genitems(modules[file])}  # imports the file
             yield from (found[name] for name in names if name in found)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:
-            self._killer = self._killer or report.nodeid
+            self._failed.append(report.nodeid)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.failed:
-            self._killer = self._killer or report.nodeid
+        if report.failed and report.nodeid not in self._failed:
+            self._failed.append(report.nodeid)
 
 
 def _end_group(pid: int) -> None:

@@ -58,7 +58,7 @@ class Mutant:
     start, end, new : int, int, str
         The changed bytes of the file, and what they become.
     line, before, after : int, str, str
-        The number of the first changed line, and the changed lines before and after, without blanks around.
+        The number of the first changed line, and the lines before and after, joined with single blanks.
     nth : int
         The number of equal changes before it in the file.
     """
@@ -123,7 +123,7 @@ class _Finder:
         before = self._source[first:last]
         after = self._source[first:start] + new.encode() + self._source[end:last]
         if before != after:
-            texts = before.decode().strip(), after.decode().strip()
+            texts = " ".join(before.decode().split()), " ".join(after.decode().split())
             nth = self._equal[texts] = self._equal.get(texts, -1) + 1
             self._found.append(Mutant(self._file, self._function, start, end, new, line + 1, *texts, nth))
 
@@ -183,8 +183,9 @@ class _Finder:
             self._between(left, right, pattern, text)
 
     def _change_UnaryOp(self, node: ast.UnaryOp) -> None:  # noqa: N802
-        if not isinstance(node.op, ast.UAdd):
-            self._add(self._span(node)[0], self._span(node.operand)[0], "")
+        start, _ = self._span(node)
+        if operator := re.compile(rb"not\s*|[~-]").match(self._source, start):
+            self._add(start, operator.end(), "")
 
     def _change_BinOp(self, node: ast.BinOp) -> None:  # noqa: N802
         alias = not self._names and isinstance(node.op, ast.BitOr)
@@ -205,7 +206,7 @@ class _Finder:
             self._replace(node, str(value + 1), *([str(value - 1)] if value > 0 else []))
         elif isinstance(value, float):
             factor = 100.0 if "e" in self._text(node).lower() else 2.0  # a tolerance is an order of magnitude
-            self._replace(node, *([repr(value * factor), repr(value / factor)] if value else ["1.0"]))
+            self._replace(node, *([f"{value * factor:.12}", f"{value / factor:.12}"] if value else ["1.0"]))
 
     def _change_Return(self, node: ast.Return) -> None:  # noqa: N802
         if node.value is not None and not (isinstance(node.value, ast.Constant) and node.value.value is None):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -148,9 +147,8 @@ def record(settings: Settings, pytest_arguments: list[str], *, second_tier: bool
     """Run tests and keep what they reach, in place of what the same files reached before; return pytest's exit code."""
     settings.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="mutation-") as made:
-        copy, found = Path(made, "source"), Path(made, "reached")
+        copy, found = settings.prepared(Path(made, "source")), Path(made, "reached")
         found.mkdir()
-        shutil.copytree(settings.root / settings.source, copy)
         for file in settings.files():
             path = copy / settings.package / file
             path.write_text(marked(path.read_bytes(), file), "utf-8")
@@ -158,7 +156,7 @@ def record(settings: Settings, pytest_arguments: list[str], *, second_tier: bool
             **os.environ,
             **(settings.second_tier if second_tier else {}),
             FOLDER: str(found),
-            "PYTHONPATH": os.pathsep.join([str(copy), str(TOOLS), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(copy), str(TOOLS), os.environ.get("PYTHONPATH")])),
         }
         command = [sys.executable, "-m", "pytest", *PYTEST, "-p", "mutation.recording", *pytest_arguments]
         code = subprocess.call(command, cwd=settings.root, env=environment)
@@ -195,16 +193,25 @@ def _keep(path: Path, new: dict[str, Any]) -> None:
 
 
 def recorded(settings: Settings) -> list[RecordedTest]:
-    """Return the tests of the record that pass."""
+    """Return the tests of the record that pass and whose files are there."""
     path = settings.folder / "reached.json"
     if not path.exists():
         raise SystemExit(f"{path} is missing: run 'python tools/mutate.py record' first")
     found = json.loads(path.read_text("utf-8"))
     tests = []
     for name, row in found["tests"].items():
-        if row["passed"]:
+        if row["passed"] and (settings.root / name.partition("::")[0]).exists():
             fixtures = [found["fixtures"][key] for key in row["fixtures"] if key in found["fixtures"]]
             seconds = row["seconds"] + sum(one["seconds"] for one in fixtures)
             functions = frozenset(row["functions"]).union(*(one["functions"] for one in fixtures))
             tests.append(RecordedTest(name, row["second"], row["grows"], seconds, functions))
     return tests
+
+
+def leave_out(settings: Settings, names: list[str]) -> None:
+    """Mark tests of the record as failing."""
+    path = settings.folder / "reached.json"
+    found = json.loads(path.read_text("utf-8"))
+    for name in names:
+        found["tests"][name]["passed"] = False
+    path.write_text(json.dumps(found, indent=0), "utf-8")

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Equivalent:
-    """A reviewed change without effect: the changed lines before and after, without blanks around, and the reason."""
+    """A reviewed change without effect: the lines before and after, joined with single blanks, and the reason."""
 
     file: str
     line: str
@@ -31,6 +35,8 @@ class Settings:
         The files below the package that are changed, each as ``file`` or as ``file:function``.
     warm : tuple of str
         Modules that are imported once, before a process is forked for each mutant.
+    prepare : tuple of str
+        Arguments of Python that prepare a copy of the sources, such as those that compile what is kept beside them.
     second_tier : dict
         Environment variables with which pytest runs the second tier of tests, too.
     equivalent : tuple of Equivalent
@@ -42,6 +48,7 @@ class Settings:
     package: str
     places: tuple[str, ...]
     warm: tuple[str, ...]
+    prepare: tuple[str, ...]
     second_tier: dict[str, str]
     equivalent: tuple[Equivalent, ...]
 
@@ -55,6 +62,7 @@ class Settings:
             package=found["package"],
             places=tuple(found["places"]),
             warm=tuple(found.get("warm", ())),
+            prepare=tuple(found.get("prepare", ())),
             second_tier=dict(found.get("second_tier", {})),
             equivalent=tuple(Equivalent(**one) for one in found.get("equivalent", ())),
         )
@@ -77,3 +85,13 @@ class Settings:
         wanted = [place.partition(":")[2] for place in self.places if place.partition(":")[0] == file]
         inside = [one == name or one.startswith(f"{name}.") for one in functions for name in wanted]
         return "" in wanted or any(inside)
+
+    def prepared(self, folder: Path) -> Path:
+        """Return a folder with a prepared copy of the sources, which is made unless it is there."""
+        if not folder.exists():
+            shutil.copytree(self.root / self.source, folder)
+            if self.prepare:
+                environment = {**os.environ, "PYTHONPATH": str(folder)}
+                environment.pop("PYTHONDONTWRITEBYTECODE", None)
+                subprocess.run([sys.executable, *self.prepare], cwd=self.root, env=environment, check=True)
+        return folder
