@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import html
 
-import house
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+
+import house
 
 
 class Rooms(SphinxDirective):

@@ -13,7 +13,7 @@ import truepose as tp
 from truepose._io import archive
 from truepose.cli import app
 from truepose.compensation import BELOW
-from truepose.error_map.worth import FEW
+from truepose.error_map.worth import FEW, LeftOut, worth
 from truepose.errors import RefusedError
 from truepose.geometry import make_transform
 from truepose.samples import write_samples
@@ -70,6 +70,52 @@ def test_good_maps_are_not_weak(good):
     assert worth.gain_over_nothing[0] < worth.nothing_mm - worth.left_mm < worth.gain_over_nothing[1]
     assert "weak" not in repr(good)
     assert "better than none: it leaves" in worth.words
+
+
+def along_x(lengths):
+    return np.outer(lengths, [1.0, 0.0, 0.0])
+
+
+def test_the_intervals_are_those_of_student():
+    """Gains of 1 to 10 mm: mean 5.5, S = √(55/6), t(9; 0.975) = 2.262157; over registration alone half of that."""
+    rng = np.random.default_rng(0)
+    gain = np.arange(1.0, 11.0)
+    found = worth(
+        rng.uniform(size=(10, 3)), along_x(gain + 1), lambda _: LeftOut(along_x([1.0] * 10), along_x(1 + gain / 2))
+    )
+    half = 2.262157163 * np.sqrt(55.0 / 6.0 / 10.0)
+    assert found.gain_over_nothing == pytest.approx((5.5 - half, 5.5 + half), rel=1e-8)
+    assert found.gain_over_registration == pytest.approx((2.75 - half / 2, 2.75 + half / 2), rel=1e-8)
+    assert (found.n, found.nothing_mm, found.left_mm, found.registration_mm) == (10, 6.5, 1.0, 3.75)
+    assert not found.weak
+
+
+@pytest.mark.parametrize(("over_nothing", "over_registration"), [(1.01, 1.01), (0.99, 1.01), (1.01, 0.99)])
+def test_a_map_is_weak_unless_both_intervals_are_above_zero(over_nothing, over_registration):
+    """The mean gain is 1 % above or below half of its interval."""
+    spread = np.arange(10.0) - 4.5
+    half = 2.262157163 * spread.std(ddof=1) / np.sqrt(10)
+    left, p = np.full(10, 20.0), np.random.default_rng(0).uniform(size=(10, 3))
+    lengths = [left + spread + share * half for share in (over_nothing, over_registration)]
+    found = worth(p, along_x(lengths[0]), lambda _: LeftOut(along_x(left), along_x(lengths[1])))
+    assert found.weak == (min(over_nothing, over_registration) < 1.0)
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_four_samples_are_too_few_for_a_comparison(n):
+    p = np.random.default_rng(0).uniform(size=(n, 3))
+    found = worth(p, along_x(np.arange(n) + 9.0), lambda _: LeftOut(along_x(np.zeros(n)), along_x([9.0] * n)))
+    assert found.weak == (n < 5)
+    assert ("4 samples are too few" in found.note) == (n < 5)
+
+
+def test_a_block_that_cannot_be_left_out_leaves_a_weak_map():
+    def without(_):
+        raise RefusedError("no")
+
+    found = worth(np.random.default_rng(0).uniform(size=(9, 3)), along_x(np.ones(9)), without)
+    assert found.weak
+    assert found.note == "without a block of samples it cannot be fitted (no)"
 
 
 @pytest.mark.promise("Registration alone, or nothing but noise, never makes a map that is used unasked.")

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import truepose
 from truepose.errors import DataError, FileError, RefusedError
-from truepose.programs import FrameTable, ReadOptions, correct_program
+from truepose.programs import FrameTable, ReadOptions, correct, correct_program
 
 POSE = "{X 812.5,Y -40.25,Z 1033.0,A 90.0,B 10.0,C -170.0,S 2,T 10}"
 SRC = """&ACCESS RVP\r
@@ -216,3 +216,21 @@ def test_options_reach_the_reader(pair: Any, frames: FrameTable, make_map: Any) 
         correct_program(path, make_map(), frames=frames)
     options = ReadOptions(calls_keep_frames=True)
     assert correct_program(path, make_map(), frames=frames, options=options).summary()["corrected"] == 1
+
+
+@pytest.mark.parametrize("share", [0.49, 0.51, -0.51, 3.0])
+def test_digits_that_are_off_by_more_than_half_a_step_are_refused(
+    path: Path, frames: FrameTable, make_map: Any, monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    """Whatever the reason is: here numbers are written off by a share of the step of 0.001 mm."""
+
+    def off(data: bytes, spans: Any, values: np.ndarray, delta: np.ndarray, step: float) -> np.ndarray:
+        return values + delta + share * step
+
+    monkeypatch.setattr(correct, "moved", off)
+    identity = FrameTable(frames.tools, {2: np.eye(4)})
+    if abs(share) > 0.5:
+        with pytest.raises(RefusedError, match=r"cell\.src:7: CIRC:7 auxiliary: its digits cannot hold the correction"):
+            correct_program(path, make_map([0.5, 0.25, 0.125]), frames=identity, proven=False)
+    else:
+        correct_program(path, make_map([0.5, 0.25, 0.125]), frames=identity, proven=False)

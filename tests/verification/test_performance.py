@@ -56,6 +56,79 @@ def test_path_by_hand() -> None:
     assert path_figures(p_cmd, p) == pytest.approx((0.5, 0.2))
 
 
+SPREAD = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 3.0, 0], [0, -3.0, 0]])
+"""Four points around their mean: l = 1, 1, 3, 3, so l̄ = 2 and S = √(4/3)."""
+REPEATABILITY = 2.0 + 3.0 * np.sqrt(4.0 / 3.0)
+
+
+def test_path_repeatability_by_hand() -> None:
+    """RT = l̄ + 3 S: at the second of three points 0.1 (l̄ = 2, S = √(4/3)), which is more than at the others."""
+    p_cmd = np.array([[0.0, 0, 0], [10.0, 0, 0], [20.0, 0, 0]])
+    off = [0.1 * SQUARE + np.array([0, 0.3, 0.4]), 0.1 * SPREAD + np.array([0.2, 0, 0]), SQUARE]
+    found = path_figures(p_cmd, p_cmd + np.stack(off, axis=1))
+    assert found == pytest.approx((0.5, 0.1 * REPEATABILITY))
+
+
+def test_drift_of_repeatability_by_hand() -> None:
+    """RP goes from 0.1 to that of 0.1 times the spread and back to 0.2; what is left over is no block."""
+    p = np.concatenate([SQUARE, 0.1 * SPREAD, 2.0 * SQUARE, 9.0 * SPREAD[:3]])
+    assert pose_drift(np.zeros((15, 3)), p, cycles=4) == pytest.approx((0.0, 0.1 * REPEATABILITY - 0.1))
+
+
+def five_poses(spread: np.ndarray, cycles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P1 to P5, attained with a spread that repeats, the k-th k tenths of a millimetre off along z."""
+    commanded = np.array([[0.0, 0, 0], [300.0, 0, 0], [0, 300.0, 0], [300.0, 400.0, 0], [0, 0, 300.0]])
+    k = np.repeat(np.arange(5), cycles)
+    p_cmd = commanded[k]
+    off = np.tile(spread, (5 * cycles // len(spread), 1)) + 0.1 * (k + 1)[:, None] * np.array([0.0, 0.0, 1.0])
+    return np.array([f"P{one + 1}" for one in k]), p_cmd, p_cmd + off
+
+
+def test_all_figures_by_hand() -> None:
+    """Each of five poses in 32 cycles; S is that of 32 values, n − 1."""
+    pose, p_cmd, p = five_poses(0.01 * SPREAD, 32)
+    s = 0.01 * np.sqrt(32.0 / 31.0)  # of 16 values of 0.01 and of 0.03
+    turn = np.deg2rad(np.tile([[0.1, -0.2, 0.0], [0.3, -0.2, 0.0]], (80, 1)))
+    direction = np.tile(np.repeat([0, 1], 16), 5)
+    p[direction == 1] += np.where(pose[direction == 1] == "P4", 0.5, 0.25)[:, None] * np.array([1.0, 0.0, 0.0])
+    p[direction == 0] -= np.where(pose[direction == 0] == "P4", 0.5, 0.25)[:, None] * np.array([1.0, 0.0, 0.0])
+    found = performance_figures(attained(list(pose), p, p_cmd, turn=turn, direction=direction))
+    assert [one.AP_mm for one in found.poses] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    assert found.poses[2].AP_xyz_mm == pytest.approx((0.0, 0.0, 0.3))
+    assert found.AP_mm == pytest.approx(0.5)
+    assert found.RP_mm == found.poses[3].RP_mm
+    assert found.poses[0].AP_abc_deg == pytest.approx((0.2, -0.2, 0.0))
+    assert found.poses[0].RP_abc_deg == pytest.approx((0.3 * np.sqrt(32.0 / 31.0), 0.0, 0.0))
+    assert (found.vAP_mm, found.vAP_pose) == (pytest.approx(1.0), "P4")
+    straight = performance_figures(attained(list(pose), *reversed(five_poses(0.01 * SPREAD, 32)[1:])))
+    assert [one.RP_mm for one in straight.poses] == pytest.approx([0.02 + 3.0 * s] * 5)
+    # between P2 and P4, 400 mm apart in y, both with the same spread, 0.2 mm apart in z
+    assert straight.AD_poses == ("P2", "P4")
+    assert straight.AD_mm == pytest.approx(np.hypot(400.0, 0.2) - 400.0)
+    assert straight.RD_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_distances_by_hand() -> None:
+    """P2 is attained 0.1, 0.2 and 0.3 mm too far away in turn; the cycles beyond those of P4 do not count."""
+    p_cmd = np.array([[0.0, 0, 0]] * 4 + [[100.0, 0, 0]] * 3)
+    p = p_cmd + np.array([[0.0, 0, 0]] * 4 + [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
+    found = performance_figures(attained(["P4"] * 4 + ["P2"] * 3, p, p_cmd))
+    assert (found.AD_poses, found.AD_mm, found.RD_mm) == (("P2", "P4"), pytest.approx(0.2), pytest.approx(0.3))
+
+
+def test_drift_is_found_in_the_order_of_time() -> None:
+    """Ten cycles at 0, ten half a millimetre away, given in the wrong order; P1 before the pose with more cycles."""
+    block = np.tile(SQUARE, (3, 1))[:10]
+    p = np.concatenate([block + np.array([0.0, 0, 0.5]), block, np.tile(SQUARE, (8, 1))])
+    time = np.concatenate([np.arange(10) + 4.0 * 3600, np.arange(10), np.arange(32)])
+    found = performance_figures(attained(["P1"] * 20 + ["P2"] * 32, p, np.zeros((52, 3)), time=time))
+    centre = float(np.linalg.norm(block.mean(axis=0)))
+    assert found.dAP_mm == pytest.approx(np.hypot(centre, 0.5) - centre)
+    assert found.dRP_mm == pytest.approx(0.0, abs=1e-12)
+    assert (found.drift_pose, found.drift_hours) == ("P1", pytest.approx((4.0 * 3600 + 9) / 3600))
+    assert any(reason.startswith("drift: over 4 hours") for reason in found.missing)
+
+
 def test_where_a_path_crosses_the_planes() -> None:
     """A line 1 mm beside the commanded one, read at other places; a corner passed at 1 mm as well."""
     x = np.linspace(0.0, 100.0, 6)

@@ -388,10 +388,33 @@ def test_update_is_a_fit_of_all_samples_with_the_same_hyperparameters(solver):
     np.testing.assert_allclose(model.leave_one_out().residual, again.leave_one_out().residual, atol=1e-9)
 
 
+@pytest.mark.parametrize("robust", [True, False])
+def test_an_update_keeps_the_old_weights(robust):
+    """Those of the samples of a fit with given hyperparameters: some of no gross reading, one of a gross one."""
+    q, e = simulate(100, np.random.default_rng(22))
+    e[70] += [0.0, 0.0, 2.0]
+    old = np.where(np.arange(60) % 3 == 0, 0.7, 1.0)
+    old[5] = 0.02
+    model = KinematicKriging(ROBOT, TOOL, robust=robust, hyper=hyper().to_dict(), weight=old).fit(q[:60], e[:60])
+    assert model.gross_.tolist() == [5]
+    model.update(q[60:], e[60:])
+    np.testing.assert_array_equal(model.weight_[:60], old)
+    fresh = model.weight_[60:]
+    assert model.gross_.tolist() == ([5, 70] if robust else [5])
+    assert (fresh[10] < 0.1 and np.sum(fresh < 1.0) < 5) if robust else (fresh == 1.0).all()
+    again = KinematicKriging(ROBOT, TOOL, hyper=hyper().to_dict(), weight=model.weight_).fit(q, e)
+    np.testing.assert_allclose(model.predict(q), again.predict(q), rtol=1e-9, atol=1e-12)
+    assert [row["name"] for row in model.parameters_] == [row["name"] for row in again.parameters_]
+    estimates = [[row["estimate"] for row in one.parameters_] for one in (model, again)]
+    np.testing.assert_allclose(*estimates, rtol=1e-6, atol=1e-9)
+
+
 def test_update_says_what_does_not_fit(fitted):
     q, e, model = fitted
     with pytest.raises(DataError, match=r"new samples \(2, 5\), \(2, 3\): expected \(m, 6\) joints"):
         model.update(q[:2, :5], e[:2])
+    with pytest.raises(DataError, match=r"new samples \(2, 6\), \(2, 6\): expected \(m, 6\) joints, \(m, 3\) errors"):
+        model.update(q[:2], np.zeros((2, 6)))
     with pytest.raises(DataError, match="pass noise_std to update if and only if"):
         model.update(q[:2], e[:2], noise_std=0.1)
 

@@ -1,0 +1,95 @@
+"""The factor of predicted variances, computed by hand; residuals of fits without a fold are given where it says so."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truepose.predictors.kinematic import inflation as module
+from truepose.predictors.kinematic.design import Design
+from truepose.predictors.kinematic.inflation import Part, inflation
+
+K = 6
+START: Any = SimpleNamespace(hyper=SimpleNamespace(to_vector=lambda: np.zeros(K)))
+
+
+def part(n: int, *, visit: Any = None, turn: Any = None, reading: float = 0.0) -> Part:
+    q = np.arange(n, dtype=float)[:, None] if visit is None else np.asarray(visit, float)[:, None]
+    visit = np.full(n, np.nan) if visit is None else np.asarray(visit, float)
+    turn = np.zeros(n) if turn is None else np.asarray(turn, float)
+    empty = np.zeros((n, 1))
+    design = Design(q, empty, empty, empty, empty, empty, empty, visit, turn)
+    return Part(None, design, np.arange(1), np.zeros((n, 3)), np.full((n, 3), reading), np.ones(n))  # type: ignore[arg-type]
+
+
+def found(samples: Part, squared: Any = 1.0, seed: int = 0) -> float:
+    """Return the factor, with the square of the standardised leave-one-out residuals."""
+    n = len(samples.e)
+    residual = 0.1 * np.sqrt(np.broadcast_to(np.reshape(squared, (-1, 1)), (n, 3)))
+    return inflation(samples, residual, np.tile(0.01 * np.eye(3), (n, 1, 1)), START, seed)
+
+
+@pytest.fixture
+def folds(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Give residuals and variances of fits without a fold; return the numbers of samples that were asked for."""
+    asked: list[int] = []
+
+    def give(squared: Any, variance: float) -> list[int]:
+        def fold_residuals(some: Part, start: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
+            asked.append(len(some.e))
+            shape = some.e.shape
+            return np.sqrt(np.broadcast_to(np.reshape(squared, (-1, 1)), shape)), np.full(shape, variance)
+
+        monkeypatch.setattr(module, "fold_residuals", fold_residuals)
+        return asked
+
+    return give
+
+
+def plus_one_standard_error(factor: float, squares: int) -> Any:
+    return pytest.approx(factor * (1.0 + np.sqrt(2.0 / squares)), rel=1e-12)
+
+
+def test_it_is_the_factor_of_the_folds_plus_one_standard_error(folds: Any) -> None:
+    """Residuals of 4 mm² from variances of 2 mm² and readings of 1 mm²: (4 − 1)/2 = 1.5; 12 · 3 squares."""
+    folds(4.0, 2.0)
+    assert found(part(12, reading=1.0)) == plus_one_standard_error(1.5, 36)
+
+
+@pytest.mark.parametrize(("squared", "alone"), [(0.5, 1.0), (1.0, 1.0), (2.0, 2.0)])
+def test_it_is_at_least_that_of_leave_one_out_with_its_degrees_of_freedom(
+    folds: Any, squared: float, alone: float
+) -> None:
+    folds(0.1, 1.0)
+    assert found(part(12), squared) == plus_one_standard_error(alone * 36 / (36 - K), 36)
+
+
+def test_few_samples_count_alone_and_hyperparameters_take_no_more_than_two_thirds() -> None:
+    assert found(part(5), 2.0) == pytest.approx(2.0 * 15 / (15 - K))
+    assert found(part(2), 2.0) == pytest.approx(2.0 * 6 / 2)
+
+
+def test_six_samples_are_enough_for_folds(folds: Any) -> None:
+    folds(4.0, 1.0)
+    assert found(part(6)) == plus_one_standard_error(4.0, 18)
+
+
+def test_readings_of_one_pose_are_one_for_the_standard_error(folds: Any) -> None:
+    folds(4.0, 1.0)
+    assert found(part(12, visit=np.arange(12) // 2)) == plus_one_standard_error(4.0, 18)
+
+
+def test_rows_of_orientation_do_not_count(folds: Any) -> None:
+    """Whose residuals are 100 times as large, in the folds and of leave-one-out."""
+    turn = np.arange(12) % 2
+    folds(np.where(turn, 400.0, 4.0), 1.0)
+    assert found(part(12, turn=turn), np.where(turn, 300.0, 3.0)) == plus_one_standard_error(3.0 * 18 / (18 - K), 36)
+
+
+def test_of_many_samples_250_make_the_folds_and_350_the_degrees_of_freedom(folds: Any) -> None:
+    asked = folds(0.1, 1.0)
+    assert found(part(400), 2.0) == plus_one_standard_error(2.0 * 1050 / (1050 - K), 750)
+    assert asked == [250]
