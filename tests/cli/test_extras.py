@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.tiers import sampled
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
@@ -199,7 +198,8 @@ def test_each_optional_package_has_a_use() -> None:
     assert USES.keys() == OPTIONAL.keys()
 
 
-@pytest.mark.parametrize("package", sampled(sorted(USES)))
+@pytest.mark.parametrize("package", sorted(USES))
+@pytest.mark.sampled(2)
 def test_one_missing_package_names_its_extra(base: dict[str, Any], package: str) -> None:
     kind, message = python(f"print(json.dumps(call({USES[package]!r})))", blocked={module(package)}, out=base["out"])
     assert kind == "MissingPackageError", message
