@@ -33,12 +33,12 @@ def kept(name: str, make: FunctionType) -> Path:
     """Return a folder that `make` fills, from another run or worker where there is one; change a copy of it only."""
     name = f"{name}-{hashlib.sha256(Path(make.__code__.co_filename).read_bytes()).hexdigest()[:8]}"
     top = ROOT / "build" / "kept" / _sources()
-    folder, lock = top / name, top / f"{name}.lock"
+    folder, lock, done = top / name, top / f"{name}.lock", top / f"{name}.done"
     top.mkdir(parents=True, exist_ok=True)
     for old in top.parent.iterdir():
         if old != top:
             shutil.rmtree(old, ignore_errors=True)
-    while not folder.is_dir():
+    while not done.exists():
         try:
             lock.mkdir()
         except FileExistsError:  # another worker makes it
@@ -47,11 +47,11 @@ def kept(name: str, make: FunctionType) -> Path:
             time.sleep(0.1)
             continue
         try:
-            if not folder.is_dir():
-                made = lock / "made"
-                made.mkdir()
-                make(made)
-                made.replace(folder)
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # what a killed run left
+                folder.mkdir()
+                make(folder)  # in its place: maps hold paths
+                done.touch()
         finally:
-            shutil.rmtree(lock)
+            lock.rmdir()
     return folder
