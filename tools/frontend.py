@@ -58,7 +58,8 @@ def check(root: Path = ROOT) -> None:
 
 
 def run_tests(root: Path = ROOT) -> None:
-    """Run the tests of functions that need no browser."""
+    """Run the tests of functions that need no browser; install what those in a browser need, too (axe-core)."""
+    _install(root, to_check=True)
     _npm(root, "test")
 
 
