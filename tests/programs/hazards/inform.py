@@ -60,7 +60,13 @@ CELLS: dict[str, list[Cell]] = {
             *(FIRST, "CALL JOB:SIDE", SECOND),
             others={"SIDE.JBI": job("SIDE", "SYSTART CV#(1) STP=10.0")},
             C00000="correct",
-            C00001="skip",
+            C00001="refuse",
+        ),
+        cell(
+            *(FIRST, "CALL JOB:SIDE", "SFTOF", SECOND),
+            others={"SIDE.JBI": job("SIDE", "SYSTART CV#(1) STP=10.0")},
+            C00000="correct",
+            C00001="refuse",
         ),
         cell(
             *(FIRST, "CALL JOB:SIDE", SECOND),

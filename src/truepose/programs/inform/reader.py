@@ -125,8 +125,9 @@ class _Reader(Reader):
 
     def _displaced(self, state: State) -> frozenset[Displacement]:
         """Return the shifts that may be active, those of sensors included."""
-        sensed = {Displacement(f"{shift.text} of {self.source.path.name}", None, "") for shift in state.shifts}
-        return frozenset(self._displacements[text] for text in state.ipo if text != _UNSHIFTED) | sensed
+        known, name = self._displacements, self.source.path.name
+        sensed = {known.get(one.text) or Displacement(f"{one.text} of {name}", sensed=True) for one in state.shifts}
+        return frozenset(known[text] for text in state.ipo if text != _UNSHIFTED) | sensed
 
     def _name(self) -> str:
         return self._title or self.source.path.stem.upper()
@@ -205,7 +206,12 @@ class _Reader(Reader):
     def _may_shift(self, shift: Displacement) -> None:
         """Let a shift be active from here on, or not."""
         self._displacements[shift.text] = shift
-        self._may_be(shift.text)
+        if not shift.sensed:
+            self._may_be(shift.text)
+            return
+        self.flow.begin("IF", 0)
+        self.flow.shift("of a job", shift.text)
+        self.flow.end("ENDIF", "IF")
 
     def _may_be(self, shift: str) -> None:
         """Let a shift, or none, be in force from here on, or what was before."""

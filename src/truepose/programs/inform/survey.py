@@ -79,7 +79,7 @@ def _left(jobs: Sequence[Survey], unread: Iterable[Path]) -> dict[str, frozenset
         left[one.name] = left.get(one.name, _NONE) | one.left
     for path in unread:
         name = path.stem.upper()
-        shift = Displacement(f"{path.name}, which cannot be read,", None, "")
+        shift = Displacement(f"{path.name}, which cannot be read,")
         left[name] = left.get(name, _NONE) | {shift}
     return {**left, ELSEWHERE: _NONE.union(*left.values())}
 

@@ -22,10 +22,11 @@ from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
 from truepose.programs.tp import frames as tp_frames
-from truepose.programs.tp.derived import Facts, RegisterFlow
+from truepose.programs.tp.derived import MONITORED, Facts, RegisterFlow, is_macro
 from truepose.programs.tp.followers import Follower, Followers
-from truepose.programs.tp.positions import REMOTE, VALUES, Positions, Taught
-from truepose.programs.tp.registers import Registers
+from truepose.programs.tp.left import LeftShifts
+from truepose.programs.tp.positions import IN_FORCE, REMOTE, VALUES, Positions, Taught
+from truepose.programs.tp.registers import Effects, Registers
 from truepose.programs.tp.sections import NUMBERED, REMARK, add_line, read_sections
 from truepose.programs.tp.words import check_language
 
@@ -64,6 +65,8 @@ _LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
 _WRITE = re.compile(rb"\s*P\s*\[[^=]*=", re.I)
+_NUMBER = re.compile(rb"\s*R\s*\[", re.I)
+"""An assignment to a numeric register."""
 
 
 class _Motion(NamedTuple):
@@ -103,6 +106,8 @@ class _Reader(Reader):
         self._indirect: list[tuple[Point, _Motion]] = []
         self._labels: set[bytes] = set()
         self._coordinated = False
+        self._left = LeftShifts(source.path)
+        self._monitored: Problem | None = None
         self._group = frames.groups.robot
 
     def read(self) -> Program:
@@ -191,17 +196,28 @@ class _Reader(Reader):
             self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
         elif self._derived.assign(code, line):
             self.arc(None)
-            self._joints_read(line, code)
+            if _NUMBER.match(code):
+                self._point_elsewhere(line, code)
+            else:
+                self._joints_read(line, code)
         else:
             self._derived.other(code, line)
+            if MONITORED.match(code) and self._monitored is None:
+                reason = f"{shown(code)} (line {line}) may change the frame in force at any time"
+                self._monitored = Problem("refuse", f"{reason}; teach it in a number")
             if _POINT.search(code):
                 self.arc(None)
                 self._point_elsewhere(line, code)
             else:
                 shifts.follow(flow, shifts.FANUC, code, line)
+        conditional = re.match(rb"\s*(?:IF|SELECT|WHEN)\b", code, re.I) is not None
         for which, value in tp_frames.chosen(code, self._group):
+            if conditional:
+                flow.begin("IF", line)
             flow.change(**{which: value})
             self._derived.moves(line)  # the robot stands where it did, but in other numbers
+            if conditional:
+                flow.end("ENDIF", "IF")
         self._change(code, line)
         self._calls(line, code)
         self._control(line, code.strip(b" \t;").upper())
@@ -217,9 +233,18 @@ class _Reader(Reader):
         for name in _CALL.findall(code):
             called = name.decode("latin-1")
             self._derived.call(called, line)
-            effects = self._registers.behind([called])
-            if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
-                self.flow.call(called.upper(), f"{called} was called, which is not in this file")
+            self._called(called, self._registers.behind([called]))
+            for shift in self._left.by(called):
+                self.flow.begin("IF", line)
+                self.flow.shift("call", shift)
+                self.flow.end("ENDIF", "IF")
+        if is_macro(code):
+            self._called(shown(code.strip(b" ;")), self._registers.macros())
+
+    def _called(self, name: str, effects: Effects | None) -> None:
+        """Follow a call of another program, whose effects may be known."""
+        if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
+            self.flow.call(name.upper(), f"{name} was called, which is not in this file")
 
     def _control(self, line: int, code: bytes) -> None:
         flow, labels = self.flow, self._labels
@@ -392,6 +417,8 @@ class _Reader(Reader):
         taught, state = self._positions.taught(point), self.flow.states[motion.node]
         needed = taught if point.joints is None else taught._replace(base=None)
         tool, base, stopped = tp_frames.frames_at(needed, state, self._group, motion.line)
+        if IN_FORCE in needed and self._monitored is not None:
+            stopped = stopped or self._monitored
         others = self._with_others(taught, motion.coordinated)
         problem = shifts.problem_of(state.shifts) or motion.problem or others or stopped
         return self.use(motion.word, motion.line, tool, base, problem)
