@@ -23,6 +23,7 @@ from truepose.programs import FrameTable, Program, ReadOptions, Target, read_pro
 
 Files = dict[str, str]
 RUNS = 3
+MORE_RUNS = 40
 _SAME = 1e-6  # [mm]
 
 
@@ -140,8 +141,11 @@ def fault(folder: Path, language: Language, files: Files, options: ReadOptions, 
     except FileError:
         return "", 0
     other, moved = corrected(files, programs, Random(seed))
+    stopped, reached = set[str](), set[str]()
     for run in range(RUNS if moved else 0):
         before, after = language.execute(files, seed + run), language.execute(other, seed + run)
+        stopped |= stops_in(before)
+        reached |= reached_in(before)
         for old, new in itertools.zip_longest(before, after):
             if isinstance(old, Motion) and isinstance(new, Motion):
                 why = differing(old, new, moved, language.tool_of)
@@ -149,7 +153,22 @@ def fault(folder: Path, language: Language, files: Files, options: ReadOptions, 
                 why = "" if old == new else f"{old} becomes {new}"
             if why:
                 return f"{getattr(old, 'line', '')}: {why}", len(moved)
+    for one in moved:
+        label = f"{one.target.path.name} {one.target.name}"
+        more = (reached_in(language.execute(files, seed + run)) for run in range(RUNS, MORE_RUNS))
+        if label in stopped - reached and not any(label in some for some in more):
+            return f"the controller stops at every motion to {label}", len(moved)
     return "", len(moved)
+
+
+def stops_in(events: Sequence[Event]) -> set[str]:
+    """Return the targets at which the controller stops because other frames are in force."""
+    return {str(event[1]) for event in events if not isinstance(event, Motion) and event[0] == "mismatch"}
+
+
+def reached_in(events: Sequence[Event]) -> set[str]:
+    """Return the targets that are reached: what stands before the colon in the line of a motion."""
+    return {event.line.partition(": ")[0] for event in events if isinstance(event, Motion)}
 
 
 def reduced(folder: Path, language: Language, files: Files, options: ReadOptions, seed: int) -> Files:

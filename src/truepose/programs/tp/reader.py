@@ -22,9 +22,9 @@ from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
 from truepose.programs.tp import frames as tp_frames
+from truepose.programs.tp.beside import read_beside
 from truepose.programs.tp.derived import MONITORED, Facts, RegisterFlow, is_macro
 from truepose.programs.tp.followers import Follower, Followers
-from truepose.programs.tp.left import LeftShifts
 from truepose.programs.tp.positions import IN_FORCE, REMOTE, VALUES, Positions, Taught
 from truepose.programs.tp.registers import Effects, Registers
 from truepose.programs.tp.sections import NUMBERED, REMARK, add_line, read_sections
@@ -106,7 +106,7 @@ class _Reader(Reader):
         self._indirect: list[tuple[Point, _Motion]] = []
         self._labels: set[bytes] = set()
         self._coordinated = False
-        self._left = LeftShifts(source.path)
+        self._beside, self._name = read_beside(source.path), source.path.stem.upper()
         self._monitored: Problem | None = None
         self._group = frames.groups.robot
 
@@ -115,12 +115,14 @@ class _Reader(Reader):
         self._positions = Positions(self.source, self.options, start, end, self._group)
         codes = [one.code for one in instructions if isinstance(one, Instruction) and not REMARK.match(one.code)]
         self._labels = {m[1] for code in codes if (m := _LABEL.match(code))}
-        facts = Facts(self._registers, self.source.path.stem.upper(), self._group, self.options.whole_task)
+        facts = Facts(self._registers, self._name, self._group, self.options.whole_task)
         self._derived = RegisterFlow(self.flow, facts, [_TEXT.sub(b"", code) for code in codes])
         self._followers = Followers(self._positions, self._group, allowed=self.options.derived)
-        self.flow.begin_routine("MAIN", outside=True)
+        self.flow.begin_routine(self._name, outside=True)
         if tracked:
             self.flow.shift("program", tracked)
+        for shift in sorted(self._beside.entered.get(self._name, ())):
+            self._may_shift(shift, 1)
         self.body(self._closed(instructions), self._take)
         self.flow.solve()
         if self._derived.used:
@@ -129,8 +131,10 @@ class _Reader(Reader):
         self._attach()
         self.points = [*self._positions.ordered(), *self.points]
         for name, effects in self._registers.programs.items():
-            for line, code in effects.changes if name != self.source.path.stem.upper() else ():
+            for line, code in effects.changes if name != self._name else ():
                 self._change(code, FileLine(f"{name}.LS", line))
+        for place, code in [] if self._registers.programs else self._beside.changes(self._name):
+            self._change(code, place)
         return self.program("fanuc", finest=1e-3, runs=self._runs)
 
     def _closed(self, instructions: Iterable[Instruction | Lines]) -> Iterator[Instruction | Lines]:
@@ -234,12 +238,16 @@ class _Reader(Reader):
             called = name.decode("latin-1")
             self._derived.call(called, line)
             self._called(called, self._registers.behind([called]))
-            for shift in self._left.by(called):
-                self.flow.begin("IF", line)
-                self.flow.shift("call", shift)
-                self.flow.end("ENDIF", "IF")
+            for shift in sorted(self._beside.left.get(called.upper(), ())):
+                self._may_shift(shift, line)
         if is_macro(code):
             self._called(shown(code.strip(b" ;")), self._registers.macros())
+
+    def _may_shift(self, shift: str, line: int) -> None:
+        """Let a shift of another program be in force from here on, or not."""
+        self.flow.begin("IF", line)
+        self.flow.shift("of a program", shift)
+        self.flow.end("ENDIF", "IF")
 
     def _called(self, name: str, effects: Effects | None) -> None:
         """Follow a call of another program, whose effects may be known."""
