@@ -186,7 +186,7 @@ class _Machine:
                 return repr(self._r.get(int(m[2]), 0.0))
             return repr(self._pr[int(m[2])][int(m[3]) - 1])
 
-        found = eval(_REGISTER.sub(value, text))  # noqa: S307 - of numbers, in a program that we wrote
+        found = eval(_REGISTER.sub(value, text))
         return float(found)
 
     def _act(self, program: _Program, code: str, depth: int) -> None:
