@@ -23,7 +23,7 @@ from truepose.programs import FrameTable, Program, ReadOptions, Target, read_pro
 
 Files = dict[str, str]
 RUNS = 3
-MORE_RUNS = 40
+MORE_RUNS = 200
 _SAME = 1e-6  # [mm]
 
 

@@ -100,6 +100,7 @@ class _Machine:
         self._own = {name: dict(one.positions) for name, one in self._programs.items()}
         self._bases = dict(BASES)
         self._frame = self._tool = 1
+        self.stopped = False
 
     def start(self) -> None:
         """Start a program, as an operator may do with any."""
@@ -110,6 +111,7 @@ class _Machine:
             self._run(self._random.choice(sorted(self._programs)), 0)
         except _Stop:
             self.events.append(("stop",))
+            self.stopped = True
 
     def _unknown(self, by: str) -> None:
         """Do what a program may do that is not there; with registers, if it runs for the one that uses registers."""
@@ -273,7 +275,8 @@ def execute(files: Files, seed: int) -> list[Event]:
     """Return what programs do that are started one after the other."""
     machine = _Machine(files, seed)
     for _ in range(3):
-        machine.start()
+        if not machine.stopped:  # a program that is cut off leaves registers as no end of one does
+            machine.start()
     return machine.events
 
 

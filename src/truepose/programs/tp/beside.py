@@ -16,6 +16,7 @@ from truepose.programs.tp.registers import CALL, effects_of
 from truepose.programs.tp.sections import NUMBERED, REMARK
 
 _CONCERNS: Final = re.compile(rb"\b(?:CALL|RUN|Track|Offset|SOFTFLOAT|FORCE|LINE|LNSCH)\b", re.I)
+_LOOPS: Final = re.compile(rb"\bFOR[ \t]+R\b|\bLBL[ \t]*\[", re.I)
 _TEXT: Final = re.compile(rb"'[^']*'|\"[^\"]*\"")
 
 
@@ -31,10 +32,11 @@ class _Told(NamedTuple):
     """What a program tells: its calls and shifts in the order of the text, and the frames that it changes.
 
     A step is the name of a called program, or the number of a kind of shifts with the text of one that begins; empty
-    where all of that kind end.
+    where all of that kind end. `loops`: whether control may go back in the text.
     """
 
     steps: tuple[str | tuple[int, str], ...]
+    loops: bool
     changes: tuple[tuple[FileLine, bytes], ...]
 
 
@@ -69,8 +71,8 @@ class Beside:
         return sum(map(len, self.left.values())) + sum(map(len, self.entered.values()))
 
     def _follow(self, name: str) -> None:
-        on: set[tuple[int, str]] = set()
-        for step in self._told[name].steps:
+        told, on = self._told[name], set[tuple[int, str]]()
+        for step in told.steps * (2 if told.loops else 1):
             if isinstance(step, tuple):
                 on = {one for one in on if one[0] != step[0]} if not step[1] else on | {step}
             elif step in self.entered:
@@ -98,7 +100,7 @@ def _tell(path: Path) -> _Told:
     try:
         source = Source.read(path)
     except FileError:
-        return _Told((), ())  # reading it will give the reason
+        return _Told((), False, ())  # reading it will give the reason
     data, steps = source.data, list[str | tuple[int, str]]()
     start, end = max(data.find(b"/MN"), 0), data.find(b"/POS")
     done = start
@@ -116,4 +118,8 @@ def _tell(path: Path) -> _Told:
                 steps.append((k, f"{shown(begun[0].rstrip())} (line {source.line(m.start())} of {path.name})"))
         steps += [called.decode("latin-1").upper() for called in CALL.findall(code)]
     changes = effects_of(data).changes
-    return _Told(tuple(steps), tuple([(FileLine(path.name, line), code) for line, code in changes]))
+    return _Told(
+        tuple(steps),
+        _LOOPS.search(data) is not None,
+        tuple([(FileLine(path.name, line), code) for line, code in changes]),
+    )

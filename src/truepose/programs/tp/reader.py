@@ -234,12 +234,18 @@ class _Reader(Reader):
                 self.changed.setdefault((which, key), place)
 
     def _calls(self, line: int, code: bytes) -> None:
-        for name in _CALL.findall(code):
+        calls = _CALL.findall(code)
+        conditional = bool(calls) and _CALL.match(code.lstrip()) is None
+        if conditional:
+            self.flow.begin("IF", line)
+        for name in calls:
             called = name.decode("latin-1")
             self._derived.call(called, line)
             self._called(called, self._registers.behind([called]))
             for shift in sorted(self._beside.left.get(called.upper(), ())):
                 self._may_shift(shift, line)
+        if conditional:
+            self.flow.end("ENDIF", "IF")
         if is_macro(code):
             self._called(shown(code.strip(b" ;")), self._registers.macros())
 
