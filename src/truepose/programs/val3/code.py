@@ -23,6 +23,9 @@ _STEP = rb"[A-Za-z_]\w*\s*(?:\[[^\[\]\r\n]*\])?"
 REFERENCE: Final = re.compile(rb"(?<![\w.:])(?:(\w+):)?(" + _STEP + rb"(?:\." + _STEP + rb")*)(?!\w)(?![ \t]*[:(])")
 """A reference to data, such as ``lib:tray[1].pPick``; a name with a bracket behind it is a function."""
 _LEFT: Final = re.compile(rb"\s*(?:(\w+):)?([A-Za-z_]\w*)")
+_WHOLE_LEFT: Final = re.compile(rb"\s*(?:\w+:)?\w+\s*(?:\[.*\]\s*)?(?:\.\s*\w+\s*(?:\[.*\]\s*)?)*", re.S)
+_WRITTEN: Final = re.compile(rb"(?<![\w.:])(?:\w+:)?[A-Za-z_]\w*\s*(?:\[[^=\n]*\])?\s*\.[\w.\s]*=(?!=)")
+"""A part of some data that is written, wherever that stands."""
 _INDEX: Final = re.compile(rb"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
 _FUNCTION: Final = re.compile(rb"(?<![\w.])(?:(\w+):)?(\w+)[ \t]*\(")
 _READING: Final = frozenset(
@@ -195,7 +198,8 @@ class ProgramCode:
             elif c == ord("]"):
                 depth -= 1
             elif depth == 0 and c == ord("="):
-                return None if data[i + 1 : i + 2] == b"=" else (statement.start, i)
+                alone = data[i + 1 : i + 2] != b"=" and _WHOLE_LEFT.fullmatch(data, statement.start, i)
+                return (statement.start, i) if alone else None
             elif depth == 0 and not (chr(c).isalnum() or c in b"_. \t:"):
                 return None
         return None
@@ -222,6 +226,12 @@ class ProgramCode:
             left = self.left(statement)
             if left is not None and (found := self.reference(*left) or self.array(*left)) is not None:
                 yield found, self.source.line(found.start)
+            some = [m.span() for m in _WRITTEN.finditer(self.data, left[1] if left else statement.start, statement.end)]
+            if left is None and not statement.is_border and b"(" not in self.data[statement.start : statement.end]:
+                some += [(one.start, one.end) for one in self.references(statement.start, statement.end)]
+            for start, end in some:  # by a statement that is not understood
+                if (found := self.array(start, end)) is not None:
+                    yield found, self.source.line(start)
         for m in self._others(0, len(self.data)):
             for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data))):
                 if self.reference(start, end) is not None and (found := self.array(start, end)) is not None:
