@@ -177,7 +177,7 @@ def reduced(folder: Path, language: Language, files: Files, options: ReadOptions
     def fails(lines: Sequence[tuple[str, str]]) -> bool:
         try:
             return any(fault(folder, language, _joined(lines), options, seed + 10 * k)[0] for k in range(3))
-        except Syntax:
+        except (Syntax, LookupError, ValueError, TypeError, AttributeError, AssertionError):  # cut in the middle
             return False
 
     lines = [(name, line) for name, text in files.items() for line in text.splitlines()]
