@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from truepose._io.files import check_regular, note_read, path_exists, reads_noted, recover
 from truepose._io.folders import files_within
@@ -19,6 +19,7 @@ from truepose.errors import FileError, TrueposeError
 from truepose.numerics.executor import AHEAD, Executor, Inputs, Task, run_in_order
 from truepose.programs.backups.backup import Backup, Controller, find_backup
 from truepose.programs.backups.reading import TASK, chosen, read_controllers, read_rapid_tasks
+from truepose.programs.backups.yaskawa import jobs_beside
 from truepose.programs.core.program import Program, ReadOptions
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.languages import KRL, LANGUAGES, RAPID, again_by, all_endings, language_of
@@ -116,7 +117,9 @@ def _read_file(
         raise FileError(path, "is empty; name a program")
     options = options or ReadOptions()
     frames = standing(frames or FrameTable(), path, name)
-    whole = {"folder": folder} if name == "val3" and folder is not None else {}
+    whole: dict[str, Any] = {"folder": folder} if name == "val3" and folder is not None else {}
+    if name == "inform":
+        whole = {"beside": jobs_beside(path, folder)}
     return again_by(partial(module.read, path, frames, options, **whole), options, name)
 
 

@@ -7,10 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from truepose._io.folders import files_within
+from truepose._io.zips import on_disk
 from truepose._typing import FloatArray
+from truepose.errors import FileError
 from truepose.geometry import euler, make_transform
 from truepose.programs.backups.controller import Contents, StoredFrame, StoredFrames
 from truepose.programs.backups.yaskawa_pulses import pulses_of
@@ -18,6 +22,7 @@ from truepose.programs.core.source import Source, parse_number
 from truepose.programs.frame_table import FrameTable
 from truepose.programs.inform.controller import Controller, Pose, StoredPosition
 from truepose.programs.inform.survey import survey_jobs
+from truepose.programs.inform.words import JOB
 
 _BESIDE: Final = frozenset(["tool.cnd", "uframe.cnd", "var.dat", "all.prm", "system.sys", "rc.prm", "sc.prm"])
 """Files that a backup has beside its jobs."""
@@ -86,6 +91,63 @@ def for_reader(root: Path, files: Sequence[Path]) -> dict[str, Any]:
         no_pulses=pulses.reason,
     )
     return {"controller": survey_jobs(jobs, FrameTable(), known)}
+
+
+def jobs_beside(path: Path, folder: Path | None) -> Controller | None:
+    """Return what the jobs that a job without a backup may call tell; None where it is alone.
+
+    They are those in its folder; and if one of these calls a job that is elsewhere, the others in `folder`, which was
+    given as a whole, too.
+    """
+    near = sorted(file for file in path.parent.iterdir() if _is_job(file)) if path.parent.is_dir() else [path]
+    if folder is not None:
+        jobs = [file for file in files_within(folder).files if _is_job(file)]
+        near = [file for file in jobs if file.parent == path.parent]
+        names = {file.stem.upper() for file in near}
+        if _called(tuple(map(_version, near))) - names:
+            near += [file for file in jobs if file.stem.upper() not in names]
+    if path not in near or (len(near) == 1 and path.stem.upper() not in _called((_version(path),))):
+        return None
+    return _surveyed(tuple(map(_version, near)))
+
+
+class _Version(NamedTuple):
+    """A file as it is now: its path, the time of its last change, and its size."""
+
+    path: Path
+    changed: int
+    size: int
+
+
+def _version(path: Path) -> _Version:
+    try:
+        status = on_disk(path).stat()
+    except OSError:
+        return _Version(path, 0, 0)  # reading it will give the reason
+    return _Version(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=2)
+def _surveyed(jobs: tuple[_Version, ...]) -> Controller:
+    return survey_jobs([one.path for one in jobs], FrameTable(), Controller())
+
+
+@lru_cache(maxsize=2)
+def _called(jobs: tuple[_Version, ...]) -> frozenset[str]:
+    """Return the names of jobs that some jobs name."""
+    found: set[str] = set()
+    for one in jobs:
+        try:
+            data = Source.read(one.path).data
+        except FileError:
+            continue
+        if b"JOB:" in data or b"job:" in data:  # most jobs of a CAM system are large, and name none
+            found |= {m[1].decode("latin-1").upper() for m in JOB.finditer(data) if m[1]}
+    return frozenset(found)
+
+
+def _is_job(file: Path) -> bool:
+    return file.suffix.lower() == ".jbi" and not file.name.startswith(".") and not file.is_symlink()
 
 
 def _named(files: Sequence[Path], name: str) -> Path | None:

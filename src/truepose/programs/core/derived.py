@@ -165,11 +165,11 @@ class Derivations:
         whole = Element(name.array, None) if isinstance(name, Element) else name
         return name in self._distrusted or whole in self._distrusted
 
-    def begin_loop(self, counter: Counter | None, kind: str, line: int, place: Place) -> None:
-        """Open a loop; with a counter, one that counts."""
+    def begin_loop(self, counter: Counter | None, kind: str, line: int, place: Place, *, runs: bool = False) -> None:
+        """Open a loop; with a counter, one that counts; `runs` if it turns at least once."""
         if counter is not None:
             self.assign(counter.name, counter.first, place)
-        self._flow.begin(kind, line, counter)
+        self._flow.begin(kind, line, counter, runs=runs)
 
     def end_loop(self, kind: str, opener: str, place: Place) -> None:
         """Close a loop."""

@@ -108,6 +108,7 @@ class _Block:
     complete: bool = False
     branches: int = 0
     counter: Counter | None = None
+    runs: bool = False
 
 
 class BlockError(Exception):
@@ -141,6 +142,7 @@ class Flow:
         self.states: list[State] = []
         self.graph: Graph | None = None
         self._loops: dict[int, tuple[Counter, int, int]] = {}
+        self._certain: list[tuple[int, int, int]] = []
         self._new()
         self._open.add(0)
 
@@ -245,14 +247,14 @@ class Flow:
         """End the program, or leave it by an error; nothing follows."""
         self._new()
 
-    def begin(self, kind: str, line: int, counter: Counter | None = None) -> None:
-        """Open IF, SWITCH or a loop; one that counts has a counter."""
+    def begin(self, kind: str, line: int, counter: Counter | None = None, *, runs: bool = False) -> None:
+        """Open IF, SWITCH or a loop; one that counts has a counter, and `runs` if that lets it turn at least once."""
         before = self.node
         entry = self._advance()
         if kind not in ("IF", "SWITCH"):
             before = entry
             self._advance()  # the body; the loop comes back to the node before it
-        self._blocks.append(_Block(kind, line, before, counter=counter))
+        self._blocks.append(_Block(kind, line, before, counter=counter, runs=runs))
 
     def branch(self, kind: str, *, last: bool) -> None:
         """Begin ELSE (last), CASE, or DEFAULT (last)."""
@@ -274,6 +276,8 @@ class Flow:
             self._nodes[last].followers.append(block.entry)
             # FOR and WHILE may run not at all; LOOP ends by EXIT only, yet what follows it is reached by text
             self._new(block.entry, *block.exits)
+            if block.runs:
+                self._certain.append((block.entry, last, self.node))
             if block.counter is not None:
                 self._loops[block.entry] = (block.counter, block.entry + 1, self.node)
 
@@ -344,6 +348,9 @@ class Flow:
     def solve(self) -> State:
         """Follow all ways to the end; return the values that interrupt handlers may set, which count everywhere."""
         self.graph = self._graph()
+        for entry, last, behind in self._certain:  # what is in force behind it was so at its end
+            self._nodes[entry].followers.remove(behind)
+            self._nodes[last].followers.append(behind)
         called, changing = set(), self._changing()
         for name, before, after, text in self._calls:
             if name in self._routines:

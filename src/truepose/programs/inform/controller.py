@@ -78,11 +78,14 @@ class Displacement(NamedTuple):
         The P variable of the shift; None where another operand gives it.
     along : str
         The coordinates of the shift: "BF", "RF", "TF", "UF#(3)"; empty where the instruction names none.
+    sensed : bool
+        Whether it is one at run time, which SFTOF does not end.
     """
 
     text: str
-    number: int | None
-    along: str
+    number: int | None = None
+    along: str = ""
+    sensed: bool = False
 
 
 class Survey(NamedTuple):

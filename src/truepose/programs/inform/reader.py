@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from truepose.errors import FileError
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import Shift
+from truepose.programs.core.flow import Shift, State
 from truepose.programs.core.forms import FoundRun, Lines, RunFinder
 from truepose.programs.core.named import Group
 from truepose.programs.core.points import RELATIVE, RUN_TIME, Derived, FileLine, Point, Problem, Use, unknown_motion
@@ -46,12 +47,20 @@ class _Move(NamedTuple):
     problem: Problem | None
 
 
-def read(path: Path, frames: KnownFrames, options: ReadOptions, *, controller: Controller | None = None) -> Program:
+def read(
+    path: Path,
+    frames: KnownFrames,
+    options: ReadOptions,
+    *,
+    controller: Controller | None = None,
+    beside: Controller | None = None,
+) -> Program:
     """Read a .jbi file; a FileError names the line if it is broken.
 
-    `controller` is what a backup tells about all jobs.
+    `controller` is what a backup tells about all jobs; `beside` is what the jobs in the folder of this one tell, where
+    there is no backup: there may be more of them.
     """
-    return _Reader(Source.read(path), frames, options, controller).read()
+    return _Reader(Source.read(path), frames, options, controller, beside).read()
 
 
 def survey(path: Path, frames: KnownFrames, controller: Controller) -> Survey:
@@ -61,10 +70,15 @@ def survey(path: Path, frames: KnownFrames, controller: Controller) -> Survey:
 
 class _Reader(Reader):
     def __init__(
-        self, source: Source, frames: KnownFrames, options: ReadOptions, controller: Controller | None
+        self,
+        source: Source,
+        frames: KnownFrames,
+        options: ReadOptions,
+        controller: Controller | None,
+        beside: Controller | None = None,
     ) -> None:
         super().__init__(source, frames, options)
-        self._controller = controller
+        self._controller, self._beside = controller, beside
         self._kinds: dict[tuple[str, int], int] = {}
         self._runs: list[FoundRun] = []
         self._moves: list[_Move] = []
@@ -76,6 +90,7 @@ class _Reader(Reader):
         self._reframed: dict[str, str] = {}
         self._groups = {b"1": "RB1", b"2": ""}
         self._base_moved = ""
+        self._all_read: Problem | None = None
         self._title = ""
         self._own: Controller | None = None
 
@@ -91,10 +106,8 @@ class _Reader(Reader):
         """Return what the job tells about others."""
         self._follow()
         states = self.flow.states
-        calls = [
-            (name, self._displaced(states[node].ipo), _UNSHIFTED in states[node].ipo) for name, node in self._calls
-        ]
-        left = frozenset[Displacement]().union(*(self._displaced(states[node].ipo) for node in self._ends))
+        calls = [(name, self._displaced(states[node]), _UNSHIFTED in states[node].ipo) for name, node in self._calls]
+        left = frozenset[Displacement]().union(*(self._displaced(states[node]) for node in self._ends))
         return Survey(self._name(), self._all_mentions(), calls, left, self._reframed, self._own_changes())
 
     def _own_changes(self) -> dict[tuple[str, Key | None], FileLine]:
@@ -110,8 +123,11 @@ class _Reader(Reader):
         ]
         return [*given, *self._mentions]
 
-    def _displaced(self, ipo: frozenset[str]) -> frozenset[Displacement]:
-        return frozenset(self._displacements[text] for text in ipo if text != _UNSHIFTED)
+    def _displaced(self, state: State) -> frozenset[Displacement]:
+        """Return the shifts that may be active, those of sensors included."""
+        known, name = self._displacements, self.source.path.name
+        sensed = {known.get(one.text) or Displacement(f"{one.text} of {name}", sensed=True) for one in state.shifts}
+        return frozenset(known[text] for text in state.ipo if text != _UNSHIFTED) | sensed
 
     def _name(self) -> str:
         return self._title or self.source.path.stem.upper()
@@ -185,13 +201,22 @@ class _Reader(Reader):
         self.arc(None)
 
     def _known(self) -> Controller:
-        return self._controller or Controller()
+        return self._controller or self._beside or Controller()
 
     def _may_shift(self, shift: Displacement) -> None:
         """Let a shift be active from here on, or not."""
         self._displacements[shift.text] = shift
+        if not shift.sensed:
+            self._may_be(shift.text)
+            return
         self.flow.begin("IF", 0)
-        self.flow.change(ipo=shift.text)
+        self.flow.shift("of a job", shift.text)
+        self.flow.end("ENDIF", "IF")
+
+    def _may_be(self, shift: str) -> None:
+        """Let a shift, or none, be in force from here on, or what was before."""
+        self.flow.begin("IF", 0)
+        self.flow.change(ipo=shift)
         self.flow.end("ENDIF", "IF")
 
     def _take(self, piece: Instruction | Lines) -> None:
@@ -214,7 +239,7 @@ class _Reader(Reader):
 
     def _instruction(self, instruction: Instruction) -> None:
         line, code = instruction
-        if not code.strip() or code.lstrip()[:1] in (b"'", b"/"):
+        if not code.strip() or code.lstrip()[:1] in (b"'", b"/") or words.COMMENTED_OUT.match(code):
             return
         code, flow = words.without_comment(code), self.flow
         if m := words.LABEL.match(code):
@@ -231,6 +256,8 @@ class _Reader(Reader):
             for part in parts:
                 if m := words.MOTION.match(part):
                     self._motion(m, line, words.CONVEYOR.search(part, m.end()))
+                    self._read_beside(part[m.end() :], line)
+            self._call(line, code)
             return
         shifts.follow(flow, shifts.INFORM, code, line)
         if words.OPERAND.search(code):
@@ -239,6 +266,9 @@ class _Reader(Reader):
         for which, number in words.changed_frames(code):
             self.changed.setdefault((which, number), line)
         self._operands(line, code)
+        if words.STEPS.search(code):
+            read = f"{shown(code)} (line {line}) may read its numbers; corrections would change what it does with them"
+            self._all_read = self._all_read or Problem(self.options.ambiguous, read)
 
     def _control(self, line: int, code: bytes) -> None:
         """Follow jumps, blocks, calls and shifts of positions."""
@@ -283,7 +313,8 @@ class _Reader(Reader):
 
     def _shift(self, line: int, m: re.Match[bytes]) -> None:
         """Begin a shift of all positions by a P variable."""
-        text = f"SFTON (line {line})" if self._controller is None else f"SFTON (line {line} of {self.source.path.name})"
+        alone = self._controller is None and self._beside is None
+        text = f"SFTON (line {line})" if alone else f"SFTON (line {line} of {self.source.path.name})"
         plain = m[2] and not m[1] and not m[4].strip()
         along = m[3].decode("latin-1").upper().replace(" ", "").replace("\t", "")
         self._displacements[text] = Displacement(text, int(m[2]) if plain else None, along)
@@ -299,9 +330,12 @@ class _Reader(Reader):
                 self._reframed.setdefault(name, f"{shown(code)} (line {line} of {self.source.path.name})")
         elif words.UNKNOWN_CALL.match(code):
             name = ELSEWHERE
+        elif named := [m[1] for m in words.JOB.finditer(code) if m[1]]:  # whatever the instruction does with it
+            name = named[0].decode("latin-1").upper()
         else:
             return
         self._calls.append((name, self.flow.node))
+        self._may_be(_UNSHIFTED)
         for shift in sorted(self._known().left.get(name, ())):
             self._may_shift(shift)
 
@@ -389,6 +423,16 @@ class _Reader(Reader):
             elif point is not None:
                 point.reads.append((line, f"read by {word}"))
 
+    def _read_beside(self, code: bytes, line: int) -> None:
+        """Take the positions that a motion names beside its own: whatever it does with them."""
+        if words.ANY_VARIABLE.search(code):
+            self._mention(ANY, line, "other")
+        for m in words.OPERAND.finditer(code):
+            if m[1] == b"P":
+                self._mention(int(m[2]), line, "other")
+            if (point := self._positions.get(m[1].decode(), int(m[2]))) is not None:
+                point.reads.append((line, "read by a motion to another position"))
+
     def _settle(self) -> None:
         """Keep the runs of positions to which motions of one kind go, and take the other positions out of them."""
         named = self._positions.named
@@ -450,6 +494,7 @@ class _Reader(Reader):
                 problem = found
                 break
             derived.append(found._replace(uses=(self.use(move.word, move.line, tool, frame),)))
+        problem = problem or self._all_read
         if problem is None and derived and _UNSHIFTED not in state.ipo:
             return None, derived
         return self.use(move.word, move.line, tool, frame, problem), [] if problem else derived
@@ -461,6 +506,9 @@ class _Reader(Reader):
             for mention in self._all_mentions() if self.options.whole_task else ():
                 own.setdefault(mention.number, []).append(mention)
             self._own = Controller(mentions=own, changed=self._own_changes())
+            if self._beside is not None:
+                mentions = self._beside.mentions if self.options.whole_task else {}
+                self._own = replace(self._beside, mentions=mentions)
         return self._controller or self._own or Controller()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def survey_jobs(jobs: Sequence[Path], frames: KnownFrames, controller: Controlle
                 found[path] = survey(path, frames, controller)
             except FileError:
                 found.pop(path, None)  # reading it will give the reason
-        left = _left(list(found.values()))
+        left = _left(list(found.values()), set(jobs) - set(found))
         changed = {name for name in left if left[name] != controller.left.get(name, _NONE)}
         controller = replace(controller, left=left)
         again = [path for path, one in found.items() if changed & {name for name, _, _ in one.calls}]
@@ -69,11 +69,18 @@ def _changed_unread(path: Path) -> dict[tuple[str, Key | None], FileLine]:
     return found
 
 
-def _left(jobs: Sequence[Survey]) -> dict[str, frozenset[Displacement]]:
-    """Return the shifts that each job may leave active; those of any job for one that is known at run time only."""
+def _left(jobs: Sequence[Survey], unread: Iterable[Path]) -> dict[str, frozenset[Displacement]]:
+    """Return the shifts that each job may leave active; those of any job for one that is known at run time only.
+
+    A job that cannot be read may leave any.
+    """
     left: dict[str, frozenset[Displacement]] = {}
     for one in jobs:
         left[one.name] = left.get(one.name, _NONE) | one.left
+    for path in unread:
+        name = path.stem.upper()
+        shift = Displacement(f"{path.name}, which cannot be read,")
+        left[name] = left.get(name, _NONE) | {shift}
     return {**left, ELSEWHERE: _NONE.union(*left.values())}
 
 

@@ -25,6 +25,12 @@ JUMP_INSIDE: Final = re.compile(rb"\bJUMP[ \t]+\*([^\s]+)", re.I)
 """A jump behind a condition, as in ``IF B000>5 JUMP *A``."""
 CALLED: Final = re.compile(rb"[ \t]*(?:CALL|JUMP|PSTART)\b[^'\"]*?\bJOB:([^\s\"']+)([^\r\n]*)", re.I)
 """A job that is called, jumped to or started beside; behind it the rest of the instruction."""
+JOB: Final = re.compile(rb"\"[^\"]*+\"|\bJOB:([^\s\"']+)", re.I)
+"""A job that an instruction names, whatever it does with it; texts are skipped."""
+COMMENTED_OUT: Final = re.compile(rb"[ \t]*COMM(?!\w)", re.I)
+"""A line that the pendant has made a comment."""
+STEPS: Final = re.compile(rb"\bSTEP#", re.I)
+"""A position that is read by the number of its motion."""
 UNKNOWN_CALL: Final = re.compile(rb"[ \t]*(?:CALL|MACRO\w*)[ \t]+(?!JOB:)", re.I)
 """A call whose job is known at run time only."""
 CONDITION: Final = re.compile(rb"[ \t]IF[ \t]", re.I)

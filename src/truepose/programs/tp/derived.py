@@ -16,7 +16,18 @@ import numpy as np
 
 from truepose._typing import FloatArray
 from truepose.geometry import euler, make_transform
-from truepose.programs.core.arithmetic import Element, Expression, Name, Number, Opaque, Operation, Shifted, Variable
+from truepose.programs.core.arithmetic import (
+    UNKNOWN,
+    Element,
+    Expression,
+    Name,
+    Number,
+    Opaque,
+    Operation,
+    Shifted,
+    Variable,
+    evaluate,
+)
 from truepose.programs.core.derived import Derivations, Derived
 from truepose.programs.core.flow import Flow
 from truepose.programs.core.graph import Counter
@@ -43,6 +54,8 @@ _OWN_WORDS = re.compile(
     re.I,
 )
 """Instructions of one word or more, which are no macros."""
+MONITORED: Final = re.compile(rb"\s*MONITOR\b(?!\s+END\b)", re.I)
+"""The start of a condition, whose program runs when it holds."""
 _FROM_REGISTER = re.compile(rb"=\s*PR\s*\[\s*(\d{1,5})\s*(?::[^\]]*)?\][\s;]*$", re.I)
 _SAME: Final = 1e-4  # [mm], and of direction cosines
 _OFFSET = re.compile(rb"(?<!\w)(?:Tool_)?Offset\s*,\s*PR\s*\[[^\]]*\]", re.I)
@@ -105,6 +118,18 @@ class Facts:
         return "" if self.alone else "another program (give the whole backup, or --whole-task)"
 
 
+def is_macro(code: bytes) -> bool:
+    """Return whether an instruction may be a macro: one of bare words that are not of the language."""
+    return _BARE.fullmatch(code) is not None and not _OWN_WORDS.match(code)
+
+
+def _runs(counter: Counter) -> bool:
+    """Return whether a loop has constant bounds that let it turn at least once."""
+    first, last, step = (evaluate(one, lambda _: UNKNOWN) for one in (counter.first, counter.last, counter.step))
+    known = isinstance(first, float) and isinstance(last, float) and isinstance(step, float)
+    return known and (last - first) * step >= 0.0
+
+
 class RegisterFlow:
     """Tells `Derivations` what the instructions of a program do to registers.
 
@@ -133,6 +158,13 @@ class RegisterFlow:
         self._with_robot = Derivations(flow) if follows_robot else None
         """The same, where a register may also get the position at which the robot stands."""
         self._uses_registers = bool(self._positions) or any(re.search(rb"P\s*\[\s*R\s*\[", code) for code in cleaned)
+        if any(MONITORED.match(code) for code in cleaned):  # a program may run between any two instructions
+            for one in self._both():
+                for name in (*self._registers(), *(("R", n) for n in self._numeric)):
+                    one.distrust(name)
+                for number in self._positions:
+                    for axis in range(6):
+                        one.distrust(("PR", number, axis))
 
     @property
     def used(self) -> bool:
@@ -149,6 +181,7 @@ class RegisterFlow:
             return False
         if one.kind == "R":
             self._assign(("R", one.number), self._arithmetic.number(one.value), line)
+            self._read(one.value, line, "read by arithmetic")
         elif one.number in self._offsets:
             self._shift_set(one, one.number, line)
         else:
@@ -182,11 +215,14 @@ class RegisterFlow:
         if not self._uses_registers:
             return
         code = without_comments(code, self._facts.group)
-        if names := [name for name in self._arithmetic.names_in(code) if name != HERE]:
-            self._escape([name for name in names if name in self._registers()], line, "used by another instruction")
+        self._read(code, line, "used by another instruction")
         self._spoil(writes_in(code), line)
-        if _BARE.fullmatch(code) and not _OWN_WORDS.match(code):
+        if is_macro(code):
             self._affected(self._facts.registers.macros() or ANYTHING, line, code.strip(b" ;").decode("latin-1"))
+
+    def _read(self, code: bytes, line: int, how: str) -> None:
+        """Let the positions in the registers that code names be used otherwise."""
+        self._escape([name for name in self._arithmetic.names_in(code) if name in self._registers()], line, how)
 
     def call(self, name: str, line: int) -> None:
         """Take the call or start of another program."""
@@ -215,7 +251,7 @@ class RegisterFlow:
             counter = Counter(("R", int(m[1])), first, last, Number(-1.0 if m[3] else 1.0))
         if counter is not None and self._with_robot is not None:
             self._with_robot.assign(counter.name, counter.first, line)
-        self._derivations.begin_loop(counter, "FOR", line, line)
+        self._derivations.begin_loop(counter, "FOR", line, line, runs=counter is not None and _runs(counter))
 
     def end_loop(self, line: int) -> None:
         """Close a loop."""

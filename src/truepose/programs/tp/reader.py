@@ -22,10 +22,11 @@ from truepose.programs.core.program import KnownFrames, Program, ReadOptions
 from truepose.programs.core.reader import Instruction, Reader
 from truepose.programs.core.source import Source, shown
 from truepose.programs.tp import frames as tp_frames
-from truepose.programs.tp.derived import Facts, RegisterFlow
+from truepose.programs.tp.beside import read_beside
+from truepose.programs.tp.derived import MONITORED, Facts, RegisterFlow, is_macro
 from truepose.programs.tp.followers import Follower, Followers
-from truepose.programs.tp.positions import REMOTE, VALUES, Positions, Taught
-from truepose.programs.tp.registers import Registers
+from truepose.programs.tp.positions import IN_FORCE, REMOTE, VALUES, Positions, Taught
+from truepose.programs.tp.registers import Effects, Registers
 from truepose.programs.tp.sections import NUMBERED, REMARK, add_line, read_sections
 from truepose.programs.tp.words import check_language
 
@@ -64,6 +65,8 @@ _LABEL = re.compile(rb"\s*LBL\s*\[\s*(\d{1,9})", re.I)
 _JUMP = re.compile(rb"\bLBL\s*\[\s*(\d+|[^\]]*)", re.I)
 _CALL = re.compile(rb"\b(?:CALL|RUN)\s+(\w+)", re.I)
 _WRITE = re.compile(rb"\s*P\s*\[[^=]*=", re.I)
+_NUMBER = re.compile(rb"\s*R\s*\[", re.I)
+"""An assignment to a numeric register."""
 
 
 class _Motion(NamedTuple):
@@ -103,6 +106,8 @@ class _Reader(Reader):
         self._indirect: list[tuple[Point, _Motion]] = []
         self._labels: set[bytes] = set()
         self._coordinated = False
+        self._beside, self._name = read_beside(source.path), source.path.stem.upper()
+        self._monitored: Problem | None = None
         self._group = frames.groups.robot
 
     def read(self) -> Program:
@@ -110,12 +115,14 @@ class _Reader(Reader):
         self._positions = Positions(self.source, self.options, start, end, self._group)
         codes = [one.code for one in instructions if isinstance(one, Instruction) and not REMARK.match(one.code)]
         self._labels = {m[1] for code in codes if (m := _LABEL.match(code))}
-        facts = Facts(self._registers, self.source.path.stem.upper(), self._group, self.options.whole_task)
+        facts = Facts(self._registers, self._name, self._group, self.options.whole_task)
         self._derived = RegisterFlow(self.flow, facts, [_TEXT.sub(b"", code) for code in codes])
         self._followers = Followers(self._positions, self._group, allowed=self.options.derived)
-        self.flow.begin_routine("MAIN", outside=True)
+        self.flow.begin_routine(self._name, outside=True)
         if tracked:
             self.flow.shift("program", tracked)
+        for shift in sorted(self._beside.entered.get(self._name, ())):
+            self._may_shift(shift, 1)
         self.body(self._closed(instructions), self._take)
         self.flow.solve()
         if self._derived.used:
@@ -124,8 +131,10 @@ class _Reader(Reader):
         self._attach()
         self.points = [*self._positions.ordered(), *self.points]
         for name, effects in self._registers.programs.items():
-            for line, code in effects.changes if name != self.source.path.stem.upper() else ():
+            for line, code in effects.changes if name != self._name else ():
                 self._change(code, FileLine(f"{name}.LS", line))
+        for place, code in [] if self._registers.programs else self._beside.changes(self._name):
+            self._change(code, place)
         return self.program("fanuc", finest=1e-3, runs=self._runs)
 
     def _closed(self, instructions: Iterable[Instruction | Lines]) -> Iterator[Instruction | Lines]:
@@ -191,17 +200,28 @@ class _Reader(Reader):
             self._motion_elsewhere(line, code, other[1].decode().upper(), other[2] or other[3])
         elif self._derived.assign(code, line):
             self.arc(None)
-            self._joints_read(line, code)
+            if _NUMBER.match(code):
+                self._point_elsewhere(line, code)
+            else:
+                self._joints_read(line, code)
         else:
             self._derived.other(code, line)
+            if MONITORED.match(code) and self._monitored is None:
+                reason = f"{shown(code)} (line {line}) may change the frame in force at any time"
+                self._monitored = Problem("refuse", f"{reason}; teach it in a number")
             if _POINT.search(code):
                 self.arc(None)
                 self._point_elsewhere(line, code)
             else:
                 shifts.follow(flow, shifts.FANUC, code, line)
+        conditional = re.match(rb"\s*(?:IF|SELECT|WHEN)\b", code, re.I) is not None
         for which, value in tp_frames.chosen(code, self._group):
+            if conditional:
+                flow.begin("IF", line)
             flow.change(**{which: value})
             self._derived.moves(line)  # the robot stands where it did, but in other numbers
+            if conditional:
+                flow.end("ENDIF", "IF")
         self._change(code, line)
         self._calls(line, code)
         self._control(line, code.strip(b" \t;").upper())
@@ -214,12 +234,31 @@ class _Reader(Reader):
                 self.changed.setdefault((which, key), place)
 
     def _calls(self, line: int, code: bytes) -> None:
-        for name in _CALL.findall(code):
+        calls = _CALL.findall(code)
+        conditional = bool(calls) and _CALL.match(code.lstrip()) is None
+        if conditional:
+            self.flow.begin("IF", line)
+        for name in calls:
             called = name.decode("latin-1")
             self._derived.call(called, line)
-            effects = self._registers.behind([called])
-            if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
-                self.flow.call(called.upper(), f"{called} was called, which is not in this file")
+            self._called(called, self._registers.behind([called]))
+            for shift in sorted(self._beside.left.get(called.upper(), ())):
+                self._may_shift(shift, line)
+        if conditional:
+            self.flow.end("ENDIF", "IF")
+        if is_macro(code):
+            self._called(shown(code.strip(b" ;")), self._registers.macros())
+
+    def _may_shift(self, shift: str, line: int) -> None:
+        """Let a shift of another program be in force from here on, or not."""
+        self.flow.begin("IF", line)
+        self.flow.shift("of a program", shift)
+        self.flow.end("ENDIF", "IF")
+
+    def _called(self, name: str, effects: Effects | None) -> None:
+        """Follow a call of another program, whose effects may be known."""
+        if effects is None or any(list(tp_frames.chosen(one, self._group)) for _, one in effects.frames):
+            self.flow.call(name.upper(), f"{name} was called, which is not in this file")
 
     def _control(self, line: int, code: bytes) -> None:
         flow, labels = self.flow, self._labels
@@ -392,6 +431,8 @@ class _Reader(Reader):
         taught, state = self._positions.taught(point), self.flow.states[motion.node]
         needed = taught if point.joints is None else taught._replace(base=None)
         tool, base, stopped = tp_frames.frames_at(needed, state, self._group, motion.line)
+        if IN_FORCE in needed and self._monitored is not None:
+            stopped = stopped or self._monitored
         others = self._with_others(taught, motion.coordinated)
         problem = shifts.problem_of(state.shifts) or motion.problem or others or stopped
         return self.use(motion.word, motion.line, tool, base, problem)

@@ -22,7 +22,20 @@ _TEXT: Final = re.compile(rb"//[^\r\n]*|\"[^\"\r\n]*\"")
 _STEP = rb"[A-Za-z_]\w*\s*(?:\[[^\[\]\r\n]*\])?"
 REFERENCE: Final = re.compile(rb"(?<![\w.:])(?:(\w+):)?(" + _STEP + rb"(?:\." + _STEP + rb")*)(?!\w)(?![ \t]*[:(])")
 """A reference to data, such as ``lib:tray[1].pPick``; a name with a bracket behind it is a function."""
-ASSIGNMENT: Final = re.compile(rb"^\s*([^=<>!\r\n()]+?)[ \t]*=(?!=)[ \t]*", re.M)
+_LEFT: Final = re.compile(rb"\s*(?:(\w+):)?([A-Za-z_]\w*)")
+_WHOLE_LEFT: Final = re.compile(rb"\s*(?:\w+:)?\w+\s*(?:\[.*\]\s*)?(?:\.\s*\w+\s*(?:\[.*\]\s*)?)*", re.S)
+_WRITTEN: Final = re.compile(rb"(?<![\w.:])(?:\w+:)?[A-Za-z_]\w*\s*(?:\[[^=\n]*\])?\s*\.[\w.\s]*=(?!=)")
+"""A part of some data that is written, wherever that stands."""
+_INDEX: Final = re.compile(rb"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
+_FUNCTION: Final = re.compile(rb"(?<![\w.])(?:(\w+):)?(\w+)[ \t]*\(")
+_READING: Final = frozenset(
+    b"movel movej movec movelf movejf movecf altermovel altermovej altermovec appro compose align distance position"
+    b" here pointtojoint jointtopoint interpolatel interpolatec setframe link size open close waitendmove abs round"
+    b" sqrt sin cos tan atan asin acos min max limit isinrange if while for until return sel chr tostring put putln"
+    b" print popupmsg and or not xor elseif switch case delay wait watch call".split()
+)
+"""Functions and words before brackets that leave their arguments as they are; two of them have a rule of their own."""
+_LOAD: Final = re.compile(rb"(?<![\w.])(\w+):lib(?:Load|Delete)\s*\(", re.I)
 _SET_FRAME: Final = re.compile(rb"\bsetFrame\s*\(", re.I)
 _LINK: Final = re.compile(rb"\blink\s*\(", re.I)
 _CALLED: Final = re.compile(rb"(?<![\w.])(?:call\b|taskCreate\w*\b[^\r\n]*?,)\s*(?:(\w+):)?(\w+)\s*\(", re.I)
@@ -169,16 +182,71 @@ class ProgramCode:
         text = self.data[a:b].decode("latin-1").lower()
         return text if text in self.hidden else ""
 
+    def indices(self, start: int, end: int) -> list[tuple[int, int]]:
+        """Return the bytes of the indices in a piece of code."""
+        return [m.span(1) for m in _INDEX.finditer(self.data, start, end)]
+
+    def left(self, statement: Statement) -> tuple[int, int] | None:
+        """Return the left side of an assignment, whatever its indices are; None for any other statement."""
+        depth, data = 0, self.data
+        if (m := _LEFT.match(data, statement.start, statement.end)) is None:
+            return None
+        for i in range(m.end(), statement.end):
+            c = data[i]
+            if c == ord("["):
+                depth += 1
+            elif c == ord("]"):
+                depth -= 1
+            elif depth == 0 and c == ord("="):
+                alone = data[i + 1 : i + 2] != b"=" and _WHOLE_LEFT.fullmatch(data, statement.start, i)
+                return (statement.start, i) if alone else None
+            elif depth == 0 and not (chr(c).isalnum() or c in b"_. \t:"):
+                return None
+        return None
+
+    def array(self, start: int, end: int) -> Reference | None:
+        """Return a reference to some element, which the run time knows, of what a piece of code begins with."""
+        m = _LEFT.match(self.data, start, end)
+        if m is None or (not m[1] and m[2].decode("latin-1").lower() in self.hidden):
+            return None
+        alias, name = (m[1] or b"").decode("latin-1").lower(), m[2].decode("latin-1").lower()
+        return Reference(alias, ((name, None),), m.start(2), m.end())
+
+    def loaded(self) -> Iterator[tuple[str, int]]:
+        """Yield the libraries whose data are loaded anew, each with its line."""
+        for m in _LOAD.finditer(self.data):
+            yield m[1].decode("latin-1").lower(), self.source.line(m.start(1))
+
     def written(self) -> Iterator[tuple[Reference, int]]:
-        """Yield the references that assignments, `setFrame` and `link` write, each with its line."""
-        for m in ASSIGNMENT.finditer(self.data):
-            if (found := self.reference(*m.span(1))) is not None:
-                yield found, self.source.line(m.start(1))
+        """Yield the references that assignments, `setFrame`, `link` and other functions write, each with its line.
+
+        A name that is handed to a function stands for the whole array.
+        """
+        for statement in self.statements():
+            left = self.left(statement)
+            if left is not None and (found := self.reference(*left) or self.array(*left)) is not None:
+                yield found, self.source.line(found.start)
+            some = [m.span() for m in _WRITTEN.finditer(self.data, left[1] if left else statement.start, statement.end)]
+            if left is None and not statement.is_border and b"(" not in self.data[statement.start : statement.end]:
+                some += [(one.start, one.end) for one in self.references(statement.start, statement.end)]
+            for start, end in some:  # by a statement that is not understood
+                if (found := self.array(start, end)) is not None:
+                    yield found, self.source.line(start)
+        for m in self._others(0, len(self.data)):
+            for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data))):
+                if self.reference(start, end) is not None and (found := self.array(start, end)) is not None:
+                    yield found, self.source.line(start)
         for pattern, some in ((_SET_FRAME, slice(3, None)), (_LINK, slice(1))):
             for m in pattern.finditer(self.data):
                 for start, end in self.arguments(m.end(), min(m.end() + 1000, len(self.data)))[some]:
                     if (found := self.reference(start, end)) is not None:
                         yield found, self.source.line(start)
+
+    def _others(self, start: int, end: int) -> list[re.Match[bytes]]:
+        """Return the calls of functions that are not known to leave their arguments as they are."""
+        calls = {m.end() for m in _CALLED.finditer(self.data, start, end)}
+        found = _FUNCTION.finditer(self.data, start, end)
+        return [m for m in found if m[2].lower() not in _READING and m.end() not in calls]
 
     def handed(self) -> Iterator[Handed]:
         """Yield the data that calls hand to programs."""
@@ -195,7 +263,7 @@ class ProgramCode:
         name, by_value = self._given[place]
         word = re.compile(rb"(?<![\w.:])" + name + rb"(?!\w)", re.I)
         return not by_value and any(
-            _CHANGES.search(self.data, one.start, one.end) or ASSIGNMENT.match(self.data, one.start, one.end)
+            _CHANGES.search(self.data, one.start, one.end) or self.left(one) or self._others(one.start, one.end)
             for one in self.statements()
             if word.search(self.data, one.start, one.end)
         )

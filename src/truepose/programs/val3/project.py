@@ -128,6 +128,12 @@ class Project:
             self._written = {}
             for application in self.applications:
                 for code in self.codes(application):
+                    for alias, line in code.loaded():
+                        owner = self.library(application, alias)
+                        place = FileLine(self.shown(code.path), line)
+                        for one in self.applications if owner is None else (owner,):
+                            for _, value in self.values(one):
+                                self._written.setdefault((one.path, value.name.lower()), place)
                     for reference, line in (*code.written(), *self._changed_by_calls(application, code)):
                         owner = self.library(application, reference.alias) if reference.alias else application
                         place = FileLine(self.shown(code.path), line)
@@ -148,7 +154,9 @@ class Project:
             owner = self.library(application, handed.alias) if handed.alias else application
             programs = [] if owner is None else [one for one in self.codes(owner) if one.name == handed.program]
             if not programs or any(one.may_change(handed.place) for one in programs):
-                yield handed.reference, handed.line
+                name, index = handed.reference.parts[0]
+                whole = handed.reference._replace(parts=((name, index or None), *handed.reference.parts[1:]))
+                yield whole, handed.line  # a name without an index hands over the whole array
 
     @staticmethod
     def shown(path: Path) -> str:

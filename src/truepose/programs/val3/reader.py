@@ -201,6 +201,8 @@ class _Reader(Reader):
         """
         names = [name for name, _ in reference.parts]
         count = next((n for n in range(len(names), 0, -1) if tuple(names[:n]) in self._places), 0)
+        if not count and every and (within := self._within(names, [index for _, index in reference.parts])):
+            return within, len(names)
         if not count:
             declared = self._declared.get(names[0])
             if declared is None or not (declared.kind in POINTS or declared.kind.startswith("joint")):
@@ -210,6 +212,19 @@ class _Reader(Reader):
         places = self._places[tuple(names[:count])]
         found = [place.point for place in places if _named(place.value, wanted, every=every)]
         return found or [self._not_written(reference)], count
+
+    def _within(self, names: Sequence[str], wanted: Sequence[str | None]) -> list[Point]:
+        """Return the points of a structure, or of all of an array."""
+        return [
+            place.point
+            for key, places in self._places.items()
+            if key[: len(names)] == tuple(names)
+            for place in places
+            if all(
+                index in (None, "") or index == (step.key or "0")
+                for index, step in zip(wanted, place.value.way, strict=False)
+            )
+        ]
 
     def _not_written(self, reference: Reference) -> Point:
         """Return the point of an element that has no <Value>."""
@@ -292,7 +307,9 @@ class _Reader(Reader):
         written = self._project.written()
         tools = self._project.table(self._application, "tool")
         fathers = {frame.key: (frame, father) for frame, father in self._fathers.values() if frame is not None}
-        named = {use.tool.key: (use.tool, use.tool.text) for one in self._all() for use in one.point.uses if use.tool}
+        points = [one.point for one in self._all()]
+        uses = [use for point in points for use in (*point.uses, *(more for d in point.derived for more in d.uses))]
+        named = {use.tool.key: (use.tool, use.tool.text) for use in uses if use.tool}
         for which, table, known in (("base", self._frames, fathers), ("tool", tools, named)):
             for key, (frame, text) in known.items():
                 chain = [place for place, _ in table.chain(text)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from truepose.programs.core.points import FileLine, Frame, Point, Problem, Use
 from truepose.programs.core.source import parse_number, shown
-from truepose.programs.val3.code import ASSIGNMENT, ProgramCode, Reference, Statement
+from truepose.programs.val3.code import ProgramCode, Reference, Statement
 
 _MOVE: Final = re.compile(rb"(?<![\w:])((?:alter)?mov(?:e)?([jlc])(f?))\s*\(\s*", re.I)
 _ALTER: Final = re.compile(rb"(?<![\w:])alter(?:Begin|Mov\w*)?\s*\(", re.I)
@@ -136,6 +136,10 @@ class Uses:
         self.variables.settle()
 
 
+def _inside(position: int, spans: Iterable[tuple[int, int]]) -> bool:
+    return any(a <= position < b for a, b in spans)
+
+
 class _Program:
     def __init__(
         self, uses: Uses, code: ProgramCode, tool: Callable[[str], Frame | None], name: str, alias: str
@@ -157,15 +161,22 @@ class _Program:
                 self._values.clear()
             taken = self._motions(statement)
             self._assignment(statement, taken)
-            for reference in self._code.references(statement.start, statement.end):
-                if not any(a <= reference.start < b for a, b in taken):
+            indices = self._code.indices(statement.start, statement.end)
+            for reference in self._references(statement, indices):
+                if not _inside(reference.start, taken) or _inside(reference.start, indices):
                     self._read(reference)
                     if reference.alias == self._alias:
                         self._uses.variables.loose.add(reference.parts[0][0])
             for name, position in self._code.locals_in(statement):
-                if not any(a <= position < b for a, b in taken):
+                if not _inside(position, taken) or _inside(position, indices):
                     self._locals.loose.add(name)
         self._locals.settle()
+
+    def _references(self, statement: Statement, indices: list[tuple[int, int]]) -> Iterator[Reference]:
+        """Yield the references in a statement, those in indices too."""
+        yield from self._code.references(statement.start, statement.end)
+        for span in indices:
+            yield from self._code.references(*span)
 
     def _place(self, position: int) -> FileLine:
         return FileLine(self._name, self._code.source.line(position))
@@ -263,36 +274,42 @@ class _Program:
     def _assignment(self, statement: Statement, taken: list[tuple[int, int]]) -> None:
         """Take an assignment: what it writes, and the value of its variable behind it."""
         code = self._code
-        m = ASSIGNMENT.match(code.data, statement.start, statement.end)
-        if m is None or taken:
+        left = code.left(statement)
+        if left is None or taken:
             return
-        left = (m.start(1), m.end(1))
+        right = left[1] + 1
         name, parts = self._target(*left)
         place = self._place(left[0])
         if (reference := code.reference(*left)) is not None:
             taken.append(left)
             self._write(reference, place)
+        self._forget(reference or code.array(*left))
         if not name:
-            self._forget(reference)
             return
         taken.append(left)
         if not parts:
-            value = self._value(m.end(), statement.end)
+            value = self._value(right, statement.end)
             if value is not None:
-                taken.append((m.end(), statement.end))
+                taken.append((right, statement.end))
+                self._uses.variables.loose |= self._not_known(right, statement.end)
                 variables = self._locals if name in code.hidden else self._uses.variables
                 base = name.split(":")[-1].split(".")[0].split("[")[0]
                 variables.sources.setdefault(base, []).extend((point, place) for point in value.points)
             self._values[name] = value
         else:
-            self._values[name] = self._component(name, parts, statement, m.end(), taken)
+            self._values[name] = self._component(name, parts, statement, right, taken)
 
     def _forget(self, written: Reference | None) -> None:
-        """Forget the values of an array of which the run time knows the element that is written."""
-        if written is not None and any(index is None for _, index in written.parts):
-            start = written.key.partition("[")[0]
-            for name in [name for name in self._values if name.partition("[")[0] == start]:
-                self._values[name] = None
+        """Forget the values of an array of which the run time knows the element that is written, and of a structure."""
+        if written is None:
+            return
+        if any(index is None for _, index in written.parts):
+            start = re.split(r"[\[.]", written.key)[0]
+            lost = [name for name in self._values if re.split(r"[\[.]", name)[0] == start]
+        else:
+            lost = [name for name in self._values if name.startswith(f"{written.key}.")]
+        for name in lost:
+            self._values[name] = None
 
     def _target(self, start: int, end: int) -> tuple[str, list[str]]:
         """Return the variable that an assignment writes, and the names behind it, such as ``trsf``, ``z``."""
