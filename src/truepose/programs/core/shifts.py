@@ -73,8 +73,8 @@ KRL: Final = (
     _kind(rb"\$(?:OFFSET|CORR\w*|PATH_?CORR\w*|PROG_PAF|TORQUE_AXIS)\b[^=\r\n]*=(?!=)", None),
     _kind(rb"\b(?:BASE_CORR_ON|M_BAS_COR_ON|TOOL_CORR_ON|TOOL_CORR_W_ON)\s*=(?!=)\s*(?!FALSE\b)", None),
 )
-"""Sensor correction (RSI and its forerunner), function generators, touch and seam sensing, conveyors, soft axes, and the
-corrections of tools and bases that BAS adds."""
+"""Sensor correction (RSI and its forerunner), function generators, touch and seam sensing, conveyors, soft axes, and
+corrections that BAS adds to tools and bases."""
 
 RAPID: Final = (
     _kind(rb"^WaitWObj\b", rb"^DropWObj\b"),

@@ -60,7 +60,9 @@ _DEFINED = re.compile(rb"^" + _ROUTINE.pattern, re.I | re.M)
 _FDAT_SET = re.compile(
     rb"^[ \t]*+([A-Za-z]\w*+)[ \t]*+(?:\.[ \t]*+(?:TOOL_NO|BASE_NO|IPO_FRAME)[ \t]*+)?+=(?!=)", re.I | re.M
 )
-_ARGUMENTS = re.compile(rb"^[ \t]*+(?!S?(?:PTP|LIN|CIRC)\b|SPL(?:INE)?\b|PTP_SPLINE\b)[^\r\n;(]*+\([^\r\n;]*+", re.I | re.M)
+_ARGUMENTS = re.compile(
+    rb"^[ \t]*+(?!S?(?:PTP|LIN|CIRC)\b|SPL(?:INE)?\b|PTP_SPLINE\b)[^\r\n;(]*+\([^\r\n;]*+", re.I | re.M
+)
 _HANDLER = re.compile(rb"\bDO\b\s*([A-Za-z_$][\w$]*+)\s*\(", re.I)
 _PUBLIC = re.compile(rb"\bPUBLIC\b", re.I)
 _WORD = re.compile(rb"[ \t]*+([A-Za-z_$][\w$]*+)")
@@ -509,9 +511,7 @@ class KrlModule:
         self._routine = (name, line)
         self._names.local, self._names.local_numbers = {}, {}
         for parameter in split_parameters(self._src.data[m.end() : end]):  # it hides a point of the module
-            variable = self._names.local[parameter.upper()] = PointVariable(
-                parameter, "", line, "src", parameter=True
-            )
+            variable = self._names.local[parameter.upper()] = PointVariable(parameter, "", line, "src", parameter=True)
             self.variables.append(variable)
         outside = not self._shared.project and (not self._routines or word == "GLOBAL")
         key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
