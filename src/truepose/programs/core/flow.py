@@ -138,6 +138,9 @@ class Flow:
         self.concurrent = False
         """Whether handlers run beside the program (threads), and do not only interrupt it."""
         self._started: list[tuple[str, int]] = []
+        self.only_called: set[str] = set()
+        """Routines at which control does not begin: those of libraries."""
+        self._declared: list[tuple[str, int]] = []
         self._aborting: list[tuple[str, int | None]] = []
         self._aborts: set[str] = set()
         self._aborted: list[tuple[list[str], int]] = []
@@ -239,6 +242,10 @@ class Flow:
     def start(self, name: str) -> None:
         """Let a routine of this program run at any time from here on: an interrupt handler or a thread."""
         self._started.append((name, self.node))
+
+    def handle_if_reached(self, name: str) -> None:
+        """Take a routine as a handler if control may come here."""
+        self._declared.append((name, self.node))
 
     def may_abort(self, name: str, *, anywhere: bool) -> None:
         """Let a handler abort what this routine calls (`anywhere`: what any routine calls), if it has `abort`."""
@@ -377,6 +384,7 @@ class Flow:
                     }  # fmt: skip
         self._connect_parts(changing)
         self._connect_aborted(changing)
+        self._handle_reached()
         first = self._open | {entry for entry, _ in self._routines.values()} - called
         self._follow(first)
         ambient = self._ambient()
@@ -451,6 +459,30 @@ class Flow:
                     done |= new
         return set(entries.values())
 
+    def reached(self) -> set[int]:
+        """Return the nodes that control may reach without beginning in a routine of `only_called`."""
+        names = (self._routines.keys() - self.only_called) | (set(self.handlers) & self._routines.keys())
+        return self._reached_from(self._open | {self._routines[name][0] for name in names})
+
+    def _handle_reached(self) -> None:
+        """Take the handlers that reached statements declare."""
+        waiting = self._declared
+        while waiting:
+            nodes = self.reached()
+            now = [name for name, node in waiting if node in nodes]
+            waiting = [one for one in waiting if one[1] not in nodes]
+            self.handlers += now
+            if not now:
+                break
+
+    def _reached_from(self, nodes: set[int]) -> set[int]:
+        found, waiting = set(nodes), list(nodes)
+        while waiting:
+            new = set(self._nodes[waiting.pop()].followers) - found
+            found |= new
+            waiting += new
+        return found
+
     def _called_by(self, name: str) -> set[str]:
         """Return a routine and all that it calls."""
         if not self._callees:
@@ -475,12 +507,7 @@ class Flow:
 
     def _reach(self, node: int) -> set[int]:
         """Return a node and all that control may reach from it."""
-        found, waiting = {node}, [node]
-        while waiting:
-            new = set(self._nodes[waiting.pop()].followers) - found
-            found |= new
-            waiting += new
-        return found
+        return self._reached_from({node})
 
     def _changing(self) -> set[str]:
         """Return the routines of this program that may change a value in force or start others, also by a call."""

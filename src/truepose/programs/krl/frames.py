@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, Literal
 
 from truepose.programs.core.flow import UNSET, FdatFrames, Flow, InForce
@@ -110,19 +110,17 @@ def _numbered(which: Which, number: int) -> InForce:
     return InForce("number", f"{_DATA[which]}[{number}]", number)
 
 
-def handed(data: bytes, start: int, end: int, known: Callable[[str], bool]) -> Iterator[bytes]:
+def handed(data: bytes, start: int, end: int, kept: Callable[[str], Sequence[bool] | None]) -> Iterator[bytes]:
     """Yield the arguments that a statement hands to routines which may change them.
 
-    `known` tells whether a routine, by its name in upper case, leaves its arguments as they are.
+    `kept` gives, by the name of a routine in upper case, whether it leaves each of its arguments as it is; None: all.
     """
     for call in _CALL.finditer(data, start, end):
-        name = call[1]
-        if known(name.decode("latin-1").upper()):
+        if (by_value := kept(call[1].decode("latin-1").upper())) is None:
             continue
-        head = re.search(rb"\bDEF(?:FCT[ \t]+\w+)?[ \t]+" + re.escape(name) + rb"[ \t]*\(([^()\r\n]*)\)", data, re.I)
-        given = head[1].split(b",") if head and b"(" not in call[2] else []
+        by_value = () if b"(" in call[2] else by_value
         for k, argument in enumerate(call[2].split(b",")):
-            if not (k < len(given) and given[k].strip().upper().endswith(b":IN")):
+            if k >= len(by_value) or not by_value[k]:
                 yield argument.strip()
 
 

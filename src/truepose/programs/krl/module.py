@@ -7,12 +7,14 @@ Points collect their uses, `Flow` the values in force. The verdicts follow when 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from truepose.programs.core import shifts
-from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce
+from truepose.programs.core.flow import BlockError, FdatFrames, Flow, InForce, State
 from truepose.programs.core.points import JOINTS, RELATIVE, Place, Problem, at, handed_to, unknown_motion
 from truepose.programs.core.program import ReadOptions
 from truepose.programs.core.source import Source, shown
@@ -56,7 +58,7 @@ _ROUTINE = re.compile(
 )
 _ROUTINES = re.compile(rb"^[ \t]*+(?:DEF|DEFFCT[ \t]++\w++(?:\[[^\]]*+\])?+)[ \t]++([A-Za-z_$][\w$]*+)", re.I | re.M)
 """Routines that other modules do not see, and the first one."""
-_DEFINED = re.compile(rb"^" + _ROUTINE.pattern, re.I | re.M)
+_DEFINED = re.compile(rb"^" + _ROUTINE.pattern + rb"(?:[ \t]*+\(([^()\r\n]*+)\))?+", re.I | re.M)
 _FDAT_SET = re.compile(
     rb"^[ \t]*+([A-Za-z]\w*+)[ \t]*+(?:\.[ \t]*+(?:TOOL_NO|BASE_NO|IPO_FRAME)[ \t]*+)?+=(?!=)", re.I | re.M
 )
@@ -97,12 +99,15 @@ class Shared:
         The places where the program changes a numbered frame.
     moved : list of str
         The statements that change the place of the robot in the world.
+    by_libraries : list of (int, callable)
+        What statements of libraries do to `changed` and `moved`, each with its node of the flow: only what the programs
+        run counts.
     set_to : dict of ("tool" or "base", number) to list of InForce
         The values that the program gives to numbered frames, as far as they are constants.
     libraries : frozenset of Path
         The files that are read for their effects only; see `truepose.programs.krl.libraries`.
-    routines : set of str
-        The names, in upper case, of the routines that the modules define.
+    routines : dict of str to list of bool
+        The routines that the modules define, by name in upper case: whether each parameter is IN.
     """
 
     options: ReadOptions
@@ -113,9 +118,19 @@ class Shared:
     fdats: dict[str, FdatFrames] = field(default_factory=dict)
     changed: dict[tuple[str, int | None], Place] = field(default_factory=dict)
     moved: list[str] = field(default_factory=list)
+    by_libraries: list[tuple[int, Callable[[], object]]] = field(default_factory=list)
     libraries: frozenset[Path] = frozenset()
     set_to: dict[tuple[str, int | None], list[InForce]] = field(default_factory=dict)
-    routines: set[str] = field(default_factory=set)
+    routines: dict[str, list[bool]] = field(default_factory=dict)
+
+    def solve(self) -> State:
+        """Follow the ways through the program; return the values that interrupts may set anywhere."""
+        ambient = self.flow.solve()
+        reached = self.flow.reached() if self.by_libraries else frozenset[int]()
+        for node, act in self.by_libraries:
+            if node in reached:
+                act()
+        return ambient
 
     def __post_init__(self) -> None:
         self.derivations = KrlDerivations(self.flow)
@@ -169,15 +184,22 @@ class KrlModule:
 
     def look_ahead(self) -> None:
         """Find the routines and constants of the module, and forget the FDATs that the .src assigns to."""
-        self._shared.routines |= {m[1].decode().upper() for m in _DEFINED.finditer(self._src.data)}
+        routines = self._shared.routines
+        for m in _DEFINED.finditer(self._src.data):
+            by_value = [code.strip().upper().endswith(b":IN") for code in (m[2] or b"").split(b",")]
+            name = m[1].decode().upper()
+            routines[name] = [a and b for a, b in zip(routines.get(name, by_value), by_value, strict=False)]
         if not self._names.public:
             self._names.constants = find_constants(self.dat, self._src)
         for m in _FDAT_SET.finditer(self._src.data):
             if (name := m[1].decode().upper()) in self._names.fdats:
                 unknown = InForce("unknown", f"{name} is set at run time (line {self._src.line(m.start(1))})")
                 self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
+
+    def forget_handed(self) -> None:
+        """Forget the FDATs that the .src hands to a routine which may change them; once all routines are known."""
         for m in _ARGUMENTS.finditer(self._src.data) if self._names.fdats else ():
-            for argument in handed(self._src.data, *m.span(), self._names.reads_only):
+            for argument in handed(self._src.data, *m.span(), self._names.kept):
                 if (name := argument.partition(b".")[0].strip().decode("latin-1").upper()) in self._names.fdats:
                     unknown = InForce("unknown", f"{name} is handed to a routine (line {self._src.line(m.start())})")
                     self._names.forget_fdat(name, FdatFrames(unknown, unknown, "BASE"))
@@ -366,11 +388,11 @@ class KrlModule:
         self._change_state(statement, [m[0] for m in STATE.finditer(data, start, end)])
         self._derivations.distrust(data, start, end)
         if world := _WORLD_NAMED.search(data, start, end):
-            self._shared.moved.append(f"{world[0].decode('latin-1')} in {self._not_known(statement).text}")
+            self._move_world(f"{world[0].decode('latin-1')} in {shown(data, start, end)}", statement.line)
         named = {m[1].decode().upper() for m in IDENTIFIER.finditer(data, start, end) if m[1] and m[2] != b"("}
         for name in sorted(named & self._names.fdats.keys()):
             self._names.forget_fdat(name, FdatFrames(*[self._not_known(statement)] * 2, "BASE"))
-        if routines := sorted(named & self._shared.routines):
+        if routines := sorted(named & self._shared.routines.keys()):
             self._flow.call_one_of([self._own.get(name, name) for name in routines])
 
     def _not_known(self, statement: Statement) -> InForce:
@@ -384,7 +406,7 @@ class KrlModule:
             if name in FRAME_TABLES:
                 for m in re.finditer(rb"(?<![\w$])" + name.encode() + rb"\b", code, re.I):
                     if (entry := entry_of(code[m.start() :])) is not None:
-                        self._changed.setdefault(entry, self._motions.place(statement.line))
+                        self._change_entry(entry, statement.line)
             elif name in ("$TOOL", "$BASE"):
                 self._flow.change(tool=unknown, base=unknown)
             elif name == "$IPO_MODE":
@@ -398,7 +420,7 @@ class KrlModule:
         data = self._src.data
         self._stray(statement)
         if WORLD_CHANGE.search(data, start, end):
-            self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
+            self._move_world(shown(data, start, end), line)
         self._change_state(statement, [m[0] for m in STATE_CHANGE.finditer(data, start, end)])
         self._hand_frames(statement)
         calls = self._names.scan(data, start, end, line)
@@ -435,14 +457,14 @@ class KrlModule:
             number = m[1].strip(b"[] \t") if m[1] else b""
             key = int(number) if number.isdigit() and len(number) < 5 else None
             which = FRAME_TABLES[word]
-            self._changed.setdefault((which, key), self._motions.place(line))
+            self._change_entry((which, key), line)
             if not m[2]:
                 self._shared.set_to.setdefault((which, key), []).append(
                     frame_value(self._src, m.end(), end, line, which, fdats)
                 )
         elif word in _WORLD:
             if m[1] or m[2] or not is_null(self._src, m.end(), end, line):
-                self._shared.moved.append(f"{shown(data, start, end)}, {at(self._motions.place(line))}")
+                self._move_world(shown(data, start, end), line)
         elif (variable := self._names.find(word)) is not None:
             index = element(variable, m[1])
             if m[2]:
@@ -454,9 +476,24 @@ class KrlModule:
         """Note the tools and bases that a routine gets and may change."""
         _, _, start, _, end = statement
         if STATE.search(self._src.data, start, end):
-            for argument in handed(self._src.data, start, end, self._names.reads_only):
+            for argument in handed(self._src.data, start, end, self._names.kept):
                 if m := STATE.match(argument):
                     self._change_state(statement, [m[0]])
+
+    def _change_entry(self, key: tuple[str, int | None], line: int) -> None:
+        """Note a change of a tool or base of the tables."""
+        self._act(partial(self._changed.setdefault, key, self._motions.place(line)))
+
+    def _act(self, act: Callable[[], object]) -> None:
+        """Do what a statement does to the program as a whole; of a library's, only if the programs run it."""
+        if self._is_library:
+            self._shared.by_libraries.append((self._flow.node, act))
+        else:
+            act()
+
+    def _move_world(self, text: str, line: int) -> None:
+        """Note a change of the place of the robot in the world."""
+        self._act(partial(self._shared.moved.append, f"{text}, {at(self._motions.place(line))}"))
 
     def _interrupt(self, statement: Statement) -> bool:
         """Take INTERRUPT DECL … DO handler( ); False if it is another statement."""
@@ -468,7 +505,12 @@ class KrlModule:
         handler = ""
         if (m := _HANDLER.search(code)) and not self._names.is_known(m[1].decode().upper()):
             handler = m[1].decode().upper()
-            self._flow.handlers.append(self._own.get(handler, handler))
+        # a submit has no tool and base of its own, and cannot set those of the robot
+        if handler in self._shared.routines or (handler and not self._is_submit):
+            if self._is_library:
+                self._flow.handle_if_reached(self._own.get(handler, handler))
+            else:
+                self._flow.handlers.append(self._own.get(handler, handler))
             self._flow.start(self._own.get(handler, handler))
             self._flow.may_abort(self._own.get(handler, handler), anywhere=word == "GLOBAL")
         self._at_any_time(statement, handler)
@@ -516,7 +558,17 @@ class KrlModule:
         outside = not self._shared.project and (not self._routines or word == "GLOBAL")
         key = name.upper() if not self._routines or word == "GLOBAL" else self._own.get(name.upper(), name.upper())
         self._flow.begin_routine(key, outside=outside)
+        if self._is_library and not self._is_submit and key != "BAS":
+            self._flow.only_called.add(key)
         self._routines += 1
+
+    @property
+    def _is_library(self) -> bool:
+        return self._src.path in self._shared.libraries
+
+    @property
+    def _is_submit(self) -> bool:
+        return self._src.path.suffix.lower() == ".sub"
 
     def _end_routine(self) -> None:
         if self._routine is None and self._routines:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal
 
 from truepose.programs.core.flow import FdatFrames, InForce
@@ -45,8 +45,9 @@ class Names:
         Whether the data list is PUBLIC, so that other modules may import its points.
     constants : Constants
         The numbers and frames that no statement changes.
-    routines : set of str
-        The names, in upper case, of the routines of the program: one of them is no function of the system.
+    routines : mapping of str to sequence of bool
+        The routines of the program by name in upper case: whether each of its parameters is IN. One with the name of a
+        function of the system is no such function.
     escape : callable
         A function that is told of every use of a point other than by a motion: the point, the element, the line and a
         phrase.
@@ -59,7 +60,7 @@ class Names:
         fdats: dict[str, FdatFrames] | None = None,
     ) -> None:
         self.escape: Callable[[PointVariable, Index, int, str], object] = lambda *_: None
-        self.routines: Set[str] = frozenset()
+        self.routines: Mapping[str, Sequence[bool]] = {}
         self.own_numbers: dict[str, NumberVariable] = {}
         self.local_numbers: dict[str, NumberVariable] = {}
         self.module: dict[str, PointVariable] = {}
@@ -230,9 +231,9 @@ class Names:
                 found.append(waiting.pop())
         return [name for name in (*found, *reversed(waiting)) if name and not self.is_known(name)]
 
-    def reads_only(self, name: str) -> bool:
-        """Return whether a name before a parenthesis is of the system, and changes no frame that it is given."""
-        return name in READS and name not in self.routines
+    def kept(self, name: str) -> Sequence[bool] | None:
+        """Return whether a routine leaves each frame that it is given as it is; None: all of them."""
+        return self.routines.get(name, None if name in READS else ())
 
     def is_known(self, name: str) -> bool:
         """Return whether a name before a parenthesis is of the system, and leaves tool and base unchanged."""

@@ -38,6 +38,7 @@ def read(path: Path, frames: KnownFrames, options: ReadOptions) -> Program:
     module = KrlModule(Source.read(src_path), None if dat_path is None else Source.read(dat_path), shared)
     module.read_dat()
     module.look_ahead()
+    module.forget_handed()
     module.read_src()
     _check_pair(module)
     return _program(path, [module], shared, frames)
@@ -120,9 +121,11 @@ def _read_modules(kinds: Sequence[Mapping[str, Path]], shared: Shared) -> list[K
         module.names.take_imports({m.name: m.names for m in modules})
         if module.src is not None:
             module.look_ahead()
-    for module in modules:
-        if module.src is not None:
-            module.read_src()
+    with_code = [module for module in modules if module.src is not None]
+    for module in with_code:
+        module.forget_handed()
+    for module in with_code:
+        module.read_src()
     return modules
 
 
@@ -163,7 +166,7 @@ def _check_pair(module: KrlModule) -> None:
 
 def _program(path: Path, modules: Sequence[KrlModule], shared: Shared, frames: KnownFrames) -> Program:
     """Judge the points of all modules, and put them in order."""
-    ambient = shared.flow.solve()
+    ambient = shared.solve()
     derived = shared.derivations.solve()
     shared.derivations.spoil(derived)
     whole = shared.project or shared.options.whole_task
